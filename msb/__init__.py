@@ -1,0 +1,41 @@
+"""MeshSplatBench: decide whether a trained triangle or mesh splatting model is a usable graphics asset.
+
+The public API, and nothing else. Names are loaded on first use, so that `import msb` costs milliseconds.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from msb._version import __version__
+
+if TYPE_CHECKING:
+    from msb.asset import Asset, load, save
+    from msb.errors import MsbError, Unsupported
+    from msb.topology import Audit, audit
+
+_HOME = {
+    "Asset": "msb.asset",
+    "load": "msb.asset",
+    "save": "msb.asset",
+    "MsbError": "msb.errors",
+    "Unsupported": "msb.errors",
+    "Audit": "msb.topology",
+    "audit": "msb.topology",
+}
+
+__all__ = ["Asset", "Audit", "MsbError", "Unsupported", "__version__", "audit", "load", "save"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        text = f"module 'msb' has no attribute {name!r}"
+        raise AttributeError(text)
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

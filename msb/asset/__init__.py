@@ -1,0 +1,14 @@
+"""The `.triasset` contract: manifest, buffers, reader, writer, validation.
+
+Needs NumPy and the standard library only. The format itself is described in docs/triasset.md.
+"""
+
+from __future__ import annotations
+
+from msb.asset.build import Description, build_asset
+from msb.asset.manifest import Manifest
+from msb.asset.reader import Asset, load
+from msb.asset.validate import validate
+from msb.asset.writer import save
+
+__all__ = ["Asset", "Description", "Manifest", "build_asset", "load", "save", "validate"]

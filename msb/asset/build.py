@@ -1,0 +1,223 @@
+"""Make an asset in memory from arrays: bounds, topology, hashes and the manifest around them."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb._version import __version__
+from msb.asset.check import check_manifest
+from msb.asset.manifest import (
+    DTYPES,
+    BoundingSphere,
+    Bounds,
+    BufferSpec,
+    CoordinateFrame,
+    Domain,
+    Manifest,
+    Parameters,
+    Source,
+    StoredSetting,
+    Topology,
+)
+from msb.asset.reader import Asset
+from msb.errors import AssetError
+from msb.methods import METHODS, TIERS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+CHUNK_ROWS = 1 << 20
+"""Rows looked at together when a whole buffer is read: bounds memory, costs nothing in speed."""
+
+_ORDER = ("positions", "indices", "color", "f_dc", "f_rest", "opacity", "sigma")
+_DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the arrays do not say themselves: the part of the manifest an adapter decides.
+
+    The defaults are those of a mesh with static colours.
+    """
+
+    method: str = "mesh"
+    sh_degree: int = 0
+    coverage: Parameters = field(default_factory=lambda: {"kernel": "solid"})
+    opacity: Parameters = field(default_factory=lambda: {"encoding": "opaque"})
+    appearance: Parameters = field(default_factory=lambda: {"kind": "static_color"})
+    compositing: Parameters = field(default_factory=lambda: {"kind": "opaque_z_buffer"})
+    settings: dict[str, StoredSetting] = field(default_factory=dict)
+    color_space: str = "srgb"
+    coordinate_frame: CoordinateFrame = field(default_factory=CoordinateFrame)
+    source: Source = field(default_factory=Source)
+
+
+def build_asset(
+    buffers: Mapping[str, NDArray[Any]],
+    domains: Mapping[str, Domain],
+    description: Description | None = None,
+) -> Asset:
+    """Return an asset made of `buffers`, its manifest complete and checked.
+
+    Parameters
+    ----------
+    buffers : mapping of str to ndarray
+        `positions` (V, 3) float32, `indices` (F, 3) uint32 and whatever the method has; float32, uint32 or
+        uint8. Kept, not copied, where already contiguous and little-endian.
+    domains : mapping of str to {"vertex", "face", "corner", "global"}
+        For every buffer but `positions` and `indices`, whose domains are fixed.
+    description : Description, optional
+        A mesh with static colours if not given.
+
+    Raises
+    ------
+    AssetError
+        With the code the manifest check gives, or `TRIASSET_VALUE_NONFINITE` for positions and
+        `TRIASSET_INDEX_OUT_OF_RANGE` for indices, since no valid asset can hold these.
+    """
+    description = description or Description()
+    names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))
+    arrays = {name: _canonical(name, buffers[name]) for name in names}
+    for name in ("positions", "indices"):
+        if name not in arrays or arrays[name].ndim != 2 or arrays[name].shape[1] != 3:
+            raise AssetError("TRIASSET_BUFFER_REQUIRED", f"{name} must be given, n x 3")
+    positions, indices = arrays["positions"], arrays["indices"]
+    if not (len(positions) and len(indices)):
+        text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset draws something"
+        raise AssetError("TRIASSET_EMPTY", text)
+    _refuse_bad_geometry(positions, indices)
+    bounds, sphere = measure_bounds(positions)
+    method = METHODS[description.method]
+    manifest = Manifest(
+        generator=f"meshsplatbench {__version__}",
+        method=description.method,
+        topology=_topology(positions, indices),
+        face_count=len(indices),
+        vertex_count=len(positions),
+        bounds=bounds,
+        bounding_sphere=sphere,
+        sh_degree=description.sh_degree,
+        coverage=description.coverage,
+        opacity=description.opacity,
+        appearance=description.appearance,
+        compositing=description.compositing,
+        settings=description.settings,
+        required_passes={tier: method.passes[tier] for tier in TIERS if tier in method.passes},
+        color_space=description.color_space,
+        coordinate_frame=description.coordinate_frame,
+        source=description.source,
+        buffers={
+            name: _spec(name, array, {"positions": "vertex", "indices": "face", **domains}[name])
+            for name, array in arrays.items()
+        },
+    )
+    for item in check_manifest(manifest.to_dict()):
+        if item.severity == "error":
+            raise item.to_error(None)
+    return Asset(manifest, MappingProxyType(arrays))
+
+
+def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
+    """Return the box of the finite rows of `positions` and the sphere around its centre that holds them.
+
+    Parameters
+    ----------
+    positions : (V, 3) float32
+        With at least one finite row.
+
+    Notes
+    -----
+    The box is exact. The sphere is not the smallest one (at most sqrt(3) times that), but it is found in
+    two passes and depends on nothing but the set of points. O(V) time, O(1) memory.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for rows in _finite_chunks(positions):
+        low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
+    center = low + (high - low) / 2
+    squared = max(
+        (float(np.square(rows - center).sum(axis=1).max()) for rows in _finite_chunks(positions)), default=0.0
+    )
+    # Upwards by one step: a vertex on the sphere must test as inside.
+    radius = float(np.nextafter(np.sqrt(squared), np.inf)) if squared else 0.0
+    return (
+        Bounds(_triple(low), _triple(high)),
+        BoundingSphere(_triple(center), radius),
+    )
+
+
+def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float64]]:
+    for start in range(0, len(positions), CHUNK_ROWS):
+        rows = positions[start : start + CHUNK_ROWS].astype(np.float64)
+        finite = np.isfinite(rows).all(axis=1)
+        if finite.any():
+            yield rows[finite]
+
+
+def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = (float(value) + 0.0 for value in vector)  # + 0.0: a minus zero is written as 0.0
+    return x, y, z
+
+
+def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
+    """Return `array` contiguous, little-endian and read-only."""
+    dtype = array.dtype.newbyteorder("<")
+    if dtype not in _DTYPE_NAMES:
+        text = f"buffer {name} is {array.dtype}; it must be float32, uint32 or uint8"
+        raise AssetError("TRIASSET_BUFFER_DTYPE", text, pointer=f"/buffers/{name}/dtype")
+    view = np.ascontiguousarray(array, dtype).view()
+    view.flags.writeable = False
+    return view
+
+
+def _refuse_bad_geometry(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> None:
+    for start in range(0, len(positions), CHUNK_ROWS):
+        finite = np.isfinite(positions[start : start + CHUNK_ROWS]).all(axis=1)
+        if not finite.all():
+            row = start + int(np.argmin(finite))
+            raise AssetError(
+                "TRIASSET_VALUE_NONFINITE",
+                f"vertex {row} is {positions[row].tolist()}; coordinates must be finite",
+                pointer=f"positions[{row}]",
+            )
+    if int(indices.max()) >= len(positions):
+        row, corner = np.argwhere(indices >= len(positions))[0].tolist()
+        raise AssetError(
+            "TRIASSET_INDEX_OUT_OF_RANGE",
+            f"face {row} uses vertex {indices[row, corner]}, but there are {len(positions)}",
+            pointer=f"indices[{row}, {corner}]",
+        )
+
+
+def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:
+    """Return "triangle_soup" exactly if the indices are 0, 1, 2, ... over all vertices."""
+    if len(positions) != 3 * len(indices):
+        return "indexed_mesh"
+    for start in range(0, len(indices), CHUNK_ROWS):
+        rows = indices[start : start + CHUNK_ROWS].ravel()
+        if not np.array_equal(rows, np.arange(3 * start, 3 * start + rows.size, dtype=np.uint32)):
+            return "indexed_mesh"
+    return "triangle_soup"
+
+
+def _spec(name: str, array: NDArray[Any], domain: Domain) -> BufferSpec:
+    return BufferSpec(
+        file=f"buffers/{name}.bin",
+        offset=0,
+        byte_length=array.nbytes,
+        dtype=_DTYPE_NAMES[array.dtype],
+        shape=array.shape,
+        domain=domain,
+        sha256=hashlib.sha256(as_bytes(array)).hexdigest(),
+    )
+
+
+def as_bytes(array: NDArray[Any]) -> memoryview:
+    """Return the bytes of a contiguous array without a copy."""
+    return array.reshape(-1).view(np.uint8).data

@@ -1,0 +1,176 @@
+"""The two forms of an asset behind one interface: names, sizes and mapped bytes."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from msb.asset.manifest import MANIFEST_NAME
+from msb.asset.packed import Member, parse_packed
+from msb.asset.paths import is_member_name, map_file
+from msb.asset.strict_json import MAX_BYTES
+from msb.errors import AssetError, Finding, InputError, finding, shorten
+
+if TYPE_CHECKING:
+    import mmap
+
+_CRC_CHUNK = 1 << 24
+_MAX_LISTED = 1000
+
+
+class Container(Protocol):
+    """What a reader needs of either form. Implementations are documented here once."""
+
+    path: Path
+    form: str
+
+    def manifest_bytes(self) -> bytes:
+        """Return manifest.json, at most one byte over the limit on its size."""
+
+    def file_size(self, file: str) -> int:
+        """Return the size in bytes of the buffer file `file`."""
+
+    def map(self, file: str) -> tuple[memoryview, int]:
+        """Return mapped bytes and the offset in them at which `file` starts."""
+
+    def undeclared(self, declared: set[str]) -> list[Finding]:
+        """Return a finding for each file in the asset that is not `declared`."""
+
+    def check_bytes(self) -> list[Finding]:
+        """Return findings about the container's own checksums; reads everything."""
+
+
+class PackedContainer:
+    """A single file."""
+
+    form = "packed"
+
+    def __init__(self, path: Path, data: mmap.mmap | bytes) -> None:
+        self.path = path
+        self._view = memoryview(data)
+        self._members = parse_packed(data, file=path)
+
+    def _member(self, name: str) -> Member:
+        if name in self._members:
+            return self._members[name]
+        code = "TRIASSET_MANIFEST_MISSING" if name == MANIFEST_NAME else "TRIASSET_BUFFER_MISSING"
+        raise AssetError(code, f"there is no {name} in it", file=self.path, pointer=name)
+
+    def manifest_bytes(self) -> bytes:
+        member = self._member(MANIFEST_NAME)
+        start = member.data_offset
+        return bytes(self._view[start : start + min(member.size, MAX_BYTES + 1)])
+
+    def file_size(self, file: str) -> int:
+        return self._member(file).size
+
+    def map(self, file: str) -> tuple[memoryview, int]:
+        return self._view, self._member(file).data_offset
+
+    def undeclared(self, declared: set[str]) -> list[Finding]:
+        return [
+            finding("TRIASSET_FILE_UNDECLARED", f"{name} is in the ZIP but no buffer declares it", file=name)
+            for name in self._members
+            if name not in declared and name != MANIFEST_NAME
+        ]
+
+    def check_bytes(self) -> list[Finding]:
+        found = []
+        for member in self._members.values():
+            crc = 0
+            end = member.data_offset + member.size
+            for start in range(member.data_offset, end, _CRC_CHUNK):
+                crc = zlib.crc32(self._view[start : min(end, start + _CRC_CHUNK)], crc)
+            if crc != member.crc:
+                text = f"{member.name} has CRC-32 {crc:08x}; the ZIP says {member.crc:08x}"
+                found.append(
+                    finding("TRIASSET_ZIP_CRC", text, file=member.name, pointer=f"byte {member.data_offset}")
+                )
+        return found
+
+
+class FolderContainer:
+    """A folder `NAME.triasset` with manifest.json and buffers/*.bin."""
+
+    form = "folder"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._maps: dict[str, memoryview] = {}
+
+    def _open(self, name: str) -> tuple[memoryview, os.stat_result]:
+        if name != MANIFEST_NAME and (self.path / "buffers").is_symlink():
+            raise AssetError(
+                "TRIASSET_PATH_LINK", "buffers is a symbolic link", file=self.path, pointer="buffers"
+            )
+        data, status = map_file(self.path / name, asset=self.path, member=name)
+        return memoryview(data), status
+
+    def manifest_bytes(self) -> bytes:
+        return bytes(self._open(MANIFEST_NAME)[0][: MAX_BYTES + 1])
+
+    def file_size(self, file: str) -> int:
+        return len(self.map(file)[0])
+
+    def map(self, file: str) -> tuple[memoryview, int]:
+        if file not in self._maps:
+            self._maps[file] = self._open(file)[0]
+        return self._maps[file], 0
+
+    def undeclared(self, declared: set[str]) -> list[Finding]:
+        """Stray files are a warning here: file managers leave them behind."""
+        names: list[str] = []
+        for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
+            if folder.is_dir() and not (prefix and folder.is_symlink()):
+                with os.scandir(folder) as entries:
+                    names += [
+                        prefix + entry.name for entry, _ in zip(entries, range(_MAX_LISTED), strict=False)
+                    ]
+        return [
+            finding(
+                "TRIASSET_FILE_UNDECLARED",
+                f"{shorten(name)} is in the folder but no buffer declares it",
+                severity="warning",
+                file=shorten(name),
+            )
+            for name in sorted(names)
+            if name not in declared and name not in (MANIFEST_NAME, "buffers")
+        ]
+
+    def check_bytes(self) -> list[Finding]:
+        """A folder has no checksums of its own; hard links are the one thing to say."""
+        found = []
+        for file in self._maps:
+            if is_member_name(file) and (self.path / file).stat().st_nlink > 1:
+                text = f"{file} has a second name outside or inside the folder"
+                found.append(finding("TRIASSET_PATH_HARDLINK", text, severity="warning", file=file))
+        return found
+
+
+def open_container(path: str | os.PathLike[str]) -> Container:
+    """Open the asset at `path`, of either form, without reading any values.
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` when it is neither a ZIP nor a folder
+        with a manifest.
+    AssetError
+        When the container is malformed.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return FolderContainer(path)
+    data, _ = map_file(path, asset=path)
+    if data[:4] not in (b"PK\x03\x04", b"PK\x05\x06"):
+        tail = data[-(22 + 0xFFFF) :]
+        if b"PK\x05\x06" in tail:
+            text = "there is data before the first member; a packed asset starts with it"
+            raise AssetError("TRIASSET_ZIP_FOREIGN_DATA", text, file=path, pointer="byte 0")
+        what = "it is empty" if not data else "it does not start like a packed asset (a ZIP)"
+        raise InputError(
+            "FILE_NOT_RECOGNISED", f"{what}; a .triasset is a ZIP or a folder with manifest.json", file=path
+        )
+    return PackedContainer(path, data)

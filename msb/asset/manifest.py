@@ -1,0 +1,177 @@
+"""The manifest as Python data: frozen dataclasses whose attributes are the manifest's keys."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from msb.methods import SettingSource, SettingValue
+
+FORMAT = "triasset"
+VERSION = "1.0"
+MAJOR = 1
+MINOR = 0
+MANIFEST_NAME = "manifest.json"
+ALIGNMENT = 64
+"""Every buffer starts on this boundary: a cache line, and what GPUs ask of host pointers at most."""
+
+Topology = Literal["triangle_soup", "indexed_mesh"]
+Domain = Literal["vertex", "face", "corner", "global"]
+Parameters = dict[str, Any]
+
+DTYPES: dict[str, np.dtype[Any]] = {
+    "float32": np.dtype("<f4"),
+    "uint32": np.dtype("<u4"),
+    "uint8": np.dtype("u1"),
+}
+"""Manifest dtype -> NumPy dtype, always little-endian."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Axis-aligned box of all finite vertex rows, scene units."""
+
+    min: tuple[float, float, float]
+    max: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class BoundingSphere:
+    """A sphere around all finite vertex rows, scene units (paper: R_bound)."""
+
+    center: tuple[float, float, float]
+    radius: float
+
+
+@dataclass(frozen=True)
+class StoredSetting:
+    """A setting of the method with its origin."""
+
+    value: SettingValue
+    source: SettingSource
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One file the asset was made from. `path` is relative to what was exported, never absolute."""
+
+    path: str
+    sha256: str
+    byte_length: int
+
+
+@dataclass(frozen=True)
+class Source:
+    """Provenance."""
+
+    files: tuple[SourceFile, ...] = ()
+
+
+@dataclass(frozen=True)
+class CoordinateFrame:
+    """Axes and units of the positions. COLMAP scenes are y-down: up is "-y"."""
+
+    handedness: Literal["right"] = "right"
+    up: str = "unknown"
+    units: str = "scene"
+
+
+@dataclass(frozen=True)
+class BufferSpec:
+    """Where one buffer's values are and what they mean.
+
+    `shape` has the domain's count first (V, F or 3F; anything for global), `offset` and `byte_length`
+    are bytes within `file`.
+    """
+
+    file: str
+    offset: int
+    byte_length: int
+    dtype: str
+    shape: tuple[int, ...]
+    domain: Domain
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Everything a consumer must know before it touches a buffer. Keys and order are those of the file."""
+
+    generator: str
+    method: str
+    topology: Topology
+    face_count: int
+    vertex_count: int
+    bounds: Bounds
+    bounding_sphere: BoundingSphere
+    sh_degree: int
+    coverage: Parameters
+    opacity: Parameters
+    appearance: Parameters
+    compositing: Parameters
+    settings: dict[str, StoredSetting]
+    required_passes: dict[str, tuple[str, ...]]
+    color_space: str
+    coordinate_frame: CoordinateFrame
+    source: Source
+    buffers: dict[str, BufferSpec]
+    format: str = FORMAT
+    version: str = VERSION
+    extra: Parameters = field(default_factory=dict, repr=False)
+    """Keys of a newer minor version, kept so that a copy loses nothing."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the manifest as JSON data in the file's key order."""
+        data: dict[str, Any] = _lists(asdict(self))
+        extra = data.pop("extra")
+        ordered = {"format": data.pop("format"), "version": data.pop("version")}
+        buffers = data.pop("buffers")
+        return {**ordered, **data, **extra, "buffers": buffers}
+
+    def to_bytes(self) -> bytes:
+        """Return manifest.json: UTF-8, two-space indent, one final line break. Same content, same bytes."""
+        text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+        return (text + "\n").encode("utf-8")
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Manifest:
+        """Return the manifest in `data`, which `check_manifest` has found free of errors."""
+        keys = set(cls.__dataclass_fields__) - {"extra"}
+        known = {key: value for key, value in data.items() if key in keys}
+        frame = data["coordinate_frame"]
+        known.update(
+            bounds=Bounds(**{k: _vector(data["bounds"][k]) for k in ("min", "max")}),
+            bounding_sphere=BoundingSphere(
+                _vector(data["bounding_sphere"]["center"]), float(data["bounding_sphere"]["radius"])
+            ),
+            settings={k: StoredSetting(v["value"], v["source"]) for k, v in data["settings"].items()},
+            required_passes={k: tuple(v) for k, v in data["required_passes"].items()},
+            coordinate_frame=CoordinateFrame(frame["handedness"], frame["up"], frame["units"]),
+            source=Source(
+                tuple(SourceFile(f["path"], f["sha256"], f["byte_length"]) for f in data["source"]["files"])
+            ),
+            buffers={name: _buffer_spec(spec) for name, spec in data["buffers"].items()},
+            extra={key: value for key, value in data.items() if key not in keys},
+        )
+        return cls(**known)
+
+
+def _vector(values: list[float]) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+def _buffer_spec(spec: dict[str, Any]) -> BufferSpec:
+    known = {key: spec[key] for key in BufferSpec.__dataclass_fields__}
+    return BufferSpec(**{**known, "shape": tuple(spec["shape"])})
+
+
+def _lists(value: Any) -> Any:
+    """Return `value` with tuples turned into the lists that JSON has."""
+    if isinstance(value, dict):
+        return {key: _lists(item) for key, item in value.items()}
+    return [_lists(item) for item in value] if isinstance(value, list | tuple) else value

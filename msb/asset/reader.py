@@ -1,0 +1,128 @@
+"""Open an asset: check everything that costs milliseconds, map the buffers, read no values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.check import check_manifest
+from msb.asset.container import Container, open_container
+from msb.asset.manifest import DTYPES, Manifest
+from msb.asset.strict_json import parse_strict_json
+from msb.errors import AssetError, Finding, finding
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, repr=False)
+class Asset:
+    """A manifest and its buffers.
+
+    Attributes
+    ----------
+    manifest : Manifest
+        The manifest's keys as attributes.
+    buffers : mapping of str to ndarray
+        Read-only arrays of the declared shape and dtype; of a loaded asset, views of the mapped file.
+    path : Path or None
+        Where it was loaded from; None if it was built in memory.
+    warnings : tuple of Finding
+        What `load` noticed and tolerated.
+
+    Notes
+    -----
+    Whoever computes with the values checks them first: `load` does not read them. The mapping lives as
+    long as an array refers to it. If another program shortens the file meanwhile, touching the lost pages
+    ends the process, as with any memory mapping.
+    """
+
+    manifest: Manifest
+    buffers: Mapping[str, NDArray[Any]]
+    path: Path | None = None
+    warnings: tuple[Finding, ...] = ()
+
+    def __repr__(self) -> str:
+        m = self.manifest
+        where = "in memory" if self.path is None else str(self.path)
+        return f"<Asset {m.method}, {m.vertex_count} vertices, {m.face_count} faces, {where}>"
+
+
+def load(path: str | os.PathLike[str]) -> Asset:
+    """Open the `.triasset` at `path`, packed or folder.
+
+    Takes milliseconds whatever the size: the manifest, all paths and all sizes are checked, values and
+    hashes are not (`validate` does). Format: docs/triasset.md.
+
+    Raises
+    ------
+    InputError
+        If there is no such asset or it cannot be read.
+    AssetError
+        With the code of the first finding whose severity is "error".
+
+    Examples
+    --------
+    >>> import msb
+    >>> msb.load("data_stubs/splat_like.triasset").manifest.face_count
+    35231
+    """
+    container = open_container(path)
+    data = parse_strict_json(container.manifest_bytes(), file=container.path)
+    found = check_manifest(data)
+    _raise_first(found, container)
+    manifest = Manifest.from_dict(data)
+    found += check_files(manifest, container)
+    _raise_first(found, container)
+    return Asset(manifest, map_buffers(manifest, container), container.path, tuple(found))
+
+
+def check_files(manifest: Manifest, container: Container) -> list[Finding]:
+    """Return findings about the files behind the buffers: each there, of the declared size, none besides."""
+    declared: dict[str, int] = {}
+    for spec in manifest.buffers.values():
+        declared[spec.file] = max(declared.get(spec.file, 0), spec.offset + spec.byte_length)
+    found: list[Finding] = []
+    for file, wanted in declared.items():
+        try:
+            size = container.file_size(file)
+        except AssetError as error:
+            found.append(finding(error.code, error.message, pointer=_pointer(manifest, file), file=file))
+            continue
+        if size != wanted:
+            code = "TRIASSET_BUFFER_TRUNCATED" if size < wanted else "TRIASSET_BUFFER_TOO_LONG"
+            text = f"{file} has {size} bytes; the manifest declares {wanted}"
+            found.append(
+                finding(code, text, pointer=_pointer(manifest, file), file=file, value=size, limit=wanted)
+            )
+    return found + container.undeclared(set(declared))
+
+
+def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArray[Any]]:
+    """Return the buffers as read-only arrays on the container's mapping; their files have been checked."""
+    arrays = {}
+    for name, spec in manifest.buffers.items():
+        view, start = container.map(spec.file)
+        dtype = DTYPES[spec.dtype]
+        flat = np.frombuffer(view, dtype, spec.byte_length // dtype.itemsize, start + spec.offset)
+        flat.flags.writeable = False
+        arrays[name] = flat.reshape(spec.shape)
+    return MappingProxyType(arrays)
+
+
+def _pointer(manifest: Manifest, file: str) -> str:
+    name = next(name for name, spec in manifest.buffers.items() if spec.file == file)
+    return f"/buffers/{name}/file"
+
+
+def _raise_first(found: list[Finding], container: Container) -> None:
+    for item in found:
+        if item.severity == "error":
+            raise item.to_error(container.path)

@@ -1,0 +1,186 @@
+"""Check a parsed manifest against the shipped JSON Schema.
+
+The schema file is the single statement of what keys there are and what they hold; this module interprets the
+few keywords it uses (a test holds the verdicts equal to those of the `jsonschema` library). It exists because
+reading an asset must need NumPy and the standard library only.
+
+Two keywords are ours: `x-code` names the finding that a violation gives, `x-closed` marks objects in which
+an unknown key is a warning. Integers are stricter than in JSON Schema: ``4.0`` is not one.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from msb.errors import Finding, finding, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Schema = dict[str, Any]
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    "object": (dict,),
+    "array": (list,),
+    "string": (str,),
+    "boolean": (bool,),
+    "integer": (int,),
+    "number": (int, float),
+    "null": (type(None),),
+}
+_PLURALS = {"object": "an object", "array": "an array", "integer": "an integer", "null": "null"}
+
+
+@cache
+def manifest_schema() -> Schema:
+    """Return the JSON Schema of the manifest that ships with the package."""
+    text = resources.files("msb.asset").joinpath("triasset.schema.json").read_text(encoding="utf-8")
+    schema: Schema = json.loads(text)
+    return schema
+
+
+def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Finding]:
+    """Yield a finding for everything in `value` that `schema` does not allow.
+
+    Parameters
+    ----------
+    value : JSON data
+    schema : dict
+        With the keywords type, const, enum, pattern, minimum, maximum, minItems, maxItems, maxLength,
+        maxProperties, required, properties, additionalProperties, propertyNames and items.
+    pointer : str
+        JSON pointer of `value`.
+    """
+    code = schema.get("x-code")
+    here = pointer or "the manifest"
+    if not _has_type(value, schema.get("type")):
+        yield finding(
+            code if code in _TYPE_IS_VALUE else "TRIASSET_FIELD_TYPE",
+            f"{here} is {describe(value)}; it must be {_type_names(schema['type'])}",
+            pointer=pointer,
+            value=value,
+        )
+        return
+    for problem in _scalar_problems(value, schema):
+        yield finding(
+            code or "TRIASSET_FIELD_VALUE",
+            f"{here} is {describe(value)}; it must {problem}",
+            pointer=pointer,
+            value=value,
+        )
+    if isinstance(value, dict):
+        yield from _check_object(value, schema, pointer)
+    elif isinstance(value, list) and "items" in schema:
+        for index, item in enumerate(value[: schema.get("maxItems", len(value))]):
+            yield from check_schema(item, schema["items"], f"{pointer}/{index}")
+
+
+# For these the wrong type is as good a violation as a wrong value: the code says more than FIELD_TYPE would.
+_TYPE_IS_VALUE = frozenset(
+    {
+        "TRIASSET_FORMAT_UNKNOWN",
+        "TRIASSET_VERSION_MALFORMED",
+        "TRIASSET_METHOD_UNKNOWN",
+        "TRIASSET_SH_DEGREE",
+        "TRIASSET_CHECKSUM_MALFORMED",
+    }
+)
+
+
+def _check_object(value: dict[str, Any], schema: Schema, pointer: str) -> Iterator[Finding]:
+    properties: dict[str, Schema] = schema.get("properties", {})
+    others: Schema | None = schema.get("additionalProperties")
+    names: Schema = schema.get("propertyNames", {})
+    for key in schema.get("required", ()):
+        if key not in value:
+            yield finding(
+                "TRIASSET_FIELD_MISSING",
+                f'{pointer or "the manifest"} lacks the required key "{key}"',
+                pointer=f"{pointer}/{key}",
+            )
+    if len(value) > schema.get("maxProperties", len(value)):
+        yield finding(
+            schema["x-code"],
+            f"{pointer} has {len(value)} entries; at most {schema['maxProperties']} are allowed",
+            pointer=pointer,
+            value=len(value),
+            limit=schema["maxProperties"],
+        )
+        return
+    for key, item in value.items():
+        below = f"{pointer}/{escape(key)}"
+        for problem in _scalar_problems(key, names):
+            yield finding(
+                names["x-code"],
+                f'{pointer} has the name "{shorten(key)}"; a name must {problem}',
+                pointer=below,
+                value=key,
+            )
+        if key in properties:
+            yield from check_schema(item, properties[key], below)
+        elif others is not None:
+            yield from check_schema(item, others, below)
+        elif schema.get("x-closed"):
+            yield finding(
+                "TRIASSET_FIELD_UNKNOWN",
+                f'{pointer or "the manifest"} has the unknown key "{shorten(key)}", which is ignored',
+                severity="warning",
+                pointer=below,
+            )
+
+
+def _has_type(value: Any, wanted: str | list[str] | None) -> bool:
+    if wanted is None:
+        return True
+    names = [wanted] if isinstance(wanted, str) else wanted
+    if isinstance(value, bool):  # a bool is an int to Python, but not to JSON
+        return "boolean" in names
+    return any(isinstance(value, _TYPES[name]) for name in names)
+
+
+def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
+    """Yield what `value`, of the right type, must be and is not."""
+    if "const" in schema and value != schema["const"]:
+        yield f'be "{schema["const"]}"'
+    if "enum" in schema and value not in schema["enum"]:
+        yield f"be one of {', '.join(schema['enum'])}"
+    if isinstance(value, str):
+        if len(value) > schema.get("maxLength", len(value)):
+            yield f"have at most {schema['maxLength']} characters"
+        # "$" also matches before a final line break in Python, not in JSON Schema.
+        elif "pattern" in schema and not re.search(schema["pattern"].replace("$", r"\Z"), value):
+            yield f"match {schema['pattern']}"
+    elif isinstance(value, list):
+        least, most = schema.get("minItems", 0), schema.get("maxItems", len(value))
+        if not least <= len(value) <= most:
+            yield f"have {least} items" if least == most else f"have {least} to {most} items"
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        if value < schema.get("minimum", value):
+            yield f"be at least {schema['minimum']}"
+        if value > schema.get("maximum", value):
+            yield f"be at most {schema['maximum']}"
+
+
+def _type_names(wanted: str | list[str]) -> str:
+    names = [wanted] if isinstance(wanted, str) else wanted
+    return " or ".join(_PLURALS.get(name, f"a {name}") for name in names)
+
+
+def describe(value: Any) -> str:
+    """Return `value` for an error message: its text if short, else its kind."""
+    if isinstance(value, dict):
+        return "an object"
+    if isinstance(value, list):
+        return "an array" if len(value) > 4 or any(isinstance(v, dict | list) for v in value) else str(value)
+    if isinstance(value, str):
+        return f'"{shorten(value, 60)}"'
+    return shorten(json.dumps(value), 60)
+
+
+def escape(key: str) -> str:
+    """Return `key` as a JSON pointer token (RFC 6901), shortened for display."""
+    return shorten(key, 60).replace("~", "~0").replace("/", "~1")

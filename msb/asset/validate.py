@@ -1,0 +1,220 @@
+"""Everything that can be said about an asset: `load` stops at the first error, this reports them all."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.build import CHUNK_ROWS, as_bytes, measure_bounds
+from msb.asset.check import check_manifest
+from msb.asset.container import Container, open_container
+from msb.asset.manifest import Manifest
+from msb.asset.reader import Asset, check_files, map_buffers
+from msb.asset.strict_json import parse_strict_json
+from msb.errors import AssetError, Finding, InputError, finding
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+MAGNITUDE_LIMIT = 1e18
+"""Coordinates up to here have cross products that fit into float32 (3.4e38)."""
+BOUNDS_TOLERANCE = 1e-5
+"""Relative to the size of the box: another writer may have rounded bounds to float32."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The findings about one asset, and the asset itself if it could be opened."""
+
+    path: Path
+    findings: tuple[Finding, ...]
+    asset: Asset | None
+
+    @property
+    def valid(self) -> bool:
+        """Whether no finding is an error."""
+        return all(item.severity != "error" for item in self.findings)
+
+
+def validate(path: str | os.PathLike[str]) -> Validation:
+    """Check everything about the asset at `path`, values and hashes included.
+
+    O(bytes) time; memory stays bounded by a constant, since buffers are read in pieces.
+
+    Raises
+    ------
+    InputError
+        If there is nothing at `path` that could be an asset. Everything else is a finding.
+    """
+    try:
+        container = open_container(path)
+        data = parse_strict_json(container.manifest_bytes(), file=container.path)
+    except InputError:
+        raise
+    except AssetError as error:
+        return Validation(Path(path), (_from_error(error),), None)
+    found = check_manifest(data)
+    if any(item.severity == "error" for item in found):
+        return Validation(container.path, tuple(found), None)
+    manifest = Manifest.from_dict(data)
+    found += check_files(manifest, container)
+    if any(item.severity == "error" for item in found):
+        return Validation(container.path, tuple(found), None)
+    asset = Asset(manifest, map_buffers(manifest, container), container.path)
+    found += _check_bytes(asset, container)
+    found += check_values(asset)
+    return Validation(container.path, tuple(found), asset)
+
+
+def _from_error(error: AssetError) -> Finding:
+    return finding(error.code, error.message, pointer=error.pointer, value=error.value, limit=error.limit)
+
+
+def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
+    yield from container.check_bytes()
+    for name, spec in asset.manifest.buffers.items():
+        digest = hashlib.sha256(as_bytes(asset.buffers[name])).hexdigest()
+        if digest != spec.sha256:
+            yield finding(
+                "TRIASSET_CHECKSUM_MISMATCH",
+                f"buffer {name} has SHA-256 {digest[:16]}...; the manifest says {spec.sha256[:16]}...",
+                pointer=f"/buffers/{name}/sha256",
+                value=digest,
+                limit=spec.sha256,
+            )
+
+
+def check_values(asset: Asset) -> list[Finding]:
+    """Return findings about the values in the buffers of `asset`: finite, in range, as the manifest says."""
+    found: list[Finding] = []
+    for name, array in asset.buffers.items():
+        if array.dtype.kind == "f":
+            found += _check_finite(name, array)
+    if not any(f.code == "TRIASSET_VALUE_NONFINITE" and f.pointer == "positions" for f in found):
+        found += _check_positions(asset)
+    found += _check_indices(asset)
+    if "color" in asset.buffers and asset.buffers["color"].dtype.kind == "f":
+        found += _check_color(asset.buffers["color"])
+    return found
+
+
+def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
+    # An infinite logit is an opacity of exactly 0 or 1; official loaders write it (mesh_splatting: 1.2).
+    bad = np.isnan if name == "opacity" else _not_finite
+    count, first = _count(array, bad)
+    if count:
+        yield finding(
+            "TRIASSET_VALUE_NONFINITE",
+            f"buffer {name} holds {count} values that are not finite, "
+            f"the first at element {first}: {array.reshape(-1)[first]}",
+            pointer=name,
+            value=count,
+            limit=0,
+        )
+
+
+def _check_positions(asset: Asset) -> Iterator[Finding]:
+    positions, manifest = asset.buffers["positions"], asset.manifest
+    bounds, _ = measure_bounds(positions)
+    low, high = np.array(bounds.min), np.array(bounds.max)
+    slack = BOUNDS_TOLERANCE * max(float((high - low).max()), float(np.abs([low, high]).max()) * 1e-2)
+    for key, measured in (("min", low), ("max", high)):
+        stated = np.array(getattr(manifest.bounds, key))
+        if np.abs(stated - measured).max() > slack:
+            yield finding(
+                "TRIASSET_BOUNDS_MISMATCH",
+                f"bounds.{key} is {stated.tolist()}; the positions have {measured.tolist()}",
+                pointer=f"/bounds/{key}",
+                value=stated.tolist(),
+                limit=measured.tolist(),
+            )
+    center, radius = np.array(manifest.bounding_sphere.center), manifest.bounding_sphere.radius
+
+    def outside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
+        squared = np.square(rows.astype(np.float64) - center).sum(axis=1)
+        return np.asarray(np.sqrt(squared) > radius + slack)
+
+    count, first = _count(positions, outside)
+    if count:
+        yield finding(
+            "TRIASSET_SPHERE_MISMATCH",
+            f"{count} vertices lie outside the bounding sphere, the first is {first}",
+            pointer="/bounding_sphere",
+            value=count,
+            limit=0,
+        )
+    largest = max(abs(value) for value in (*bounds.min, *bounds.max))
+    if largest > MAGNITUDE_LIMIT:
+        yield finding(
+            "TRIASSET_VALUE_MAGNITUDE",
+            f"a coordinate is {largest:g}; above {MAGNITUDE_LIMIT:g} areas overflow float32",
+            severity="warning",
+            pointer="positions",
+            value=largest,
+            limit=MAGNITUDE_LIMIT,
+        )
+
+
+def _check_indices(asset: Asset) -> Iterator[Finding]:
+    indices, vertices = asset.buffers["indices"], asset.manifest.vertex_count
+    count, first = _count(indices, lambda rows: rows >= vertices)
+    if count:
+        yield finding(
+            "TRIASSET_INDEX_OUT_OF_RANGE",
+            f"{count} indices are {vertices} or more, the first is {indices.reshape(-1)[first]} "
+            f"in face {first // 3}; there are {vertices} vertices",
+            pointer=f"indices[{first // 3}, {first % 3}]",
+            value=int(indices.reshape(-1)[first]),
+            limit=vertices - 1,
+        )
+    if asset.manifest.topology == "triangle_soup":
+        for start in range(0, len(indices), CHUNK_ROWS):
+            rows = indices[start : start + CHUNK_ROWS].reshape(-1)
+            wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
+            if wrong.any():
+                at = 3 * start + int(np.argmax(wrong))
+                yield finding(
+                    "TRIASSET_SOUP_INDICES",
+                    f"index {at} of the soup is {indices.reshape(-1)[at]}; it must be {at}",
+                    pointer=f"indices[{at // 3}, {at % 3}]",
+                    value=int(indices.reshape(-1)[at]),
+                    limit=at,
+                )
+                return
+
+
+def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
+    count, first = _count(color, lambda rows: (rows < 0) | (rows > 1))
+    if count:
+        yield finding(
+            "TRIASSET_VALUE_RANGE",
+            f"{count} values of color lie outside 0 to 1, the first is {color.reshape(-1)[first]:g} "
+            f"at element {first}; they are clamped",
+            severity="warning",
+            pointer="color",
+            value=count,
+        )
+
+
+def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
+    """Return how many elements (or rows, if `test` judges rows) are bad, and the first."""
+    total, first = 0, -1
+    for start in range(0, len(array), CHUNK_ROWS):
+        bad = test(array[start : start + CHUNK_ROWS])
+        hits = int(np.count_nonzero(bad))
+        if hits and first < 0:
+            per_row = bad.size // len(bad)
+            first = start * per_row + int(np.argmax(bad.reshape(-1)))
+        total += hits
+    return total, first
+
+
+def _not_finite(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
+    return ~np.isfinite(rows)

@@ -1,0 +1,96 @@
+"""Write an asset, whole or not at all. Same content, same bytes."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from typing import IO, TYPE_CHECKING, Any, Literal
+
+from msb.asset.build import as_bytes
+from msb.asset.manifest import ALIGNMENT, MANIFEST_NAME
+from msb.atomic import new_file, new_folder
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator
+
+    from msb.asset.reader import Asset
+
+_CHUNK = 1 << 24
+_LOCAL_HEADER = 30
+_ZIP64_EXTRA = 20
+_PADDING_ID = 0xD935
+"""Header id Android's zipalign gave to padding in the extra field; readers skip ids they do not know."""
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+_ZIP64_FROM = 1 << 30
+"""From this size on the ZIP64 record is written; `zipfile` would decide by itself only above 1.9 GiB."""
+
+
+def save(asset: Asset, path: str | os.PathLike[str], form: Literal["packed", "folder"] = "packed") -> None:
+    """Write `asset` to `path`, replacing what is there only once the new one is complete.
+
+    Parameters
+    ----------
+    asset : Asset
+        Loaded or built.
+    path : path-like
+        By convention NAME.triasset, for both forms.
+    form : {"packed", "folder"}
+        A single file (ZIP of stored, 64-byte aligned members) or a folder.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then.
+    """
+    if form == "folder":
+        with new_folder(path) as folder:
+            for name, chunks in _members(asset):
+                target = folder / name
+                target.parent.mkdir(exist_ok=True)
+                with target.open("wb") as file:
+                    file.writelines(chunks)
+    else:
+        with new_file(path) as file:
+            _write_packed(asset, file)
+
+
+def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
+    """Yield each file of the asset with its bytes in pieces: the manifest, then the buffers in its order."""
+    yield MANIFEST_NAME, [asset.manifest.to_bytes()]
+    files: dict[str, list[Any]] = {}
+    sizes: dict[str, int] = {}
+    specs = sorted(asset.manifest.buffers.items(), key=lambda item: item[1].offset)
+    for name, spec in specs:
+        gap = spec.offset - sizes.get(spec.file, 0)
+        files.setdefault(spec.file, []).extend([bytes(gap), as_bytes(asset.buffers[name])])
+        sizes[spec.file] = spec.offset + spec.byte_length
+    for file in dict.fromkeys(spec.file for spec in asset.manifest.buffers.values()):
+        yield file, files[file]
+
+
+def _write_packed(asset: Asset, file: IO[bytes]) -> None:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, chunks in _members(asset):
+            size = sum(len(chunk) for chunk in chunks)
+            info = zipfile.ZipInfo(name, _EPOCH)
+            info.create_system = 3
+            info.external_attr = 0o100644 << 16
+            info.file_size = size
+            large = size >= _ZIP64_FROM
+            start = file.tell() + _LOCAL_HEADER + len(name) + (_ZIP64_EXTRA if large else 0)
+            info.extra = _padding(start)
+            with archive.open(info, "w", force_zip64=large) as member:
+                for chunk in chunks:
+                    for begin in range(0, len(chunk), _CHUNK):
+                        member.write(chunk[begin : begin + _CHUNK])
+
+
+def _padding(start: int) -> bytes:
+    """Return an extra field that moves data from byte `start` to the next multiple of 64."""
+    missing = -start % ALIGNMENT
+    if missing == 0:
+        return b""
+    if missing < 4:  # the field's own id and length take four bytes
+        missing += ALIGNMENT
+    return struct.pack("<2H", _PADDING_ID, missing - 4) + bytes(missing - 4)

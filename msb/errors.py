@@ -1,0 +1,443 @@
+"""The error tree, the registry of codes, and the table from class to exit status.
+
+Every failure a user can cause has one stable code. A code belongs to exactly one class, a class to
+exactly one exit status. The command line prints ``CODE: FILE: what is wrong, where, what would be right``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+Severity = Literal["error", "warning", "info"]
+
+
+class MsbError(Exception):
+    """Any failure MeshSplatBench reports on purpose.
+
+    Parameters
+    ----------
+    code : str
+        Stable name from `CODES`; it must be registered for this class.
+    message : str
+        What is wrong, where, and what would be right. One sentence or two, no line break needed.
+    file : str, optional
+        The file or folder at fault.
+    pointer : str, optional
+        JSON pointer, byte offset ("byte 128"), line ("line 7") or array element ("indices[12, 0]").
+    value, limit : optional
+        What was found and what is allowed.
+    """
+
+    exit_status = 3
+
+    def __init__(
+        self,
+        code: str,
+        message: str,
+        *,
+        file: object = None,
+        pointer: str | None = None,
+        value: Any = None,
+        limit: Any = None,
+    ) -> None:
+        if CODES[code].kind is not type(self):
+            text = f"{code} is registered for {CODES[code].kind.__name__}, not {type(self).__name__}"
+            raise TypeError(text)
+        self.code = code
+        self.message = _one_line(message)
+        self.file = None if file is None else str(file)
+        self.pointer = pointer
+        self.value = value
+        self.limit = limit
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        where = "" if self.file is None else f"{_one_line(self.file)}: "
+        return f"{self.code}: {where}{self.message}"
+
+
+class GateFailed(MsbError):
+    """A gate the user asked for did not hold."""
+
+
+class UsageError(MsbError):
+    """The command or call was put wrongly; the inputs were not at fault."""
+
+
+class InputError(MsbError):
+    """An input does not exist, cannot be read or is not one of ours."""
+
+
+class AssetError(MsbError):
+    """A `.triasset` breaks its contract."""
+
+
+class MeshFileError(MsbError):
+    """A foreign mesh file is not valid."""
+
+
+class MeshError(MsbError):
+    """Arrays given as a mesh are not one."""
+
+
+class OutputError(MsbError):
+    """An output cannot be written."""
+
+
+class Unsupported(MsbError):
+    """The method does not support this tier or format; the message names method, tier and reason."""
+
+
+class DeviceError(MsbError):
+    """No OpenCL device, or a kernel that does not build."""
+
+
+EXIT_OK = 0
+EXIT_INTERRUPTED = 130
+EXIT_STATUS: dict[type[MsbError], int] = {
+    GateFailed: 1,
+    UsageError: 2,
+    InputError: 3,
+    AssetError: 3,
+    MeshFileError: 3,
+    MeshError: 3,
+    OutputError: 3,
+    Unsupported: 4,
+    DeviceError: 5,
+}
+"""Class of failure -> exit status of the command line (DESIGN: Commands)."""
+
+
+class Code(NamedTuple):
+    """What a code means: the class that carries it, one line of explanation, and the remedy."""
+
+    kind: type[MsbError]
+    summary: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing `validate` found.
+
+    `pointer` is a JSON pointer into the manifest, an array element or a byte offset; `file` is the member
+    or file inside the asset, when that is more precise than the asset itself.
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    pointer: str | None = None
+    file: str | None = None
+    value: Any = None
+    limit: Any = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the finding as plain JSON data; what is unknown is null."""
+        return {
+            "code": self.code,
+            "severity": self.severity,
+            "message": self.message,
+            "pointer": self.pointer,
+            "file": self.file,
+            "value": json_safe(self.value),
+            "limit": json_safe(self.limit),
+        }
+
+    def to_error(self, path: object) -> MsbError:
+        """Return the exception that stands for this finding about the asset at `path`."""
+        return CODES[self.code].kind(
+            self.code, self.message, file=path, pointer=self.pointer, value=self.value, limit=self.limit
+        )
+
+
+def finding(
+    code: str,
+    message: str,
+    *,
+    severity: Severity = "error",
+    pointer: str | None = None,
+    file: str | None = None,
+    value: Any = None,
+    limit: Any = None,
+) -> Finding:
+    """Make a `Finding` whose code is known to be registered."""
+    if code not in CODES:
+        raise KeyError(code)
+    return Finding(code, severity, _one_line(message), pointer, file, value, limit)
+
+
+def json_safe(value: Any) -> Any:
+    """Return `value` as JSON can hold it: no NaN, no foreign types, long text shortened.
+
+    A non-finite float becomes its name as text, so that a report never carries a bare NaN token.
+    """
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, float):
+        return value if value == value and abs(value) != float("inf") else repr(value)
+    if isinstance(value, list | tuple):
+        return [json_safe(item) for item in value[:16]]
+    return shorten(str(value))
+
+
+def shorten(text: str, limit: int = 80) -> str:
+    """Return `text` printable on one line and at most `limit` characters long.
+
+    A hostile file must not be able to flood or repaint the terminal through its own error message.
+    """
+    clean = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
+    return clean if len(clean) <= limit else clean[: limit - 3] + "..."
+
+
+def _one_line(text: str) -> str:
+    """Return `text` without control characters: a file's name or content must not break the line."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _codes(kind: type[MsbError], table: dict[str, tuple[str, str]]) -> dict[str, Code]:
+    return {name: Code(kind, summary, remedy) for name, (summary, remedy) in table.items()}
+
+
+_EXPORT_AGAIN = "Export the asset again from its checkpoint or mesh."
+_FIX_MANIFEST = "Correct manifest.json (docs/triasset.md lists every key) or export the asset again."
+_FIX_MESH = "Export the mesh again from the program that wrote it."
+
+CODES: dict[str, Code] = {
+    **_codes(
+        GateFailed,
+        {
+            "GATE_FAILED": (
+                "A --fail-on condition holds.",
+                "Look at the sample elements of the audit, repair the mesh, or relax the condition.",
+            ),
+            "CROSS_CHECK_DISAGREES": (
+                "A peer library counts differently although its definition is ours.",
+                "This is a bug in one of the two: report it with the mesh.",
+            ),
+        },
+    ),
+    **_codes(
+        UsageError,
+        {
+            "USAGE": ("The command line is not one we understand.", "See --help, which shows an example."),
+            "EXTRA_MISSING": (
+                "The command needs a library that is not installed.",
+                "Install the extra named in the message.",
+            ),
+            "OUTPUT_EXISTS": (
+                "The output exists and --force was not given.",
+                "Give --force or another name.",
+            ),
+            "EXPLAIN_UNKNOWN": (
+                "There is no quantity or code of that name.",
+                "The message lists the nearest names.",
+            ),
+        },
+    ),
+    **_codes(
+        OutputError,
+        {
+            "OUTPUT_UNWRITABLE": (
+                "The output cannot be written.",
+                "Check that the folder exists, is writable and has room.",
+            ),
+            "OUTPUT_COORDINATES": (
+                "A coordinate is not finite or does not fit the output's number format.",
+                "Repair the mesh first; msb-audit names the vertices.",
+            ),
+        },
+    ),
+    **_codes(
+        Unsupported,
+        {
+            "UNSUPPORTED_STANDARD": (
+                "The method has no static colour, so the standard tier cannot show it.",
+                "Use the dedicated tier.",
+            ),
+        },
+    ),
+    **_codes(
+        InputError,
+        {
+            "FILE_NOT_FOUND": ("The path does not exist.", "Check the spelling."),
+            "FILE_UNREADABLE": (
+                "The path exists but cannot be read as a regular file or folder.",
+                "Check its permissions; pipes and devices are not read.",
+            ),
+            "FILE_NOT_RECOGNISED": (
+                "Neither the name nor the content is of a kind we read.",
+                "Give a .triasset, a .ply, .obj, .off, .stl or .glb file, or a folder of these.",
+            ),
+        },
+    ),
+    **_codes(
+        MeshError,
+        {
+            "MESH_ARRAY": (
+                "Vertices or faces do not have the shape or type of a triangle mesh.",
+                "Vertices are (V, 3) numbers, faces (F, 3) integers.",
+            ),
+            "MESH_INDEX_OUT_OF_RANGE": (
+                "A face uses a vertex that does not exist.",
+                "Indices run from 0 to V - 1; a negative index is never wrapped.",
+            ),
+            "MESH_TOO_LARGE": (
+                "More vertices or faces than 32-bit element numbers can hold.",
+                "Split the mesh.",
+            ),
+            "WELD_DISTANCE": (
+                "The weld distance is not a positive finite length.",
+                "Give --weld exact or a positive length in the units of the mesh.",
+            ),
+            "WELD_TOO_WIDE": (
+                "The weld distance joins so many vertex pairs that it would collapse the mesh.",
+                "Give a distance well below the typical edge length.",
+            ),
+        },
+    ),
+    **_codes(
+        MeshFileError,
+        {
+            "MESH_FILE_HEADER": ("The header is missing or says something impossible.", _FIX_MESH),
+            "MESH_FILE_TRUNCATED": ("The file ends before all declared elements.", _FIX_MESH),
+            "MESH_FILE_TRAILING": ("There is data after the last declared element.", _FIX_MESH),
+            "MESH_FILE_NUMBER": ("A number cannot be read.", _FIX_MESH),
+            "MESH_FILE_FACE": ("A face list is malformed.", _FIX_MESH),
+            "MESH_FILE_INDEX": ("A face uses a vertex that the format does not allow.", _FIX_MESH),
+            "MESH_FILE_UNSUPPORTED": (
+                "The file uses a feature of its format that we do not read.",
+                "Export without it; the message names it.",
+            ),
+            "MESH_FILE_TOO_LARGE": (
+                "The file declares more than it can hold or than we accept.",
+                _FIX_MESH,
+            ),
+        },
+    ),
+    **_codes(
+        AssetError,
+        {
+            # --- the manifest as text
+            "TRIASSET_MANIFEST_MISSING": ("There is no manifest.json.", _EXPORT_AGAIN),
+            "TRIASSET_MANIFEST_EMPTY": ("manifest.json holds no bytes.", _EXPORT_AGAIN),
+            "TRIASSET_MANIFEST_TOO_LARGE": ("manifest.json is over 1 MiB.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_ENCODING": ("manifest.json is not plain UTF-8.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_SYNTAX": ("manifest.json is not one JSON document.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_DUPLICATE_KEY": ("An object names a key twice.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_NONFINITE": ("A number is NaN, infinite or overflows.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_TOO_DEEP": ("Objects or arrays nest too deeply.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_INTEGER": ("An integer has too many digits.", _FIX_MANIFEST),
+            "TRIASSET_MANIFEST_NOT_OBJECT": ("The document is not a JSON object.", _FIX_MANIFEST),
+            # --- its fields
+            "TRIASSET_FORMAT_UNKNOWN": ('"format" is not "triasset".', _FIX_MANIFEST),
+            "TRIASSET_VERSION_MALFORMED": ('"version" is not MAJOR.MINOR.', _FIX_MANIFEST),
+            "TRIASSET_VERSION_UNSUPPORTED": (
+                "The major version is not one this release reads.",
+                "Use a release of meshsplatbench that reads this version.",
+            ),
+            "TRIASSET_VERSION_NEWER": (
+                "The minor version is newer: unknown keys are ignored.",
+                "Upgrade meshsplatbench to see them.",
+            ),
+            "TRIASSET_FIELD_MISSING": ("A required key is absent.", _FIX_MANIFEST),
+            "TRIASSET_FIELD_TYPE": ("A value has the wrong JSON type.", _FIX_MANIFEST),
+            "TRIASSET_FIELD_VALUE": ("A value is outside what the key allows.", _FIX_MANIFEST),
+            "TRIASSET_FIELD_UNKNOWN": ("The format has no such key; it is ignored.", _FIX_MANIFEST),
+            "TRIASSET_METHOD_UNKNOWN": (
+                '"method" is not one of the methods.',
+                "msb info of a good asset shows one; docs/triasset.md lists all.",
+            ),
+            "TRIASSET_PASS_UNKNOWN": ("A required pass is not one the format names.", _FIX_MANIFEST),
+            "TRIASSET_SETTING_UNKNOWN": ("The method has no setting of that name.", _FIX_MANIFEST),
+            "TRIASSET_SETTING_VALUE": ("A setting has a value it cannot take.", _FIX_MANIFEST),
+            "TRIASSET_COUNT_RANGE": ("A count is negative or over 2^32 - 1.", _FIX_MANIFEST),
+            "TRIASSET_EMPTY": ("The asset has no vertices or no faces.", _EXPORT_AGAIN),
+            "TRIASSET_SOUP_COUNT": ("A triangle soup needs exactly 3 vertices a face.", _FIX_MANIFEST),
+            "TRIASSET_SH_DEGREE": ("The SH degree is not 0, 1, 2 or 3.", _FIX_MANIFEST),
+            "TRIASSET_SH_WIDTH": ("f_rest does not have the width its SH degree asks for.", _FIX_MANIFEST),
+            "TRIASSET_BOUNDS_INVERTED": ("bounds.min exceeds bounds.max.", _FIX_MANIFEST),
+            "TRIASSET_BOUNDS_MISMATCH": ("bounds are not those of the positions.", _EXPORT_AGAIN),
+            "TRIASSET_SPHERE_MISMATCH": ("A vertex lies outside the bounding sphere.", _EXPORT_AGAIN),
+            # --- paths and files of the asset
+            "TRIASSET_PATH_UNSAFE": (
+                "A buffer's file is not a plain name below buffers/.",
+                'Use "buffers/NAME.bin" with letters, digits, "_", "-" and "." in NAME.',
+            ),
+            "TRIASSET_PATH_DUPLICATE": ("Two files differ only in upper and lower case.", _FIX_MANIFEST),
+            "TRIASSET_PATH_LINK": (
+                "A file of the asset is a link.",
+                "Copy the data into the asset: it must be complete by itself.",
+            ),
+            "TRIASSET_PATH_NOT_FILE": ("A file of the asset is a folder, pipe or device.", _EXPORT_AGAIN),
+            "TRIASSET_PATH_HARDLINK": (
+                "A buffer file has a second name elsewhere: writing there would change this asset.",
+                "Copy the file.",
+            ),
+            "TRIASSET_FILE_UNREADABLE": ("A file of the asset cannot be read.", "Check its permissions."),
+            "TRIASSET_FILE_UNDECLARED": (
+                "The asset holds a file that no buffer declares.",
+                "Remove it, or declare it.",
+            ),
+            # --- buffers
+            "TRIASSET_BUFFER_REQUIRED": ("positions or indices are not declared.", _EXPORT_AGAIN),
+            "TRIASSET_BUFFER_NAME": ("A buffer's name is not one the format allows.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_MISSING": ("The file of a buffer is not there.", _EXPORT_AGAIN),
+            "TRIASSET_BUFFER_TRUNCATED": ("The file of a buffer is shorter than declared.", _EXPORT_AGAIN),
+            "TRIASSET_BUFFER_TOO_LONG": ("The file of a buffer is longer than declared.", _EXPORT_AGAIN),
+            "TRIASSET_BUFFER_RANGE": ("offset plus byte_length is out of any file's range.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_OVERLAP": ("Two buffers share bytes of a file.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_HOLE": ("Bytes of a file belong to no buffer.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_MISALIGNED": ("A buffer does not start on a 64-byte boundary.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_DTYPE": (
+                "The dtype is not float32, uint32 or uint8, or not the one this buffer has.",
+                "Values are little-endian float32, uint32 or uint8.",
+            ),
+            "TRIASSET_BUFFER_DOMAIN": ("The first dimension is not the domain's count.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_SHAPE": ("The shape is not the one this buffer has.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_SIZE": ("shape times dtype is not byte_length.", _FIX_MANIFEST),
+            "TRIASSET_BUFFER_EMPTY": ("A buffer holds nothing.", _EXPORT_AGAIN),
+            "TRIASSET_CHECKSUM_MALFORMED": ("sha256 is not 64 lower-case hexadecimal digits.", _FIX_MANIFEST),
+            "TRIASSET_CHECKSUM_MISMATCH": (
+                "The bytes are not those the manifest was written for.",
+                "Copy the asset again from its source, or export it again.",
+            ),
+            # --- values
+            "TRIASSET_VALUE_NONFINITE": ("A buffer holds NaN or infinity.", _EXPORT_AGAIN),
+            "TRIASSET_VALUE_RANGE": ("A value is outside its buffer's range.", _EXPORT_AGAIN),
+            "TRIASSET_VALUE_MAGNITUDE": (
+                "Coordinates are so large that areas overflow float32.",
+                "Rescale the scene.",
+            ),
+            "TRIASSET_INDEX_OUT_OF_RANGE": ("A face uses a vertex that does not exist.", _EXPORT_AGAIN),
+            "TRIASSET_SOUP_INDICES": ("The indices of a soup are not 0, 1, 2, ...", _EXPORT_AGAIN),
+            "TRIASSET_FACE_REPEATED_INDEX": ("A face uses a vertex twice; it draws nothing.", "None needed."),
+            "TRIASSET_FACE_DUPLICATE": ("Two faces use the same three vertices.", "None needed."),
+            "TRIASSET_FACE_ZERO_AREA": ("A face has no area; it draws nothing.", "None needed."),
+            "TRIASSET_VERTEX_UNREFERENCED": ("No face uses the vertex.", "None needed."),
+            # --- the packed form
+            "TRIASSET_ZIP_TRUNCATED": ("The end of the ZIP is missing.", "Copy the file again."),
+            "TRIASSET_ZIP_DIRECTORY": ("The ZIP's central directory is not well formed.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_TOO_MANY_MEMBERS": ("The ZIP has more members than an asset can.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_NAME": ("A member's name is not manifest.json or buffers/NAME.bin.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_DUPLICATE_MEMBER": ("Two members have the same name.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_COMPRESSED": (
+                "A member is compressed.",
+                "Store it: members are memory-mapped as they are.",
+            ),
+            "TRIASSET_ZIP_ENCRYPTED": ("A member is encrypted.", "Write it without a password."),
+            "TRIASSET_ZIP_MISALIGNED": (
+                "A member's data does not start on a 64-byte boundary.",
+                "Pad the local header's extra field.",
+            ),
+            "TRIASSET_ZIP_HEADER_MISMATCH": ("Local and central header disagree.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_FOREIGN_DATA": ("There are bytes that belong to no member.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_ZIP64": ("The ZIP64 records are inconsistent.", _EXPORT_AGAIN),
+            "TRIASSET_ZIP_CRC": ("A member's CRC-32 is wrong.", "Copy the file again."),
+        },
+    ),
+}
+"""Every code there is. docs/errors.md is generated from this table (a test holds them equal)."""
