@@ -1,0 +1,7 @@
+"""The half-edge structure and the audit built on it. Takes arrays; knows no files."""
+
+from __future__ import annotations
+
+from msb.topology.audit import Audit, audit, audit_arrays
+
+__all__ = ["Audit", "audit", "audit_arrays"]

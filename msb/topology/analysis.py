@@ -1,0 +1,178 @@
+"""Everything the audit derives from a mesh, element by element: the audit counts it, viewers draw it."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.topology.components import label_components
+from msb.topology.faces import extra_duplicates, face_areas
+from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
+from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Components:
+    """Edge-connected components over the faces without a repeated index.
+
+    Attributes
+    ----------
+    face_component : (F,) integers
+        Component of each face; NONE for repeated-index rows.
+    sizes : (n,) integers
+        Faces in each.
+    areas : (n,) float64
+        Area of each, squared length units.
+    """
+
+    face_component: NDArray[Any]
+    sizes: NDArray[Any]
+    areas: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """Number of components."""
+        return len(self.sizes)
+
+    def largest(self) -> int | None:
+        """Return the component with most faces; ties: more area, then the smallest face index.
+
+        Components are numbered by their smallest face, so the last tie falls to the lowest number.
+        """
+        if self.count == 0:
+            return None
+        most = np.flatnonzero(self.sizes == self.sizes.max())
+        return int(most[np.argmax(self.areas[most])])
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A mesh with its half-edges, fans, boundary, components and per-face properties."""
+
+    vertices: NDArray[Any]
+    mesh: HalfEdgeMesh
+    fans: Fans
+    boundary: Boundary
+    components: Components
+    two_face_components: int
+    """Number of components when faces join across two-face edges only."""
+    area: NDArray[np.float64]
+    finite: NDArray[np.bool_]
+    duplicate: NDArray[np.bool_]
+    soup: bool
+    """No vertex is used by two faces."""
+    timings_ms: dict[str, float]
+
+    @property
+    def referenced(self) -> NDArray[np.bool_]:
+        """(V,) whether a face without a repeated index uses the vertex."""
+        return np.asarray(self.fans.fans_per_vertex > 0)
+
+    @property
+    def nonmanifold_vertices(self) -> NDArray[Any]:
+        """Vertices with more than one fan: the strict reading."""
+        return np.flatnonzero(self.fans.fans_per_vertex > 1)
+
+    @property
+    def multifan_vertices(self) -> NDArray[Any]:
+        """Vertices whose faces stay in several groups even across non-manifold edges: bow-ties."""
+        return np.flatnonzero(self.fans.groups_per_vertex > 1)
+
+    @property
+    def nonmanifold_edges(self) -> NDArray[Any]:
+        """Edges with more than two faces."""
+        return np.flatnonzero(self.mesh.multiplicity > 2)
+
+    @property
+    def nonmanifold_edge_endpoints(self) -> NDArray[Any]:
+        """Vertices on a non-manifold edge."""
+        marked = np.zeros(self.mesh.vertex_count, bool)
+        marked[self.mesh.edge_vertices[self.nonmanifold_edges]] = True
+        return np.flatnonzero(marked)
+
+    @property
+    def zero_area_faces(self) -> NDArray[Any]:
+        """Faces with three distinct indices whose double-precision area is exactly 0."""
+        return np.flatnonzero((self.area == 0) & self.finite & ~self.mesh.repeated_index)
+
+    @property
+    def inconsistent_winding_edges(self) -> NDArray[Any]:
+        """Two-face edges that both faces run along in the same direction."""
+        one, other = self.mesh.two_face_halfedges
+        origin = self.mesh.origin
+        two_face = np.flatnonzero(self.mesh.multiplicity == 2)
+        return np.asarray(two_face[origin[one] == origin[other]])
+
+
+def analyse(vertices: NDArray[Any], faces: NDArray[Any]) -> Analysis:
+    """Return the analysis of a mesh that `mesh_arrays` has checked."""
+    timings: dict[str, float] = {}
+    with _timed(timings, "half_edges"):
+        mesh = build_half_edges(faces, len(vertices))
+    with _timed(timings, "fans"):
+        fans = find_fans(mesh)
+    with _timed(timings, "boundary"):
+        boundary = find_boundary(mesh, fans)
+    with _timed(timings, "areas"):
+        area, finite = face_areas(vertices, faces)
+    with _timed(timings, "components"):
+        components, two_face = find_components(mesh, area)
+    with _timed(timings, "duplicates"):
+        duplicate = extra_duplicates(faces)
+    with _timed(timings, "vertex_use"):
+        soup = not bool((_faces_per_vertex(mesh) > 1).any())
+    return Analysis(
+        vertices=vertices,
+        mesh=mesh,
+        fans=fans,
+        boundary=boundary,
+        components=components,
+        two_face_components=two_face,
+        area=area,
+        finite=finite,
+        duplicate=duplicate,
+        soup=soup,
+        timings_ms=timings,
+    )
+
+
+def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:
+    """Return the components across all shared edges, and how many there are across two-face edges only."""
+    proper = np.flatnonzero(~mesh.repeated_index)
+    compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
+    compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)
+    one, other = (compact[face_of(h)] for h in mesh.two_face_halfedges)
+    two_face, part = label_components(len(proper), one, other)
+    one, other = (part[compact[face_of(h)]] for h in mesh.chained_halfedges)
+    count, whole = label_components(two_face, one, other)
+    label = whole[part]
+    face_component = np.full(mesh.face_count, NONE, mesh.faces.dtype)
+    face_component[proper] = label
+    sizes = np.bincount(label, minlength=count)
+    areas = np.bincount(label, weights=area[proper], minlength=count).astype(np.float64)
+    return Components(face_component, sizes, areas), two_face
+
+
+def _faces_per_vertex(mesh: HalfEdgeMesh) -> NDArray[Any]:
+    """Return how many faces use each vertex; a face that names a vertex twice uses it once."""
+    a, b, c = mesh.faces.T
+    use = np.bincount(a, minlength=mesh.vertex_count)
+    use += np.bincount(b[b != a], minlength=mesh.vertex_count)
+    use += np.bincount(c[(c != a) & (c != b)], minlength=mesh.vertex_count)
+    return use
+
+
+@contextmanager
+def _timed(timings: dict[str, float], stage: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    timings[stage] = (time.perf_counter() - start) * 1e3

@@ -1,0 +1,82 @@
+"""Check arrays that claim to be a triangle mesh, once, at the door."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MeshError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+MAX_VERTICES = 2**32 - 1
+MAX_FACES = (2**63 - 1) // 3
+
+
+def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return `vertices` and `faces` as arrays, every face index known to be a vertex.
+
+    Parameters
+    ----------
+    vertices : (V, 3) real numbers
+        Kept in their precision; NaN and infinity are allowed.
+    faces : (F, 3) integers
+        0-based vertex indices.
+
+    Returns
+    -------
+    vertices : (V, 3) floating
+    faces : (F, 3) int32, or int64 where element numbers need it
+
+    Raises
+    ------
+    MeshError
+        `MESH_ARRAY`, `MESH_TOO_LARGE`, or `MESH_INDEX_OUT_OF_RANGE` naming the first offending face.
+        An index is never wrapped or dropped.
+    """
+    points = _numbers(vertices, "vertices", "fiu")
+    triangles = _numbers(faces, "faces", "iu")
+    if points.dtype.kind != "f":
+        points = points.astype(np.float64)
+    if len(points) > MAX_VERTICES:
+        text = f"there are {len(points)} vertices; at most {MAX_VERTICES} are supported"
+        raise MeshError("MESH_TOO_LARGE", text, value=len(points), limit=MAX_VERTICES)
+    if triangles.size:
+        _check_range(triangles, len(points))
+    small = max(len(points), 3 * len(triangles)) < 2**31
+    return points, np.ascontiguousarray(triangles, np.int32 if small else np.int64)
+
+
+def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise MeshError("MESH_ARRAY", f"{name} is not an array: rows differ in length") from error
+    if array.size == 0 and array.ndim <= 2:
+        return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        text = f"{name} has shape {array.shape}; it must be (n, 3)"
+        raise MeshError("MESH_ARRAY", text, value=array.shape)
+    if array.dtype.kind not in kinds:
+        wanted = "real numbers" if "f" in kinds else "integers"
+        raise MeshError("MESH_ARRAY", f"{name} has dtype {array.dtype}; it must hold {wanted}")
+    return array
+
+
+def _check_range(faces: NDArray[Any], vertex_count: int) -> None:
+    low, high = int(faces.min()), int(faces.max())
+    if low >= 0 and high < vertex_count:
+        return
+    row = int(np.argmax(((faces < 0) | (faces >= vertex_count)).any(axis=1)))
+    bad = next(int(i) for i in faces[row] if not 0 <= i < vertex_count)
+    raise MeshError(
+        "MESH_INDEX_OUT_OF_RANGE",
+        f"face {row} is {tuple(map(int, faces[row]))}: index {bad} is not between 0 and {vertex_count - 1}"
+        if vertex_count
+        else f"face {row} is {tuple(map(int, faces[row]))}, but there are no vertices",
+        pointer=f"faces[{row}]",
+        value=bad,
+        limit=vertex_count - 1,
+    )

@@ -1,0 +1,59 @@
+"""What can be said of faces one by one: area, zero area, non-finite, duplicate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_CHUNK = 1 << 18
+"""Faces whose corners are gathered together; nine doubles each, so 19 MB."""
+
+
+def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the area of each face and whether it is finite.
+
+    Parameters
+    ----------
+    vertices : (V, 3) floating, any length unit
+    faces : (F, 3) integers
+
+    Returns
+    -------
+    area : (F,) float64, squared length units
+        Half the norm of the cross product, in double precision; 0 where that is not finite.
+    finite : (F,) bool
+    """
+    area = np.zeros(len(faces))
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        for start in range(0, len(faces), _CHUNK):
+            corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
+            first = corners[:, 0]
+            cross = np.cross(corners[:, 1] - first, corners[:, 2] - first)
+            area[start : start + _CHUNK] = 0.5 * np.sqrt(np.square(cross).sum(axis=1))
+    finite = np.isfinite(area)
+    area[~finite] = 0.0
+    return area, finite
+
+
+def extra_duplicates(faces: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which faces repeat an earlier one: the same three indices, in any order or winding.
+
+    O(F log F) time. The first face of each set of duplicates is not marked.
+    """
+    extra = np.zeros(len(faces), bool)
+    if len(faces) < 2:
+        return extra
+    low, high = faces.min(axis=1), faces.max(axis=1)
+    # The middle one is what the outer two leave over; exact, because integers wrap consistently.
+    middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
+    order = np.lexsort((high, middle, low))  # stable: equal rows stay in ascending order
+    same = np.ones(len(faces) - 1, bool)
+    for column in (low, middle, high):
+        sorted_column = column[order]
+        same &= sorted_column[1:] == sorted_column[:-1]
+    extra[order[1:][same]] = True
+    return extra

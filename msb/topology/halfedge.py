@@ -1,0 +1,165 @@
+"""The half-edge structure: 3F half-edges grouped by undirected vertex pair, any number of them per edge.
+
+A classic half-edge mesh has room for two faces per edge and would have to split or drop the others: it would
+change the very thing that is audited. Here an edge is a *group* of half-edges, of any size, and nothing is
+merged, dropped, reoriented or repaired.
+
+Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face;
+the corner it starts from carries the same number. Definitions: docs/definitions.md, sections 1 and 1.1 of
+the audit's specification; paper, "Topology-Metric Definitions and Interpretation Limits".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Ints = "NDArray[np.int32 | np.int64]"
+NONE = -1
+"""Stands for "there is none" in arrays of element numbers."""
+
+
+@dataclass(frozen=True)
+class HalfEdgeMesh:
+    """A triangle mesh by its half-edges. Element numbers are int32, or int64 above 2^31 half-edges.
+
+    Attributes
+    ----------
+    vertex_count : int
+    faces : (F, 3) integers
+        As given, repeated-index rows included.
+    edge_vertices : (E, 2) integers
+        The distinct unordered pairs (low, high) over the faces without a repeated index, in ascending order.
+    edge_offsets : (E + 1,) integers
+        Edge e has the half-edges ``edge_halfedges[edge_offsets[e] : edge_offsets[e + 1]]``.
+    edge_halfedges : (3 (F - F_repeated),) integers
+        Half-edges grouped by edge, ascending within each group.
+    """
+
+    vertex_count: int
+    faces: NDArray[Any]
+    edge_vertices: NDArray[Any]
+    edge_offsets: NDArray[Any]
+    edge_halfedges: NDArray[Any]
+
+    @property
+    def face_count(self) -> int:
+        """F, all rows."""
+        return len(self.faces)
+
+    @property
+    def edge_count(self) -> int:
+        """E."""
+        return len(self.edge_vertices)
+
+    @cached_property
+    def repeated_index(self) -> NDArray[np.bool_]:
+        """(F,) whether a face names a vertex twice; such a row has no edges and no fans."""
+        a, b, c = self.faces.T
+        return np.asarray((a == b) | (b == c) | (a == c))
+
+    @cached_property
+    def multiplicity(self) -> NDArray[Any]:
+        """(E,) number of faces at each edge; duplicates of a face count each time."""
+        return np.diff(self.edge_offsets)
+
+    @property
+    def origin(self) -> NDArray[Any]:
+        """(3F,) vertex each half-edge starts from."""
+        return self.faces.reshape(-1)
+
+    @property
+    def target(self) -> NDArray[Any]:
+        """(3F,) vertex each half-edge ends at."""
+        return self.faces[:, (1, 2, 0)].reshape(-1)
+
+    @cached_property
+    def edge(self) -> NDArray[Any]:
+        """(3F,) edge of each half-edge; NONE in repeated-index rows."""
+        edge = np.full(self.faces.size, NONE, self.faces.dtype)
+        edge[self.edge_halfedges] = np.repeat(
+            np.arange(self.edge_count, dtype=self.faces.dtype), self.multiplicity
+        )
+        return edge
+
+    @cached_property
+    def twin(self) -> NDArray[Any]:
+        """(3F,) the other half-edge of a two-face edge; NONE on boundary and non-manifold edges."""
+        twin = np.full(self.faces.size, NONE, self.faces.dtype)
+        one, other = self.two_face_halfedges
+        twin[one], twin[other] = other, one
+        return twin
+
+    @property
+    def two_face_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The two half-edges of every two-face edge, in edge order, each (E2,)."""
+        start = self.edge_offsets[:-1][self.multiplicity == 2]
+        return self.edge_halfedges[start], self.edge_halfedges[start + 1]
+
+    @property
+    def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Each half-edge of an edge with three faces or more, and the next one in its group.
+
+        Joining these joins the whole group without the quadratic number of all its pairs.
+        """
+        crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
+        last = np.zeros(len(crowded), bool)
+        last[self.edge_offsets[1:] - 1] = True
+        position = np.flatnonzero(crowded & ~last)
+        return self.edge_halfedges[position], self.edge_halfedges[position + 1]
+
+    def halfedges_of(self, edge: int) -> NDArray[Any]:
+        """Return the half-edges of one edge."""
+        return self.edge_halfedges[self.edge_offsets[edge] : self.edge_offsets[edge + 1]]
+
+
+def face_of(halfedge: NDArray[Any]) -> NDArray[Any]:
+    """Return the face of each half-edge or corner."""
+    return halfedge // 3
+
+
+def next_in_face(halfedge: NDArray[Any]) -> NDArray[Any]:
+    """Return the half-edge that follows each half-edge around its face."""
+    return np.where(halfedge % 3 == 2, halfedge - 2, halfedge + 1)
+
+
+def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
+    """Return the half-edge structure of `faces`, which `mesh_arrays` has checked.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32 or int64
+    vertex_count : int
+        V, at most 2^32 - 1, so that a vertex pair fits into 64 bits.
+
+    Notes
+    -----
+    One sort of 3F 64-bit keys: O(F log F) time, about 60 bytes a face of working memory.
+    """
+    dtype = faces.dtype
+    a, b, c = faces.T
+    valid = np.flatnonzero((a != b) & (b != c) & (a != c))
+    rows = faces[valid]
+    origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
+    low, high = np.minimum(origin, target), np.maximum(origin, target)
+    key = low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    is_first = np.ones(len(key), bool)
+    np.not_equal(key[1:], key[:-1], out=is_first[1:])
+    first = np.flatnonzero(is_first)
+    halfedges = (valid.astype(dtype)[:, None] * 3 + np.arange(3, dtype=dtype)).reshape(-1)
+    leader = order[first]
+    return HalfEdgeMesh(
+        vertex_count=vertex_count,
+        faces=faces,
+        edge_vertices=np.stack([low[leader], high[leader]], axis=1),
+        edge_offsets=np.append(first, len(key)).astype(dtype),
+        edge_halfedges=halfedges[order],
+    )

@@ -1,0 +1,119 @@
+"""Merge coincident vertices, as an option that runs before an audit and is reported beside it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from msb.errors import MeshError
+from msb.topology.components import label_components
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Weld = Literal["exact"] | float
+
+MAX_PAIRS = 1 << 26
+"""Pairs within the weld distance that are looked at: 1 GiB of indices. Real welds have about one a vertex."""
+
+
+def parse_weld(text: str | float) -> Weld:
+    """Return the weld setting written as `text`: "exact", or a positive finite length.
+
+    Raises
+    ------
+    MeshError
+        `WELD_DISTANCE`.
+    """
+    if text == "exact":
+        return "exact"
+    try:
+        distance = float(text)
+    except ValueError:
+        distance = math.nan
+    if not (distance > 0 and math.isfinite(distance)):
+        raise MeshError("WELD_DISTANCE", f'the weld is "{text}"; it must be exact or a positive length')
+    return distance
+
+
+def weld_vertices(
+    vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the mesh with coincident vertices merged; all face rows are kept.
+
+    Parameters
+    ----------
+    vertices : (V, 3) floating
+    faces : (F, 3) integers
+    weld : "exact" or float
+        "exact" merges rows whose three float32 coordinates are equal (-0 equals +0, NaN equals nothing); a
+        length merges the transitive closure of pairs at most that far apart, so the order does not matter.
+
+    Returns
+    -------
+    vertices : (W, 3)
+        The first occurrence of each merged vertex, in the old order.
+    faces : (F, 3)
+        Rows that collapse become repeated-index rows.
+
+    Raises
+    ------
+    MeshError
+        `WELD_TOO_WIDE` if the length joins more than `MAX_PAIRS` pairs.
+    """
+    if len(vertices) == 0:
+        return vertices, faces
+    labels = _exact_labels(vertices) if weld == "exact" else _near_labels(vertices, float(weld))
+    _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
+    return vertices[first], labels.reshape(-1).astype(faces.dtype)[faces]
+
+
+def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:
+    """Return for each vertex the smallest vertex whose float32 coordinates are the same.
+
+    float32 also for double-precision meshes: that is what an asset made from the mesh holds, and both
+    must weld alike.
+    """
+    with np.errstate(over="ignore"):
+        points = vertices.astype(np.float32) + np.float32(0.0)  # + 0: a minus zero becomes a plus zero
+    bits = np.ascontiguousarray(points).view(np.uint32)
+    order = np.lexsort(bits.T[::-1])
+    rows = bits[order]
+    differs = np.ones(len(rows), bool)
+    differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    differs |= np.isnan(points[order]).any(axis=1)
+    labels = np.zeros(len(rows), np.int64)
+    # lexsort is stable, so the first row of each run is the smallest vertex.
+    labels[order] = order[np.flatnonzero(differs)][np.cumsum(differs) - 1]
+    return labels
+
+
+def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
+    """Return for each vertex the smallest vertex it is joined to by steps of at most `distance`."""
+    from scipy.spatial import cKDTree
+
+    finite = np.flatnonzero(np.isfinite(vertices).all(axis=1))
+    labels = np.arange(len(vertices))
+    if len(finite) == 0:
+        return labels
+    # Coincident vertices first: they alone could make the number of pairs quadratic.
+    points, group = np.unique(vertices[finite].astype(np.float64), axis=0, return_inverse=True)
+    tree = cKDTree(points)
+    pairs = (int(tree.count_neighbors(tree, distance)) - len(points)) // 2
+    if pairs > MAX_PAIRS:
+        raise MeshError(
+            "WELD_TOO_WIDE",
+            f"a weld distance of {distance:g} joins {pairs} pairs of vertices, which would collapse the "
+            f"mesh; at most {MAX_PAIRS} are joined, so choose a shorter distance",
+            value=distance,
+            limit=MAX_PAIRS,
+        )
+    near = tree.query_pairs(distance, output_type="ndarray")
+    _, merged = label_components(len(points), near[:, 0], near[:, 1])
+    cluster = merged[group.reshape(-1)]
+    smallest = np.full(len(points), len(vertices))
+    np.minimum.at(smallest, cluster, finite)
+    labels[finite] = smallest[cluster]
+    return labels
