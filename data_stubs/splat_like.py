@@ -1,9 +1,9 @@
 """Generate meshes with the structure of trained MeshSplatting exports, at any size.
 
-MeshSplatting keeps faces of a 3D Delaunay tetrahedralisation near a surface. The model here replaces it by the
-integer lattice cut into Kuhn tetrahedra (each cube into six along its main diagonal), labels each tetrahedron
+MeshSplatting keeps faces of a 3D Delaunay tetrahedralisation near a surface. The model here replaces it by
+the integer lattice cut into Kuhn tetrahedra (each cube into six along its main diagonal), labels each one
 inside or outside of a sphere with noise, keeps most faces between different labels and some stray faces
-close to the surface. Labels and decisions come from a hash of the element, so nothing is stored and any size is
+close to it. Labels and decisions come from a hash of the element, so nothing is stored and any size is
 made in one pass over the cubes near the surface. About 26.6 n^2 faces for n^3 cubes.
 """
 

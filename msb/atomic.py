@@ -10,7 +10,7 @@ import os
 import secrets
 import shutil
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from msb.errors import OutputError
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def new_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
+def new_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Yield a binary file that takes the place of `path` when the block ends without an error.
 
     Missing parent folders are made. On any failure the temporary file is removed and `path` is as before.
@@ -29,7 +29,7 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     OutputError
         `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
     """
-    target = Path(path)
+    target = _target(path)
     temporary = _beside(target)
     try:
         with _translated(target):
@@ -42,7 +42,8 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
                 os.fsync(file.fileno())
             temporary.replace(target)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
         raise
 
 
@@ -57,19 +58,19 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     OutputError
         `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
     """
-    target = Path(path)
+    target = _target(path)
     temporary, aside = _beside(target), _beside(target)
     try:
         with _translated(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary.mkdir()
             yield temporary
-            if os.path.lexists(target):
-                target.rename(aside)
             try:
+                if os.path.lexists(target):
+                    target.rename(aside)
                 temporary.rename(target)
-            except OSError:
-                if os.path.lexists(aside):
+            except BaseException:
+                if os.path.lexists(aside) and not os.path.lexists(target):
                     aside.rename(target)
                 raise
     except BaseException:
@@ -80,15 +81,29 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             _remove(aside)
 
 
+def _target(path: str | os.PathLike[str]) -> Path:
+    """Return `path` if a file system could hold something of that name."""
+    target = Path(path)
+    try:
+        possible = target.name not in ("", "..") and b"\0" not in os.fsencode(target)
+    except UnicodeEncodeError:  # half of a surrogate pair
+        possible = False
+    if not possible:
+        raise OutputError("OUTPUT_UNWRITABLE", "this is no name a file or folder can have", file=path)
+    return target
+
+
 def _beside(target: Path) -> Path:
-    return target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
+    # 50 characters take at most 200 bytes: with what is added, still a name that fits into 255.
+    return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 
 def _remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            path.unlink()
 
 
 @contextlib.contextmanager

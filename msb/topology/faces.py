@@ -39,6 +39,12 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
     return area, finite
 
 
+def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which (F, 3) rows name a vertex twice; such a row has no edges and no area."""
+    a, b, c = faces.T
+    return np.asarray((a == b) | (b == c) | (a == c))
+
+
 def extra_duplicates(faces: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which faces repeat an earlier one: the same three indices, in any order or winding.
 

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.topology.faces import names_vertex_twice
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -61,8 +63,7 @@ class HalfEdgeMesh:
     @cached_property
     def repeated_index(self) -> NDArray[np.bool_]:
         """(F,) whether a face names a vertex twice; such a row has no edges and no fans."""
-        a, b, c = self.faces.T
-        return np.asarray((a == b) | (b == c) | (a == c))
+        return names_vertex_twice(self.faces)
 
     @cached_property
     def multiplicity(self) -> NDArray[Any]:
@@ -143,8 +144,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     One sort of 3F 64-bit keys: O(F log F) time, about 60 bytes a face of working memory.
     """
     dtype = faces.dtype
-    a, b, c = faces.T
-    valid = np.flatnonzero((a != b) & (b != c) & (a != c))
+    valid = np.flatnonzero(~names_vertex_twice(faces))
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)

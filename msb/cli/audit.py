@@ -1,0 +1,241 @@
+"""`msb audit` and `msb-audit`: is the mesh structurally usable?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, Version, epilog
+from msb.cli.output import Output
+from msb.cli.run import about, report
+from msb.errors import GateFailed, MsbError, UsageError
+
+if TYPE_CHECKING:
+    from msb.cli.gates import Gate
+    from msb.cli.inputs import MeshInput
+    from msb.topology import Audit
+    from msb.topology.analysis import Analysis
+    from msb.topology.weld import Weld
+
+EPILOG = epilog(
+    "msb-audit data_stubs/splat_like.triasset",
+    "msb-audit --json - data_stubs/splat_like.triasset",
+    "msb-audit --cross-check --fail-on 'nonmanifold_edge_ratio>0.5' data_stubs",
+    "msb-audit --explain nonmanifold_vertex_ratio",
+)
+
+
+def audit(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="PATH...", help="A .triasset, a mesh file, or a folder of these."),
+    ] = None,
+    json_file: JsonFile = None,
+    csv_file: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write one row per mesh to FILE.")
+    ] = None,
+    weld: Annotated[
+        str | None,
+        typer.Option(metavar="exact|EPS", help="Also audit with coincident vertices merged."),
+    ] = None,
+    cross_check: Annotated[
+        bool,
+        typer.Option(
+            "--cross-check",
+            help="Ask libigl, PyMeshLab, manifold3d, trimesh and NetworkX about the same mesh.",
+        ),
+    ] = False,
+    elements: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the offending elements to a .vtp, .csv or .npz file."),
+    ] = None,
+    fail_on: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COND", help="Fail if e.g. 'components>1' holds. May be given again."),
+    ] = None,
+    paper: Annotated[bool, typer.Option("--paper", help="Show the paper's mean row beside ours.")] = False,
+    explain: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Print how a quantity is defined, and stop.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+    version: Version = False,
+) -> None:
+    """Audit the structure of meshes exactly as they are stored.
+
+    Says how vertices are shared, where the surface is open, non-manifold or in pieces, and whether a
+    technical artist can use it. Nothing is merged or repaired first.
+    """
+    if explain is not None:
+        _explain(explain, Output(json_file, quiet, verbose, force))
+        return
+    if not paths:
+        raise UsageError("USAGE", "PATH is missing; give a .triasset, a mesh file or a folder of these")
+    output = Output(json_file, quiet, verbose, force)
+    task = _Task(output, weld, cross_check, elements, fail_on or [], csv_file, paper)
+    raise typer.Exit(task.run(paths))
+
+
+def _explain(key: str, output: Output) -> None:
+    from msb.topology.explain import explain
+
+    entry = explain(key)
+    output.write_json(entry.to_dict())
+    if output.prints_text:
+        typer.echo(entry.to_text())
+
+
+class _Task:
+    """One run of the command: options parsed before any mesh is read, then mesh after mesh."""
+
+    def __init__(
+        self,
+        output: Output,
+        weld: str | None,
+        cross_check: bool,
+        elements: Path | None,
+        fail_on: list[str],
+        csv_file: Path | None,
+        paper: bool,
+    ) -> None:
+        self.output = output
+        self.cross_check = cross_check
+        self.elements = elements
+        self.csv_file = csv_file
+        self.paper = paper
+        self.gates: list[Gate] = []
+        self.weld: Weld | None = None
+        if fail_on:
+            from msb.cli.gates import parse_gate
+
+            self.gates = [parse_gate(text) for text in fail_on]
+        if weld is not None:
+            from msb.topology.weld import parse_weld
+
+            self.weld = parse_weld(weld)
+        if elements is not None:
+            from msb.cli.elements import check_suffix
+
+            check_suffix(elements)
+        for path in (output.json_file, csv_file, elements):
+            output.check_free(path)
+
+    def run(self, paths: list[Path]) -> int:
+        """Audit everything below `paths`; return the highest exit status of all."""
+        from msb.cli.inputs import expand
+
+        status = 0
+        inputs: list[Path] = []
+        results: list[dict[str, Any]] = []
+        audits: list[Audit] = []
+        for path in paths:
+            try:
+                inputs += expand([path])
+            except MsbError as error:
+                status = max(status, report(error))
+                results.append(_failure(path, error))
+        if self.elements is not None and len(inputs) > 1:
+            raise UsageError("USAGE", f"--elements takes one mesh; there are {len(inputs)}")
+        for path in inputs:
+            try:
+                found = self.audit_one(path)
+            except MsbError as error:
+                status = max(status, report(error))
+                results.append(_failure(path, error))
+                continue
+            audits.append(found)
+            results.append(found.to_dict())
+            if self.output.prints_text and not self.output.quiet:
+                self.print_one(found, first=len(audits) == 1)
+            for failure in self.failures(found, path):
+                status = max(status, report(failure))
+        self.write_files(results, audits, single=len(inputs) + len(results) - len(audits) <= 1)
+        return status
+
+    def audit_one(self, path: Path) -> Audit:
+        """Return the audit of the mesh at `path`, cross-checked and with elements written if asked for."""
+        from msb.cli.inputs import read_input
+        from msb.topology import audit_arrays
+
+        with self.output.progress(f"reading {path.name}"):
+            mesh = read_input(path)
+        with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"), about(path):
+            found, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=self.weld)
+        found = replace(found, path=str(path), method=mesh.method)
+        if self.cross_check:
+            found = self.ask_peers(found, analysis, mesh)
+        if self.elements is not None:
+            from msb.cli.elements import write_elements
+            from msb.topology.elements import find_elements
+
+            write_elements(find_elements(analysis), self.elements)
+        self.output.note(
+            f"{path}: " + ", ".join(f"{k} {v:.1f} ms" for k, v in found.timings_ms.items()), level=1
+        )
+        return found
+
+    def ask_peers(self, found: Audit, analysis: Analysis, mesh: MeshInput) -> Audit:
+        """Return `found` with the verdicts of the peers."""
+        from msb.topology.crosscheck import cross_check
+
+        with self.output.progress(f"asking the peers about {mesh.path.name}"):
+            check = cross_check(mesh.vertices, mesh.faces, found, analysis)
+        for peer, why in check.skipped.items():
+            self.output.note(f"{mesh.path}: {peer} skipped: {why}")
+        return replace(found, cross_check=check.to_rows())
+
+    def print_one(self, found: Audit, *, first: bool) -> None:
+        """Print the report of one mesh on standard output."""
+        from msb.cli.audit_text import print_audit
+
+        console = self.output.console()
+        if not first:
+            console.print()
+        print_audit(found, console, paper=self.paper)
+
+    def failures(self, found: Audit, path: Path) -> list[MsbError]:
+        """Return the gates that failed."""
+        failed: list[MsbError] = [e for gate in self.gates if (e := gate.check(found, path))]
+        for row in found.cross_check or ():
+            if row["verdict"] == "disagrees":
+                text = f"{row['peer']} says {row['quantity']} is {row['theirs']}, we say {row['ours']}"
+                failed.append(GateFailed("CROSS_CHECK_DISAGREES", text, file=path))
+        return failed
+
+    def write_files(self, results: list[dict[str, Any]], audits: list[Audit], *, single: bool) -> None:
+        """Write what --json and --csv asked for."""
+        if single and not audits:
+            return  # the one input failed; its line on standard error says it all
+        self.output.write_json(results[0] if single else results)
+        if self.csv_file is not None:
+            _write_csv(self.csv_file, audits)
+
+
+def _failure(path: Path, error: MsbError) -> dict[str, Any]:
+    from msb.topology.audit import SCHEMA
+
+    return {"schema": SCHEMA, "path": str(path), "error": {"code": error.code, "message": error.message}}
+
+
+def _write_csv(path: Path, audits: list[Audit]) -> None:
+    import csv
+    import io
+
+    from msb.atomic import new_file
+
+    rows = []
+    for found in audits:
+        data = found.to_dict()
+        plain = {key: data[key] for key in ("path", "method", "topology")}
+        rows.append({**plain, **data["counts"], **data["metrics"]})
+    with new_file(path) as file:
+        text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
+        writer = csv.DictWriter(text, fieldnames=list(rows[0]) if rows else ["path"])
+        writer.writeheader()
+        writer.writerows(rows)
+        text.detach()

@@ -1,0 +1,150 @@
+"""The audit as a person reads it: verdict, the paper's eight columns, the defects, the verdict again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msb.cli.output import plain_table
+from msb.topology.verdict import judge, percent
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from msb.topology.audit import Audit, Sample
+
+_COLUMNS = (
+    ("V/F", "vf_ratio"),
+    ("Valence", "mean_valence"),
+    ("Bound.\nedge", "boundary_edge_ratio"),
+    ("Non-man.\nedge ↓", "nonmanifold_edge_ratio"),
+    ("Non-man.\nvertex ↓", "nonmanifold_vertex_ratio"),
+    ("LCC\nface ↑", "lcc_face_ratio"),
+    ("LCC\narea ↑", "lcc_area_ratio"),
+    ("Compo-\nnents ↓", "components"),
+)
+"""The columns of the paper's table of mesh diagnostics, in its order."""
+
+_DEFECTS = (
+    ("nonmanifold_edges", "edge", "edges", "edges"),
+    ("nonmanifold_vertices", "vertex", "vertices", "vertices"),
+    ("multifan_vertices", "vertex", "vertices", "  in several fans (bow-ties)"),
+    ("boundary_edges", "edge", "edges", "boundary edges"),
+    ("inconsistent_winding_edges", "edge", "edges", "edges where winding flips"),
+    ("duplicate_faces", "face", "faces", "duplicate faces"),
+    ("repeated_index_faces", "face", "faces", "faces naming a vertex twice"),
+    ("zero_area_faces", "face", "faces", "zero-area faces"),
+    ("nonfinite_faces", "face", "faces", "faces without a finite area"),
+    ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
+)
+_LABELS = {
+    "nonmanifold_edges": "non-manifold edges",
+    "nonmanifold_vertices": "non-manifold vertices",
+}
+
+
+def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
+    """Print the report of one audit.
+
+    Parameters
+    ----------
+    paper : bool
+        Add the paper's mean row of MeshSplatting under ours.
+    """
+    verdict = judge(audit)
+    counts = audit.counts
+    kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
+    method = f", {audit.method}" if audit.method else ""
+    console.print(f"[bold]{_escape(audit.path or 'mesh')}[/bold]", soft_wrap=True)
+    console.print(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}", soft_wrap=True)
+    _print_verdict(verdict.sentence, verdict.level, console)
+    console.print()
+    rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
+    if audit.welded:
+        weld = audit.welded.weld
+        label = "welded" if weld == "exact" else f"welded {weld:g}"
+        rows.append((label, {**rows[0][1], **vars(audit.welded.metrics)}))
+    if paper:
+        from msb.report import paper_row
+
+        rows.append(("paper mean", paper_row("mesh_connectivity", scene="mean")))
+    _print_columns(rows, console)
+    console.print()
+    _print_defects(audit, console)
+    if audit.cross_check is not None:
+        _print_cross_check(audit.cross_check, console)
+    console.print()
+    _print_verdict(verdict.sentence, verdict.level, console)
+
+
+def _print_verdict(sentence: str, level: str, console: Console) -> None:
+    mark, style = {"good": ("OK", "green"), "limited": ("LIMITED", "yellow"), "bad": ("BAD", "red")}[level]
+    console.print(f"[{style}]{mark}[/{style}] {sentence}.", soft_wrap=True)
+
+
+def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:
+    table = plain_table("", *(title for title, _ in _COLUMNS), right=tuple(range(1, len(_COLUMNS) + 1)))
+    for label, metrics in rows:
+        table.add_row(label, *(_cell(key, metrics[key]) for _, key in _COLUMNS))
+    console.print(table)
+
+
+def _cell(key: str, value: float | None) -> str:
+    if value is None:
+        return "-"
+    if key != "components":
+        return f"{value:.2f}"
+    return f"{value / 1e6:.2f} M" if value >= 1e6 / 2 else f"{value:,.0f}"
+
+
+def _print_defects(audit: Audit, console: Console) -> None:
+    counts = vars(audit.counts)
+    table = plain_table("Found", "Count", "Share", "The first three, and where", right=(1, 2))
+    shown = 0
+    soup = audit.topology == "triangle_soup"
+    if soup and counts["boundary_edges"]:
+        console.print("Every edge is a boundary edge: that is what a triangle soup means.")
+    for key, noun, whole, label in _DEFECTS:
+        count = counts[key]
+        if count == 0 or (key == "boundary_edges" and soup):
+            continue
+        shown += 1
+        samples = "\n".join(_where(noun, sample) for sample in audit.samples.get(key, ()))
+        table.add_row(_LABELS.get(key, label), f"{count:,}", percent(count, counts[whole]), samples)
+    if shown:
+        console.print(table)
+    elif not soup:
+        console.print("Nothing found: no boundary, no non-manifold or degenerate element.")
+
+
+def _where(noun: str, sample: Sample) -> str:
+    place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
+    # An edge is known by its two vertices; its number is an accident of our numbering.
+    name = "-".join(map(str, sample.vertices)) if noun == "edge" else str(sample.element)
+    return f"{noun} {name} at {place}"
+
+
+def _print_cross_check(rows: list[dict[str, Any]], console: Console) -> None:
+    marks = {"agrees": "= agrees", "differs_by_definition": "~ by definition", "disagrees": "! DISAGREES"}
+    table = plain_table("Peer", "Quantity", "Ours", "Theirs", "Verdict", right=(2, 3))
+    for row in rows:
+        verdict = marks[row["verdict"]]
+        table.add_row(row["peer"], row["quantity"], _value(row["ours"]), _value(row["theirs"]), verdict)
+    console.print()
+    console.print(table)
+    reasons = {row["why"]: row["peer"] for row in rows if row["verdict"] != "agrees" and row["why"]}
+    for why, peer in reasons.items():
+        console.print(f"{peer}: {_escape(why)}", style="dim", soft_wrap=True)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return str(value)
+    return (
+        f"{value:,}" if isinstance(value, int) else f"{value:.6g}" if isinstance(value, float) else str(value)
+    )
+
+
+def _escape(text: str) -> str:
+    from rich.markup import escape
+
+    return escape(text)

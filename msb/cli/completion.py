@@ -1,0 +1,27 @@
+"""`msb completion`: the script that teaches a shell our commands and options."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from msb.cli.options import Debug, epilog
+
+EPILOG = epilog("msb completion bash", "msb completion zsh", "msb completion fish")
+
+
+def completion(
+    shell: Annotated[Literal["bash", "zsh", "fish"], typer.Argument(help="The shell.")],
+    debug: Debug = False,
+) -> None:
+    """Print a completion script for msb and msb-audit, to be put where SHELL looks for it.
+
+    For bash: msb completion bash > ~/.local/share/bash-completion/completions/msb
+    """
+    # Not exported by name, but the documented way to it (--show-completion) guesses the shell.
+    from typer.completion import get_completion_script  # type: ignore[attr-defined]
+
+    for name in ("msb", "msb-audit"):
+        variable = f"_{name.replace('-', '_').upper()}_COMPLETE"
+        typer.echo(get_completion_script(prog_name=name, complete_var=variable, shell=shell))

@@ -1,0 +1,116 @@
+"""`msb convert`: between .triasset (packed or folder) and the mesh formats every program reads."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from msb.cli.options import Debug, Force, Quiet, Verbose, epilog
+from msb.cli.output import Output
+from msb.cli.run import about
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+EPILOG = epilog(
+    "msb convert data_stubs/splat_like.triasset out/splat_like.glb --up=-y",
+    "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
+)
+Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+_FACE_COLOR_SUFFIXES = (".ply", ".off")
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A .triasset or a mesh file.")],
+    target: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Its suffix says what is written: .triasset .ply .obj ...")
+    ],
+    form: Annotated[
+        Literal["packed", "folder"] | None, typer.Option(help="Form of a .triasset; packed if not given.")
+    ] = None,
+    up: Annotated[
+        Up | None,
+        typer.Option(help="Axis that points up in IN; OUT is turned so that it is +y. COLMAP scenes: -y."),
+    ] = None,
+    color: Annotated[
+        Literal["stored", "linear"], typer.Option(help="Colours as stored, or sRGB converted to linear.")
+    ] = "stored",
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Convert between .triasset and PLY, OBJ, OFF, STL and GLB, keeping rows, order and vertex colours.
+
+    An asset becomes its standard-tier mesh: opaque, unlit, with static colours.
+    """
+    from msb.cli.inputs import ASSET_SUFFIX
+
+    output = Output(None, quiet, verbose, force)
+    output.check_free(target)
+    if target.suffix.lower() == ASSET_SUFFIX:
+        if up is not None or color != "stored":
+            raise UsageError("USAGE", "--up and --color are for mesh files; a .triasset keeps what is stored")
+        _write_asset(source, target, form or "packed", output)
+    else:
+        if form is not None:
+            raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
+        _write_mesh(source, target, up, color, output)
+
+
+def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
+    from msb.asset import load, save
+    from msb.cli.inputs import is_asset
+
+    with output.progress(f"reading {source.name}"):
+        asset = load(source) if is_asset(source) else _asset_from_file(source)
+    with output.progress(f"writing {target.name}"):
+        save(asset, target, form)
+
+
+def _asset_from_file(path: Path) -> Asset:
+    from msb.asset.manifest import Source, SourceFile
+    from msb.meshes import read_mesh
+    from msb.meshes.assets import asset_from_mesh
+
+    mesh = read_mesh(path)
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    origin = Source((SourceFile(path.name, digest, path.stat().st_size),))
+    with about(path):
+        return asset_from_mesh(mesh, origin)
+
+
+def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: Output) -> None:
+    from msb.atomic import new_file
+    from msb.cli.inputs import ASSET_SUFFIX, is_asset
+    from msb.meshes import MESH_SUFFIXES, read_mesh, write_mesh
+    from msb.meshes.assets import check_indices, mesh_from_asset, with_vertex_colors
+    from msb.meshes.transform import turned_upright, with_linear_colors
+
+    suffix = target.suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
+        raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in one of {wanted}')
+    with output.progress(f"reading {source.name}"):
+        if is_asset(source):
+            from msb.asset import load
+
+            mesh = mesh_from_asset(load(source))
+        else:
+            mesh = read_mesh(source)
+    with about(source):
+        check_indices(mesh)
+    if mesh.face_colors is not None and mesh.vertex_colors is None and suffix not in _FACE_COLOR_SUFFIXES:
+        mesh = with_vertex_colors(mesh)
+        output.note(f"{target}: {suffix} has no face colours, so every face gets vertices of its own")
+    if suffix == ".stl" and mesh.vertex_colors is not None:
+        output.note(f"{target}: .stl has no colours; they are left out")
+    mesh = turned_upright(mesh, up) if up else mesh
+    mesh = with_linear_colors(mesh) if color == "linear" else mesh
+    with output.progress(f"writing {target.name}"), new_file(target) as file:
+        write_mesh(mesh, file, suffix=suffix)

@@ -1,0 +1,79 @@
+"""`--fail-on`: conditions on the audit's JSON keys that make the command fail."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import operator
+import re
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING
+
+from msb.errors import GateFailed, UsageError
+from msb.topology.audit import Counts, Metrics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from msb.topology.audit import Audit
+
+_OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    ">=": operator.ge,
+    "<=": operator.le,
+    "==": operator.eq,
+    "!=": operator.ne,
+    ">": operator.gt,
+    "<": operator.lt,
+}
+_PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<)\s*(\S+)\s*")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The command fails if ``key operator limit`` holds."""
+
+    key: str
+    sign: str
+    limit: float
+
+    def check(self, audit: Audit, path: Path) -> GateFailed | None:
+        """Return the failure if the gate's condition holds for `audit`.
+
+        A value that does not exist (a ratio over nothing) fails too: an empty mesh must not pass a gate
+        because there was nothing to measure.
+        """
+        value = {**asdict(audit.counts), **asdict(audit.metrics)}[self.key]
+        condition = f"{self.key} {self.sign} {self.limit:g}"
+        if value is None:
+            text = f"{self.key} does not exist for this mesh (a ratio over nothing), gate: {condition}"
+            return GateFailed("GATE_FAILED", text, file=path, limit=self.limit)
+        if not _OPERATORS[self.sign](value, self.limit):
+            return None
+        text = f"{self.key} is {value:g}, gate: {condition}"
+        return GateFailed("GATE_FAILED", text, file=path, value=value, limit=self.limit)
+
+
+def parse_gate(text: str) -> Gate:
+    """Return the gate written as ``KEY OPERATOR NUMBER``, such as "nonmanifold_edge_ratio>0".
+
+    Raises
+    ------
+    UsageError
+        `USAGE`, listing the nearest keys if the key is unknown.
+    """
+    match = _PATTERN.fullmatch(text)
+    if not match:
+        raise UsageError("USAGE", f'--fail-on "{text}" is not KEY OPERATOR NUMBER, such as "components>1"')
+    key, sign, number = match.groups()
+    keys = [field.name for kind in (Counts, Metrics) for field in fields(kind)]
+    if key not in keys:
+        near = difflib.get_close_matches(key, keys, 3, 0.4) or keys
+        raise UsageError("USAGE", f'--fail-on: there is no key "{key}"; did you mean {", ".join(near)}?')
+    try:
+        limit = float(number)
+    except ValueError:
+        limit = math.nan
+    if not math.isfinite(limit):
+        raise UsageError("USAGE", f'--fail-on: "{number}" is not a finite number')
+    return Gate(key, sign, limit)

@@ -1,0 +1,99 @@
+"""`msb info`: an asset on one screen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+from msb.errors import shorten
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.methods import Method, Tier
+
+EPILOG = epilog("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/splat_like.triasset")
+
+
+def info(
+    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, packed or folder.")],
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Show what a .triasset holds: method, counts, bounds, settings and buffers.
+
+    Reads the manifest and checks paths and sizes; values are left alone (msb validate reads them).
+    """
+    from msb.asset import load
+
+    output = Output(json_file, quiet, verbose, force)
+    output.check_free(json_file)
+    asset = load(path)
+    for warning in asset.warnings:
+        output.note(f"{warning.code}: {path}: {warning.message}")
+    size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
+    manifest = asset.manifest.to_dict()
+    output.write_json({"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest})
+    if output.prints_text:
+        _print(asset, size, output)
+
+
+def _print(asset: Asset, size: int, output: Output) -> None:
+    from rich.markup import escape
+
+    from msb.methods import METHODS, TIERS
+
+    m = asset.manifest
+    method, frame = METHODS[m.method], m.coordinate_frame
+    console = output.console()
+    table = plain_table("", "")
+    table.show_header = False
+    rows: list[tuple[str, str]] = [
+        ("asset", f"{asset.path} (triasset {m.version}, {m.generator})"),
+        ("method", f"{m.method} ({method.title})"),
+        ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
+        ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
+        ("sphere", f"radius {m.bounding_sphere.radius:.6g} around {_point(m.bounding_sphere.center)}"),
+        ("appearance", f"{_parameters(m.appearance)}; SH degree {m.sh_degree}; {m.color_space}"),
+        ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
+        ("compositing", _parameters(m.compositing)),
+        ("frame", f"{frame.handedness}-handed, up {frame.up}, {frame.units} units"),
+        *((f"tier {tier}", _tier(method, tier)) for tier in TIERS),
+        *(("setting", f"{name} = {s.value} ({s.source})") for name, s in m.settings.items()),
+        *(
+            ("source", f"{f.path}, {f.byte_length:,} bytes, sha256 {f.sha256[:12]}...")
+            for f in m.source.files
+        ),
+    ]
+    for label, text in rows:
+        table.add_row(label, escape(shorten(text, 200)))
+    console.print(table)
+    console.print()
+    buffers = plain_table("Buffer", "Shape", "Type", "Domain", "Bytes", right=(4,))
+    for name, spec in m.buffers.items():
+        shape = " x ".join(map(str, spec.shape))
+        buffers.add_row(name, shape, spec.dtype, spec.domain, f"{spec.byte_length:,}")
+    buffers.add_row("all", "", "", "", f"{size:,}")
+    console.print(buffers)
+
+
+def _tier(method: Method, tier: Tier) -> str:
+    if tier in method.unsupported:
+        return f"not supported: {method.unsupported[tier]}"
+    return ", ".join(method.passes[tier])
+
+
+def _point(values: tuple[float, float, float]) -> str:
+    return "(" + ", ".join(f"{value:.5g}" for value in values) + ")"
+
+
+def _parameters(values: dict[str, Any]) -> str:
+    first, *rest = values.items()
+    extra = ", ".join(f"{key} {value}" for key, value in rest)
+    return f"{first[1]} ({extra})" if extra else str(first[1])

@@ -1,0 +1,83 @@
+"""From what the user typed to meshes: assets, mesh files, and folders of these."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.asset.manifest import MANIFEST_NAME
+from msb.errors import InputError
+from msb.meshes import MESH_SUFFIXES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+ASSET_SUFFIX = ".triasset"
+
+
+@dataclass(frozen=True)
+class MeshInput:
+    """A mesh to audit: arrays as stored, and the method if an asset names one."""
+
+    path: Path
+    vertices: NDArray[Any]
+    faces: NDArray[Any]
+    method: str | None
+
+
+def is_asset(path: Path) -> bool:
+    """Return whether `path` is, or claims to be, an asset of either form."""
+    return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
+
+
+def expand(paths: list[Path]) -> Iterator[Path]:
+    """Yield each input, folders replaced by the assets and mesh files in and below them, sorted.
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND`, or `FILE_NOT_RECOGNISED` for a folder without any.
+    """
+    for path in paths:
+        if path.is_dir() and not is_asset(path):
+            found = sorted(_below(path))
+            if not found:
+                wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
+                raise InputError("FILE_NOT_RECOGNISED", f"the folder holds none of {wanted}", file=path)
+            yield from found
+        elif not os.path.lexists(path):
+            raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
+        else:
+            yield path
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    for root, folders, files in os.walk(folder):
+        here = Path(root)
+        assets = [name for name in folders if is_asset(here / name)]
+        folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
+        yield from (here / name for name in assets)
+        wanted = (ASSET_SUFFIX, *MESH_SUFFIXES)
+        yield from (here / name for name in files if name.lower().endswith(wanted))
+
+
+def read_input(path: Path) -> MeshInput:
+    """Return the mesh at `path`.
+
+    Raises
+    ------
+    InputError, AssetError, MeshFileError
+    """
+    if is_asset(path):
+        from msb.asset import load
+
+        asset = load(path)
+        return MeshInput(path, asset.buffers["positions"], asset.buffers["indices"], asset.manifest.method)
+    from msb.meshes import read_mesh
+
+    mesh = read_mesh(path)
+    return MeshInput(path, mesh.vertices, mesh.faces, None)

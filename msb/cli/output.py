@@ -1,0 +1,95 @@
+"""Where text goes: results to standard output, notes and progress to standard error, files whole."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from msb.atomic import new_file
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from rich.console import Console
+    from rich.table import Table
+
+STDOUT = "-"
+
+
+@dataclass(frozen=True)
+class Output:
+    """What the user wants to see, and where.
+
+    `json_file` "-" takes standard output for itself; the human text is then not printed at all.
+    """
+
+    json_file: Path | None = None
+    quiet: bool = False
+    verbose: int = 0
+    force: bool = False
+
+    @property
+    def prints_text(self) -> bool:
+        """Whether the human-readable result is wanted on standard output."""
+        return str(self.json_file) != STDOUT
+
+    def console(self) -> Console:
+        """Return the console for results. Colour only on a terminal and without NO_COLOR."""
+        from rich.console import Console
+
+        return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+
+    def note(self, text: str, *, level: int = 0) -> None:
+        """Print a note on standard error, if the user wants this much."""
+        if not self.quiet and self.verbose >= level:
+            print(text, file=sys.stderr)  # noqa: T201 - notes go here
+
+    @contextlib.contextmanager
+    def progress(self, text: str) -> Iterator[None]:
+        """Show `text` with a spinner while the block runs, on a terminal only."""
+        if self.quiet or not sys.stderr.isatty():
+            yield
+            return
+        from rich.console import Console
+
+        with Console(stderr=True).status(text):
+            yield
+
+    def check_free(self, path: Path | None) -> None:
+        """Refuse to overwrite `path` without --force.
+
+        Raises
+        ------
+        UsageError
+            `OUTPUT_EXISTS`.
+        """
+        if path is not None and str(path) != STDOUT and os.path.lexists(path) and not self.force:
+            raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
+
+    def write_json(self, data: Any) -> None:
+        """Write `data` where --json points to, if it was given."""
+        if self.json_file is None:
+            return
+        text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        if self.prints_text:
+            with new_file(self.json_file) as file:
+                file.write(text.encode())
+        else:
+            sys.stdout.flush()
+            sys.stdout.buffer.write(text.encode())
+
+
+def plain_table(*headers: str, right: tuple[int, ...] = ()) -> Table:
+    """Return a table without a frame, `right` naming the right-aligned columns."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for number, header in enumerate(headers):
+        table.add_column(header, justify="right" if number in right else "left", overflow="fold")
+    return table

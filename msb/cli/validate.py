@@ -1,0 +1,181 @@
+"""`msb validate`: everything that is wrong with an asset, each finding with its code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+from msb.cli.run import report
+from msb.errors import CODES, EXIT_STATUS, Finding, InputError, MsbError, UsageError, finding
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+EPILOG = epilog(
+    "msb validate data_stubs/splat_like.triasset",
+    "msb validate --json - data_stubs/splat_like.triasset",
+    "msb validate --explain TRIASSET_INDEX_OUT_OF_RANGE",
+)
+SCHEMA = "msb.validate/1"
+
+
+def validate(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="PATH...", help="Assets, mesh files, or folders of these.")
+    ] = None,
+    json_file: JsonFile = None,
+    explain: Annotated[
+        str | None, typer.Option(metavar="CODE", help="Print what a code means, and stop.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Check assets completely: container, manifest, sizes, hashes and values.
+
+    Errors make the command fail with status 1; warnings and infos do not. A mesh file is judged by the asset
+    that would be made of it.
+    """
+    output = Output(json_file, quiet, verbose, force)
+    if explain is not None:
+        _explain(explain, output)
+        return
+    if not paths:
+        raise UsageError("USAGE", "PATH is missing; give a .triasset, a mesh file or a folder of these")
+    output.check_free(json_file)
+    raise typer.Exit(_run(paths, output))
+
+
+def _run(paths: list[Path], output: Output) -> int:
+    from msb.cli.inputs import expand
+
+    status = 0
+    reports: list[dict[str, Any]] = []
+    for path in paths:
+        try:
+            inputs = list(expand([path]))
+        except MsbError as error:
+            status = max(status, report(error))
+            continue
+        for item in inputs:
+            try:
+                with output.progress(f"validating {item.name}"):
+                    found = check(item)
+            except MsbError as error:
+                status = max(status, report(error))
+                continue
+            errors = sum(f.severity == "error" for f in found)
+            status = max(status, 1 if errors else 0)
+            reports.append(
+                {
+                    "schema": SCHEMA,
+                    "path": str(item),
+                    "valid": errors == 0,
+                    "findings": [f.to_dict() for f in found],
+                }
+            )
+            if output.prints_text:
+                _print(item, found, output)
+    if reports:
+        output.write_json(reports[0] if len(reports) == 1 else reports)
+    return status
+
+
+def check(path: Path) -> list[Finding]:
+    """Return all findings about the asset or mesh file at `path`.
+
+    Raises
+    ------
+    InputError
+        If it does not exist, cannot be read or is not recognised.
+    """
+    from msb.cli.inputs import is_asset
+
+    if not is_asset(path):
+        return _check_mesh(path)
+    from msb.asset import validate as validate_asset
+
+    result = validate_asset(path)
+    found = list(result.findings)
+    if result.asset is not None and result.valid:
+        found += degenerate_findings(result.asset.buffers["positions"], result.asset.buffers["indices"])
+    return found
+
+
+def _check_mesh(path: Path) -> list[Finding]:
+    from msb.meshes import read_mesh
+    from msb.meshes.assets import asset_from_mesh
+
+    try:
+        asset = asset_from_mesh(read_mesh(path))
+    except InputError:
+        raise
+    except MsbError as error:
+        return [
+            finding(error.code, error.message, pointer=error.pointer, value=error.value, limit=error.limit)
+        ]
+    return list(degenerate_findings(asset.buffers["positions"], asset.buffers["indices"]))
+
+
+def degenerate_findings(positions: Any, indices: Any) -> Iterator[Finding]:
+    """Yield infos about faces that draw nothing or twice, and vertices that nothing uses."""
+    import numpy as np
+
+    from msb.topology.arrays import mesh_arrays
+    from msb.topology.faces import extra_duplicates, face_areas, names_vertex_twice
+
+    points, faces = mesh_arrays(positions, indices)
+    repeated = names_vertex_twice(faces)
+    area, finite = face_areas(points, faces)
+    unused = np.ones(len(points), bool)
+    unused[faces[~repeated]] = False
+    for code, where, what in (
+        ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces name a vertex twice"),
+        ("TRIASSET_FACE_DUPLICATE", extra_duplicates(faces), "faces repeat an earlier one"),
+        ("TRIASSET_FACE_ZERO_AREA", (area == 0) & finite & ~repeated, "faces have no area"),
+        ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are in no proper face"),
+    ):
+        if count := int(np.count_nonzero(where)):
+            text = f"{count:,} {what}, the first is {int(np.argmax(where))}"
+            yield finding(code, text, severity="info", pointer="indices", value=count)
+
+
+def _print(path: Path, found: list[Finding], output: Output) -> None:
+    from rich.markup import escape
+
+    console = output.console()
+    counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "info")}
+    word = "not valid" if counts["error"] else "valid"
+    console.print(f"{escape(str(path))}: [bold]{word}[/bold], {_summary(counts)}", soft_wrap=True)
+    if not found or output.quiet:
+        return
+    table = plain_table("Severity", "Code", "Finding")
+    styles = {"error": "red", "warning": "yellow", "info": "dim"}
+    for item in found:
+        where = f" (at {item.pointer})" if item.pointer else ""
+        table.add_row(f"[{styles[item.severity]}]{item.severity}[/]", item.code, escape(item.message + where))
+    console.print(table)
+
+
+def _summary(counts: dict[str, int]) -> str:
+    parts = [f"{n} {name}{'s' if n != 1 else ''}" for name, n in counts.items() if n]
+    return ", ".join(parts) or "nothing to report"
+
+
+def _explain(name: str, output: Output) -> None:
+    import difflib
+
+    code = name.upper()
+    if code not in CODES:
+        near = ", ".join(difflib.get_close_matches(code, CODES, 3, 0.4)) or "docs/errors.md lists all"
+        raise UsageError("EXPLAIN_UNKNOWN", f'there is no code "{name}"; did you mean {near}?')
+    entry = CODES[code]
+    status = EXIT_STATUS[entry.kind]
+    output.write_json({"code": code, "exit_status": status, "summary": entry.summary, "remedy": entry.remedy})
+    if output.prints_text:
+        typer.echo(f"{code}: {entry.summary}\nRemedy: {entry.remedy}\nExit status: {status}")

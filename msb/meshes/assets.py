@@ -1,0 +1,127 @@
+"""Between meshes and assets: any mesh as an asset, and an asset as the mesh any engine can draw."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset import Asset, Description, build_asset
+from msb.asset.manifest import Source
+from msb.errors import AssetError, MeshError, Unsupported
+from msb.meshes.mesh import Mesh
+from msb.methods import METHODS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.asset.manifest import Domain
+
+SH_C0 = 0.28209479177387814
+"""Zeroth real spherical harmonic, 1 / (2 sqrt(pi)); the paper rounds it to 0.28209."""
+
+
+def asset_from_mesh(mesh: Mesh, source: Source | None = None) -> Asset:
+    """Return `mesh` as an asset of method "mesh": float32 positions, its colours as stored.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its vertex colours are kept; without any, its face colours.
+    source : Source, optional
+        The file it came from.
+
+    Raises
+    ------
+    MeshError
+        `MESH_INDEX_OUT_OF_RANGE`.
+    AssetError
+        `TRIASSET_VALUE_NONFINITE` or `TRIASSET_EMPTY`.
+    """
+    check_indices(mesh)
+    with np.errstate(over="ignore"):
+        positions = mesh.vertices.astype(np.float32)
+    overflow = np.isinf(positions) & np.isfinite(mesh.vertices)
+    if overflow.any():
+        row = int(np.argmax(overflow.any(axis=1)))
+        text = f"vertex {row} is {mesh.vertices[row].tolist()}; assets hold float32, up to 3.4e38"
+        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{row}]")
+    buffers: dict[str, NDArray[Any]] = {"positions": positions, "indices": mesh.faces.astype(np.uint32)}
+    domains: dict[str, Domain] = {}
+    kind = "none"
+    for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
+        if colors is not None and not domains:
+            buffers["color"], kind = colors, "static_color"
+            domains["color"] = domain  # type: ignore[assignment]
+    description = Description(appearance={"kind": kind}, source=source or Source())
+    return build_asset(buffers, domains, description)
+
+
+def mesh_from_asset(asset: Asset) -> Mesh:
+    """Return the standard-tier mesh of `asset`: opaque, with static colours.
+
+    Colours are those the asset brings, or the zeroth SH coefficient baked as clamp(C0 f_dc + 0.5, 0, 1)
+    (paper, "Standard deployment"). Colours of corners become colours of vertices, which needs unshared
+    vertices: the mesh is then a soup.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_STANDARD` if the method has no static colour.
+    """
+    method = METHODS[asset.manifest.method]
+    if not method.supports("standard"):
+        text = f"{asset.manifest.method} on tier standard: {method.unsupported['standard']}"
+        raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
+    vertices = asset.buffers["positions"]
+    faces = asset.buffers["indices"].astype(np.int64)
+    colors = _static_colors(asset)
+    if colors is None:
+        return Mesh(vertices, faces, None, None)
+    values, domain = colors
+    if domain == "vertex":
+        return Mesh(vertices, faces, values, None)
+    if domain == "face":
+        return Mesh(vertices, faces, None, values)
+    corners = np.arange(faces.size, dtype=np.int64).reshape(-1, 3)
+    return Mesh(vertices[faces.reshape(-1)], corners, values, None)
+
+
+def check_indices(mesh: Mesh) -> None:
+    """Refuse a mesh that uses a vertex it does not have.
+
+    Raises
+    ------
+    MeshError
+        `MESH_INDEX_OUT_OF_RANGE`, naming the first such face.
+    """
+    outside = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
+    if outside.any():
+        row = int(np.argmax(outside))
+        raise MeshError(
+            "MESH_INDEX_OUT_OF_RANGE",
+            f"face {row} is {tuple(map(int, mesh.faces[row]))}; there are {len(mesh.vertices)} vertices",
+            pointer=f"faces[{row}]",
+        )
+
+
+def with_vertex_colors(mesh: Mesh) -> Mesh:
+    """Return `mesh` with face colours turned into vertex colours, for formats that have only these.
+
+    Each face then needs vertices of its own, unless it already has them: the result is a soup.
+    """
+    if mesh.face_colors is None or mesh.vertex_colors is not None:
+        return mesh
+    colors = np.repeat(mesh.face_colors, 3, axis=0)
+    corners = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
+    return Mesh(mesh.vertices[mesh.faces.reshape(-1)], corners, colors, None)
+
+
+def _static_colors(asset: Asset) -> tuple[NDArray[Any], str] | None:
+    for name in ("color", "f_dc"):
+        if name in asset.buffers:
+            values, domain = asset.buffers[name], asset.manifest.buffers[name].domain
+            if name == "f_dc":
+                values = np.clip(np.float32(SH_C0) * values + np.float32(0.5), 0, 1).astype(np.float32)
+            return values, domain
+    return None

@@ -1,0 +1,100 @@
+"""One sentence for a technical artist: what the mesh can be used for, and why not for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from msb.topology.audit import Audit
+
+Level = Literal["good", "limited", "bad"]
+
+TOPOLOGY_TOOLS = "subdivision, collision or UV unwrapping"
+"""What needs manifold neighbourhoods (paper, "Mesh Structural Results": Local structure)."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`level` grades it, `sentence` says it; meaning is never carried by the level's colour alone."""
+
+    level: Level
+    sentence: str
+
+
+def judge(audit: Audit) -> Verdict:
+    """Return the verdict on an audited mesh.
+
+    Any mesh with a face renders on the standard tier. What else it can be used for is decided in this order:
+    empty, soup, non-manifold, inconsistent winding, fragmented, open, closed.
+    """
+    counts, metrics = audit.counts, audit.metrics
+    if counts.faces == counts.repeated_index_faces:
+        return Verdict("bad", "does not render: it has no proper face")
+    if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
+        return Verdict(
+            "bad",
+            f"renders; not usable for {TOPOLOGY_TOOLS} because it is a triangle soup: no two faces share a "
+            f"vertex{_weld_hint(audit)}",
+        )
+    if counts.nonmanifold_vertices:
+        return Verdict(
+            "bad",
+            f"renders; not usable for {TOPOLOGY_TOOLS} because "
+            f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
+            f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
+            + _pieces(audit),
+        )
+    if counts.inconsistent_winding_edges:
+        return Verdict(
+            "limited",
+            "renders and is manifold; make the winding consistent before computing normals or collision: it "
+            f"flips across {counts.inconsistent_winding_edges:,} edges",
+        )
+    if counts.boundary_edges:
+        holes = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
+        return Verdict(
+            "limited",
+            "renders; usable for subdivision and UV unwrapping; not usable as a solid for collision or "
+            f"printing because it is open: {counts.boundary_edges:,} boundary edges in {holes}"
+            + _pieces(audit),
+        )
+    what = "closed, manifold and consistently wound"
+    if metrics.components > 1:
+        return Verdict("good", f"usable throughout: {what}, in {metrics.components:,} separate bodies")
+    return Verdict("good", f"usable throughout: {what}")
+
+
+def percent(part: int, whole: int) -> str:
+    """Return a share as text that never rounds something to nothing, or nearly all to all."""
+    if whole == 0:
+        return "-"
+    if part == 0:
+        return "0 %"
+    share = 100.0 * part / whole
+    if share < 0.1:
+        return "under 0.1 %"
+    if part < whole and share > 99.9:
+        return "over 99.9 %"
+    return f"{share:.1f} %" if share < 10 else f"{share:.0f} %"
+
+
+def _pieces(audit: Audit) -> str:
+    count, share = audit.metrics.components, audit.metrics.lcc_face_ratio
+    if count < 2 or share is None:
+        return ""
+    largest = percent(audit.counts.largest_component_faces, audit.counts.faces)
+    return f", and it is in {count:,} pieces (the largest holds {largest} of the faces)"
+
+
+def _weld_hint(audit: Audit) -> str:
+    if audit.welded is None:
+        return " (--weld exact shows what merging coincident vertices would give)"
+    counts = audit.welded.counts
+    if counts.vertices == audit.counts.vertices:
+        return ", and welding merges nothing"
+    pieces = "one piece" if counts.components == 1 else f"{counts.components:,} pieces"
+    if counts.nonmanifold_vertices == 0:
+        return f"; welded, it is manifold, in {pieces}"
+    share = percent(counts.nonmanifold_vertices, counts.vertices)
+    return f"; welded, {share} of its vertices are non-manifold and it is in {pieces}"
