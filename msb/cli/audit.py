@@ -154,7 +154,7 @@ class _Task:
                 self.print_one(found, first=len(audits) == 1)
             for failure in self.failures(found, path):
                 status = max(status, report(failure))
-        self.write_files(results, audits, single=len(inputs) + len(results) - len(audits) <= 1)
+        self.write_files(results, audits)
         return status
 
     def audit_one(self, path: Path) -> Audit:
@@ -207,8 +207,9 @@ class _Task:
                 failed.append(GateFailed("CROSS_CHECK_DISAGREES", text, file=path))
         return failed
 
-    def write_files(self, results: list[dict[str, Any]], audits: list[Audit], *, single: bool) -> None:
-        """Write what --json and --csv asked for."""
+    def write_files(self, results: list[dict[str, Any]], audits: list[Audit]) -> None:
+        """Write what --json and --csv asked for: an object for one input, a list for several."""
+        single = len(results) == 1
         if single and not audits:
             return  # the one input failed; its line on standard error says it all
         self.output.write_json(results[0] if single else results)

@@ -54,8 +54,8 @@ def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
     method = f", {audit.method}" if audit.method else ""
-    console.print(f"[bold]{_escape(audit.path or 'mesh')}[/bold]", soft_wrap=True)
-    console.print(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}", soft_wrap=True)
+    _print_line(f"[bold]{_escape(audit.path or 'mesh')}[/bold]", console)
+    _print_line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}", console)
     _print_verdict(verdict.sentence, verdict.level, console)
     console.print()
     rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
@@ -76,9 +76,14 @@ def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
     _print_verdict(verdict.sentence, verdict.level, console)
 
 
+def _print_line(markup: str, console: Console) -> None:
+    """Print one line: broken between words on a terminal, whole in a pipe, where programs read lines."""
+    console.print(markup, soft_wrap=not console.is_terminal)
+
+
 def _print_verdict(sentence: str, level: str, console: Console) -> None:
     mark, style = {"good": ("OK", "green"), "limited": ("LIMITED", "yellow"), "bad": ("BAD", "red")}[level]
-    console.print(f"[{style}]{mark}[/{style}] {sentence}.", soft_wrap=True)
+    _print_line(f"[{style}]{mark}[/{style}] {sentence}.", console)
 
 
 def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:
@@ -133,7 +138,7 @@ def _print_cross_check(rows: list[dict[str, Any]], console: Console) -> None:
     console.print(table)
     reasons = {row["why"]: row["peer"] for row in rows if row["verdict"] != "agrees" and row["why"]}
     for why, peer in reasons.items():
-        console.print(f"{peer}: {_escape(why)}", style="dim", soft_wrap=True)
+        _print_line(f"[dim]{peer}: {_escape(why)}[/dim]", console)
 
 
 def _value(value: Any) -> str:

@@ -43,7 +43,7 @@ class Output:
         """Return the console for results. Colour only on a terminal and without NO_COLOR."""
         from rich.console import Console
 
-        return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+        return Console(highlight=False)
 
     def note(self, text: str, *, level: int = 0) -> None:
         """Print a note on standard error, if the user wants this much."""

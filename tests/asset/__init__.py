@@ -1,0 +1,3 @@
+"""Tests of msb.asset."""
+
+from __future__ import annotations

@@ -1,0 +1,256 @@
+"""`msb audit` from outside: exit status, streams, files, JSON keys."""
+
+from __future__ import annotations
+
+import csv
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb as library
+from msb.asset import build_asset
+from msb.meshes import Mesh, write_mesh
+from tests.conftest import BOOK, TETRAHEDRON
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+COUNT_KEYS = {
+    "vertices", "referenced_vertices", "unreferenced_vertices", "faces", "repeated_index_faces",
+    "zero_area_faces", "nonfinite_faces", "duplicate_faces", "edges", "boundary_edges", "manifold_edges",
+    "nonmanifold_edges", "nonmanifold_vertices", "multifan_vertices", "nonmanifold_edge_endpoints",
+    "components", "components_manifold_edges", "largest_component_faces",
+}  # fmt: skip
+METRIC_KEYS = {
+    "vf_ratio", "mean_valence", "boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio",
+    "lcc_face_ratio", "lcc_area_ratio", "components", "euler_characteristic",
+}  # fmt: skip
+
+
+def write(folder: Path, name: str, mesh: tuple[np.ndarray, np.ndarray]) -> Path:
+    path = folder / name
+    with path.open("wb") as file:
+        write_mesh(Mesh(mesh[0], mesh[1].astype(np.int64), None, None), file, suffix=path.suffix)
+    return path
+
+
+@pytest.fixture
+def book(tmp_path: Path) -> Path:
+    return write(tmp_path, "book.ply", BOOK)
+
+
+def test_json_holds_the_contract_and_nothing_else_is_on_stdout(msb: Msb, demo_asset: Path) -> None:
+    result = msb("audit", "--json", "-", "-v", demo_asset)
+    data = result.json
+    assert result.status == 0
+    assert data["schema"] == "msb.audit/1"
+    assert data["path"] == str(demo_asset)
+    assert data["method"] == "mesh_splatting"
+    assert data["topology"] == "indexed_mesh"
+    assert set(data["counts"]) >= COUNT_KEYS
+    assert set(data["metrics"]) >= METRIC_KEYS
+    assert data["welded"] is None
+    assert data["cross_check"] is None
+    assert all(isinstance(ms, float) for ms in data["timings_ms"].values())
+    assert "half_edges" in result.err  # -v: timings, on the other stream
+
+
+def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> None:
+    result = msb("audit", demo_asset)
+    lines = result.out.strip().splitlines()
+    assert lines[2] == lines[-1]
+    assert lines[-1].startswith("BAD renders; not usable for subdivision, collision or UV unwrapping because")
+    assert "\x1b" not in result.out
+    assert result.err == ""
+
+
+def test_paper_row_is_printed_beside_ours(msb: Msb, demo_asset: Path) -> None:
+    rows = [line.split() for line in msb("audit", "--paper", demo_asset).out.splitlines()]
+    assert ["paper", "mean", "0.52", "6.49", "0.45", "0.18", "0.65", "0.70", "0.69", "0.71", "M"] in rows
+
+
+def test_folder_and_packed_asset_give_the_same_audit(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    asset = library.load(demo_asset)
+    library.save(asset, tmp_path / "demo.triasset", form="folder")
+    packed = msb("audit", "--json", "-", demo_asset).json
+    folder = msb("audit", "--json", "-", tmp_path / "demo.triasset").json
+    assert {k: packed[k] for k in ("counts", "metrics", "samples")} == {
+        k: folder[k] for k in ("counts", "metrics", "samples")
+    }
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".glb", ".stl"])
+def test_every_mesh_format_is_audited(msb: Msb, tmp_path: Path, suffix: str) -> None:
+    counts = msb("audit", "--json", "-", write(tmp_path, f"tetra{suffix}", TETRAHEDRON)).json["counts"]
+    soup = suffix == ".stl"
+    assert counts["faces"] == 4
+    assert counts["vertices"] == (12 if soup else 4)
+    assert counts["edges"] == (12 if soup else 6)
+
+
+def test_soup_is_named_and_weld_shown_beside(msb: Msb, tmp_path: Path) -> None:
+    path = write(tmp_path, "tetra.stl", TETRAHEDRON)
+    data = msb("audit", "--weld", "exact", "--json", "-", path).json
+    assert data["topology"] == "triangle_soup"
+    assert data["is_soup"]
+    assert data["counts"]["components"] == 4
+    assert data["welded"]["weld"] == "exact"
+    assert data["welded"]["counts"]["vertices"] == 4
+    assert data["welded"]["metrics"]["euler_characteristic"] == 2
+    text = msb("audit", "--weld", "1e-6", path).out
+    assert "triangle soup" in text
+    assert "welded, it is manifold, in one piece" in text
+
+
+def test_several_paths_give_a_list_and_the_worst_status(msb: Msb, book: Path, demo_asset: Path) -> None:
+    result = msb("audit", "--json", "-", demo_asset, "missing.ply", book)
+    assert result.status == 3
+    assert [item["path"] for item in result.json] == ["missing.ply", str(demo_asset), str(book)]
+    assert result.json[0]["error"]["code"] == "FILE_NOT_FOUND"
+    assert result.err.splitlines() == ["FILE_NOT_FOUND: missing.ply: there is no such file or folder"]
+
+
+def test_folders_are_searched(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "below").mkdir()
+    (tmp_path / "notes.txt").write_text("no mesh")
+    write(tmp_path, "b.off", BOOK)
+    write(tmp_path / "below", "a.PLY".lower(), TETRAHEDRON)
+    found = msb("audit", "--json", "-", tmp_path).json
+    assert [item["path"].rsplit("/", 1)[1] for item in found] == ["b.off", "a.ply"]
+
+
+def test_folder_without_meshes_is_an_error(msb: Msb, tmp_path: Path) -> None:
+    result = msb("audit", tmp_path)
+    assert result.status == 3
+    assert result.err.startswith(f"FILE_NOT_RECOGNISED: {tmp_path}: the folder holds none of .triasset")
+
+
+def test_index_error_names_file_and_row_and_leaves_stdout_empty(msb: Msb, tmp_path: Path) -> None:
+    path = tmp_path / "bad.off"
+    path.write_text("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 3\n")
+    result = msb("audit", "--json", "-", path)
+    assert result.status == 3
+    assert result.out == ""
+    assert result.err == (
+        f"MESH_INDEX_OUT_OF_RANGE: {path}: face 1 is (0, 1, 3): index 3 is not between 0 and 2\n"
+    )
+
+
+def test_debug_shows_the_traceback(msb: Msb) -> None:
+    assert "Traceback" not in msb("info", "missing.triasset").err
+    assert "Traceback" in msb("info", "--debug", "missing.triasset").err
+
+
+@pytest.mark.parametrize(
+    ("condition", "status"),
+    [
+        ("nonmanifold_edge_ratio>0", 1),
+        ("metrics.nonmanifold_edge_ratio > 0.5", 0),
+        ("counts.components==1", 1),
+        ("components!=1", 0),
+        ("faces>=3", 1),
+        ("faces<3", 0),
+        ("vf_ratio<=1e3", 1),
+    ],
+)
+def test_gates(msb: Msb, book: Path, condition: str, status: int) -> None:
+    result = msb("audit", "-q", "--fail-on", condition, book)
+    assert result.status == status
+    assert result.err.startswith(f"GATE_FAILED: {book}: ") is bool(status)
+
+
+def test_gate_on_a_ratio_over_nothing_fails(msb: Msb, tmp_path: Path) -> None:
+    path = tmp_path / "points.off"
+    path.write_text("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n")
+    result = msb("audit", "--fail-on", "nonmanifold_edge_ratio>0", path)
+    assert result.status == 1
+    assert "does not exist for this mesh" in result.err
+
+
+@pytest.mark.parametrize("gate", ["nm_edges", "foo>1", "components>", "components>x", "components>nan", ">1"])
+def test_bad_gate_is_a_usage_error_before_anything_is_read(msb: Msb, gate: str) -> None:
+    result = msb("audit", "--fail-on", gate, "missing.ply")
+    assert result.status == 2
+    assert result.err.startswith("USAGE: --fail-on")
+
+
+def test_outputs_are_not_overwritten_without_force(msb: Msb, book: Path, tmp_path: Path) -> None:
+    target = tmp_path / "out.json"
+    target.write_text("mine")
+    for option in ("--json", "--csv"):
+        result = msb("audit", option, target, book)
+        assert result.status == 2
+        assert result.err == f"OUTPUT_EXISTS: {target}: it exists; --force replaces it\n"
+        assert target.read_text() == "mine"
+    assert msb("audit", "--json", target, "--force", book).status == 0
+    assert json.loads(target.read_text())["counts"]["nonmanifold_edges"] == 1
+
+
+def test_csv_has_one_row_a_mesh(msb: Msb, book: Path, demo_asset: Path, tmp_path: Path) -> None:
+    assert msb("audit", "-q", "--csv", tmp_path / "new" / "a.csv", book, demo_asset).status == 0
+    with (tmp_path / "new" / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["faces"] for row in rows] == ["3", "34761"]
+    assert rows[0]["nonmanifold_vertices"] == "2"
+
+
+def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> None:
+    for suffix in ("npz", "csv", "vtp"):
+        assert msb("audit", "-q", "--elements", tmp_path / f"e.{suffix}", book).status == 0
+    with np.load(tmp_path / "e.npz", allow_pickle=False) as data:
+        assert data["edge_nonmanifold"].tolist() == [[0, 1]]
+        assert data["vertex_nonmanifold_edge_endpoint"].tolist() == [0, 1]
+        assert len(data["edge_boundary"]) == 6
+        assert data["face_component"].tolist() == [0, 0, 0]
+    rows = list(csv.DictReader((tmp_path / "e.csv").open()))
+    assert {"kind": "edge_nonmanifold", "element": "0", "component": "", "vertices": "0 1"}.items() <= next(
+        row for row in rows if row["kind"] == "edge_nonmanifold"
+    ).items()
+    head = (tmp_path / "e.vtp").read_bytes()[:400].decode("latin1")
+    assert 'NumberOfVerts="2" NumberOfLines="7" NumberOfStrips="0" NumberOfPolys="3"' in head
+
+
+def test_elements_as_vtk_reads_them(msb: Msb, book: Path, tmp_path: Path) -> None:
+    pyvista = pytest.importorskip("pyvista", reason="extra view is not installed")
+    assert msb("audit", "-q", "--elements", tmp_path / "e.vtp", book).status == 0
+    mesh = pyvista.read(tmp_path / "e.vtp")
+    assert (mesh.n_points, mesh.n_verts, mesh.n_lines, mesh.n_faces_strict) == (5, 2, 7, 3)
+    assert mesh.cell_data["kind"].tolist() == [5, 5, *[1] * 6, 2, 0, 0, 0]
+    assert np.array_equal(mesh.points, BOOK[0])
+    assert mesh.regular_faces.tolist() == BOOK[1].tolist()
+
+
+def test_elements_need_one_mesh_and_a_known_suffix(
+    msb: Msb, book: Path, demo_asset: Path, tmp_path: Path
+) -> None:
+    assert msb("audit", "--elements", tmp_path / "e.xyz", book).status == 2
+    result = msb("audit", "--elements", tmp_path / "e.npz", book, demo_asset)
+    assert result.status == 2
+    assert "--elements takes one mesh" in result.err
+
+
+def test_explain_prints_formula_section_and_peers(msb: Msb) -> None:
+    result = msb("audit", "--explain", "nonmanifold_vertex_ratio")
+    assert result.status == 0
+    for word in ("formula", "paper", "libigl", "PyMeshLab", "trimesh"):
+        assert word.lower() in result.out.lower()
+    assert max(map(len, result.out.splitlines())) <= 80
+    assert msb("audit", "--explain", "nm_vertex_ratio").out == result.out
+    wrong = msb("audit", "--explain", "nonmanifold_vertx_ratio")
+    assert wrong.status == 2
+    assert "nonmanifold_vertex_ratio" in wrong.err
+
+
+def test_checkpoint_value_errors_name_the_asset(msb: Msb, tmp_path: Path) -> None:
+    points, faces = TETRAHEDRON
+    asset = build_asset({"positions": points, "indices": faces.astype(np.uint32)}, {})
+    library.save(asset, tmp_path / "bad.triasset", form="folder")
+    indices = np.array([[0, 1, 2], [0, 1, 9], [1, 2, 3], [0, 3, 2]], "<u4")
+    (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(indices.tobytes())
+    result = msb("audit", tmp_path / "bad.triasset")
+    assert result.status == 3
+    assert result.err.startswith(f"MESH_INDEX_OUT_OF_RANGE: {tmp_path / 'bad.triasset'}: face 1 is (0, 1, 9)")

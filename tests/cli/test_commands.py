@@ -1,0 +1,299 @@
+"""The other commands, and what holds for all of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb as library
+from msb.meshes import read_mesh
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+COMMANDS = ("audit", "info", "validate", "convert", "completion")
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_has_usage_examples_and_fits_80_columns(msb: Msb, command: str) -> None:
+    result = msb(*command.split(), "--help")
+    assert result.status == 0
+    assert result.err == ""
+    assert result.out.startswith("Usage: ")
+    assert "Examples:" in result.out
+    assert "Exit status: 0 done" in result.out
+    assert max(map(len, result.out.splitlines())) <= 80
+    assert msb(*command.split(), "-h").out == result.out
+
+
+def examples() -> list[str]:
+    found = []
+    for command in ("", *COMMANDS):
+        done = subprocess.run(
+            [sys.executable, "-m", "msb", *command.split(), "--help"],
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+        )
+        lines = done.stdout.split("Examples:")[1].split("Exit status")[0].splitlines()
+        found += [line.strip() for line in lines if line.strip()]
+    return sorted(set(found))
+
+
+@pytest.mark.oracle
+def test_every_help_example_runs(tmp_path: Path) -> None:
+    pytest.importorskip("pymeshlab", reason="extra crosscheck is not installed")
+    (tmp_path / "data_stubs").symlink_to(ROOT / "data_stubs")
+    for example in examples():
+        program, *args = shlex.split(example)
+        start = ["audit"] if program == "msb-audit" else []
+        done = subprocess.run(
+            [sys.executable, "-m", "msb", *start, *args],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        assert done.returncode == 0, f"{example}: {done.stderr}"
+        assert "Traceback" not in done.stderr
+
+
+def test_version_is_one_line(msb: Msb) -> None:
+    result = msb("--version")
+    assert result.status == 0
+    assert re.fullmatch(r"msb \d+\.\d+\.\d+ \(triasset 1\.0, numpy \S+, pyopencl \S+\)\n", result.out)
+
+
+@pytest.mark.parametrize(
+    "args",
+    [[], ["audit"], ["validate"], ["info"], ["convert", "a.ply"], ["nonsense"], ["audit", "--jsn", "x"]],
+)
+def test_wrong_usage_is_status_2_on_stderr_only(msb: Msb, args: list[str]) -> None:
+    result = msb(*args)
+    assert result.status == 2
+    if args:
+        assert result.out == ""
+        assert result.err.startswith("USAGE: ")
+        assert len(result.err.splitlines()) == 1
+
+
+def test_unknown_option_suggests_the_right_one(msb: Msb) -> None:
+    assert "--json" in msb("audit", "--jsn", "x").err
+
+
+def test_info_shows_counts_settings_and_buffers(msb: Msb, demo_asset: Path) -> None:
+    text = msb("info", demo_asset).out
+    for part in ("mesh_splatting", "17,919 vertices", "34,761 faces", "sigma = 0.0001", "17919 x 3"):
+        assert part in text
+    data = msb("info", "--json", "-", demo_asset).json
+    assert data["manifest"]["face_count"] == 34761
+    assert data["schema"] == "msb.info/1"
+
+
+def test_validate_good_asset(msb: Msb, demo_asset: Path) -> None:
+    result = msb("validate", "--json", "-", demo_asset)
+    assert result.status == 0
+    assert result.json == {
+        "schema": "msb.validate/1",
+        "path": str(demo_asset),
+        "valid": True,
+        "findings": [],
+    }
+
+
+def test_validate_reports_all_errors_with_code_and_pointer(
+    msb: Msb, demo_asset: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "bad.triasset"
+    library.save(library.load(demo_asset), path, form="folder")
+    positions = np.fromfile(path / "buffers" / "positions.bin", "<f4")
+    positions[4] = np.nan
+    positions.tofile(path / "buffers" / "positions.bin")
+    result = msb("validate", "--json", "-", path)
+    assert result.status == 1
+    found = {item["code"]: item for item in result.json["findings"]}
+    assert not result.json["valid"]
+    assert found["TRIASSET_CHECKSUM_MISMATCH"]["pointer"] == "/buffers/positions/sha256"
+    assert found["TRIASSET_VALUE_NONFINITE"]["severity"] == "error"
+    assert "TRIASSET_VALUE_NONFINITE" in msb("validate", path).out
+
+
+def test_validate_degenerate_faces_are_infos_and_status_0(msb: Msb, tmp_path: Path) -> None:
+    mesh = tmp_path / "m.off"
+    mesh.write_text("OFF\n5 4 0\n0 0 0\n1 0 0\n0 1 0\n2 0 0\n9 9 9\n3 0 1 2\n3 2 1 0\n3 0 1 3\n3 0 0 1\n")
+    result = msb("validate", "--json", "-", mesh)
+    assert result.status == 0
+    assert {(item["code"], item["value"]) for item in result.json["findings"]} == {
+        ("TRIASSET_FACE_DUPLICATE", 1),
+        ("TRIASSET_FACE_REPEATED_INDEX", 1),
+        ("TRIASSET_FACE_ZERO_AREA", 1),
+        ("TRIASSET_VERTEX_UNREFERENCED", 1),
+    }
+    assert {item["severity"] for item in result.json["findings"]} == {"info"}
+
+
+def test_validate_explains_a_code(msb: Msb) -> None:
+    result = msb("validate", "--explain", "triasset_zip_crc")
+    assert result.status == 0
+    assert "CRC-32" in result.out
+    assert "did you mean TRIASSET_ZIP_CRC" in msb("validate", "--explain", "TRIASSET_ZIP_CR").err
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])
+def test_convert_keeps_rows_order_and_colours(
+    msb: Msb, demo_asset: Path, tmp_path: Path, suffix: str
+) -> None:
+    target = tmp_path / "new" / f"demo{suffix}"
+    result = msb("convert", demo_asset, target)
+    assert result.status == 0, result.err
+    asset, mesh = library.load(demo_asset), read_mesh(target)
+    corners = asset.buffers["positions"][asset.buffers["indices"]]
+    assert np.array_equal(mesh.vertices[mesh.faces].astype(np.float32), corners)
+    if suffix == ".stl":
+        assert "left out" in result.err
+        return
+    assert np.array_equal(mesh.faces, asset.buffers["indices"])
+    assert mesh.vertex_colors is not None
+    colors = mesh.vertex_colors / (255 if mesh.vertex_colors.dtype == np.uint8 else 1)
+    expected = np.clip(0.28209479177387814 * asset.buffers["f_dc"] + 0.5, 0, 1)
+    assert np.abs(colors[:, :3] - expected).max() <= 0.5 / 255 + 1e-6
+
+
+def test_convert_round_trip_through_ply_and_both_forms(msb: Msb, tmp_path: Path) -> None:
+    source = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
+    steps = [source, *(tmp_path / name for name in ("a.triasset", "b.triasset", "c.triasset", "d.ply"))]
+    options: list[list[str]] = [[], ["--form", "folder"], [], []]
+    for before, after, extra in zip(steps[:-1], steps[1:], options, strict=True):
+        assert msb("convert", before, after, *extra).status == 0
+    assert (tmp_path / "a.triasset").read_bytes() == (tmp_path / "c.triasset").read_bytes()
+    first, last = read_mesh(source), read_mesh(steps[-1])
+    assert np.array_equal(first.vertices, last.vertices)
+    assert np.array_equal(first.faces, last.faces)
+    origin = library.load(tmp_path / "a.triasset").manifest.source.files[0]
+    assert (origin.path, origin.byte_length) == (source.name, source.stat().st_size)
+
+
+@pytest.mark.parametrize(("up", "direction"), [("-y", (0, -1, 0)), ("+z", (0, 0, 1)), ("-x", (-1, 0, 0))])
+def test_convert_up_turns_the_axis_to_y_without_mirroring(
+    msb: Msb, tmp_path: Path, up: str, direction: tuple[int, int, int]
+) -> None:
+    rows = np.array([direction, (0, 0, 0), (1, 2, 3), (4, 5, 7)], float)
+    text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
+    (tmp_path / "in.off").write_text(f"OFF\n4 2 0\n{text}\n3 0 1 2\n3 1 2 3\n")
+    assert msb("convert", tmp_path / "in.off", tmp_path / "out.obj", f"--up={up}").status == 0
+    turned = read_mesh(tmp_path / "out.obj").vertices
+    assert turned[0].tolist() == [0, 1, 0]
+    assert np.linalg.det(turned[[0, 2, 3]]) == pytest.approx(np.linalg.det(rows[[0, 2, 3]]))
+
+
+def test_convert_linear_colours(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "in.off").write_text(
+        "COFF\n3 1 0\n0 0 0 255 128 0\n1 0 0 255 128 0\n0 1 0 255 128 0\n3 0 1 2\n"
+    )
+    assert msb("convert", "--color", "linear", tmp_path / "in.off", tmp_path / "out.glb").status == 0
+    colors = read_mesh(tmp_path / "out.glb").vertex_colors
+    assert colors is not None
+    assert colors[0, :3] == pytest.approx([1.0, 0.2158605, 0.0], abs=1e-6)
+
+
+def test_convert_refuses_what_makes_no_sense(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    assert msb("convert", demo_asset, tmp_path / "x.xyz").status == 2
+    assert msb("convert", demo_asset, tmp_path / "x.glb", "--form", "folder").status == 2
+    assert msb("convert", demo_asset, tmp_path / "x.triasset", "--up=-y").status == 2
+    (tmp_path / "nan.off").write_text("OFF\n3 1 0\nnan 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    result = msb("convert", tmp_path / "nan.off", tmp_path / "nan.triasset")
+    assert result.status == 3
+    assert result.err.startswith(f"TRIASSET_VALUE_NONFINITE: {tmp_path / 'nan.off'}: vertex 0 ")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["nan.off"]
+
+
+def test_convert_does_not_overwrite_without_force(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    target = tmp_path / "x.glb"
+    target.write_bytes(b"mine")
+    assert msb("convert", demo_asset, target).status == 2
+    assert target.read_bytes() == b"mine"
+    assert msb("convert", "-f", demo_asset, target).status == 0
+    assert target.read_bytes()[:4] == b"glTF"
+
+
+def test_unwritable_output_is_status_3(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    result = msb("convert", demo_asset, tmp_path / "file" / "x.glb")
+    assert result.status == 3
+    assert result.err.startswith("OUTPUT_UNWRITABLE: ")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_a_script_for_both_programs(msb: Msb, shell: str) -> None:
+    result = msb("completion", shell)
+    assert result.status == 0
+    assert "_MSB_COMPLETE" in result.out
+    assert "_MSB_AUDIT_COMPLETE" in result.out
+
+
+def test_completion_script_completes_in_bash(msb: Msb) -> None:
+    result = msb(_MSB_COMPLETE="complete_bash", COMP_WORDS="msb va", COMP_CWORD="1")
+    assert result.out.split() == ["validate"]
+
+
+@pytest.mark.parametrize(("variable", "colored"), [({"FORCE_COLOR": "1"}, True), ({"NO_COLOR": "1"}, False)])
+def test_colour_follows_the_environment(
+    msb: Msb, demo_asset: Path, variable: dict[str, str], colored: bool
+) -> None:
+    assert ("\x1b[" in msb("audit", demo_asset, **variable).out) is colored
+
+
+def test_closed_pipe_is_silent(demo_asset: Path) -> None:
+    line = f"{shlex.quote(sys.executable)} -m msb audit --json - {shlex.quote(str(demo_asset))} | head -c 1"
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {line}"], capture_output=True, text=True, cwd=ROOT
+    )
+    assert done.stdout == "{"
+    assert done.stderr == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+def test_interrupt_is_130_and_silent(tmp_path: Path) -> None:
+    code = (
+        "import sys, time, msb.cli.inputs\n"
+        "def slow(path):\n    print('reading', file=sys.stderr, flush=True)\n    time.sleep(60)\n"
+        "msb.cli.inputs.read_input = slow\nsys.argv = ['msb', 'audit', 'data_stubs/splat_like.triasset']\n"
+        "from msb.cli import main\nmain()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == "reading\n"
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (130, "", "")
+
+
+def test_paths_with_spaces_and_other_scripts(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    path = tmp_path / "ein Weg" / "сетка 网格.triasset"
+    path.parent.mkdir()
+    path.write_bytes(demo_asset.read_bytes())
+    result = msb("info", path.name, cwd=path.parent, LC_ALL="C", PYTHONUTF8="0", PYTHONIOENCODING="utf-8")
+    assert result.status == 0, result.err
+    assert msb("audit", path).out.startswith(str(path))
+
+
+def test_control_characters_in_names_do_not_reach_the_terminal(msb: Msb, tmp_path: Path) -> None:
+    result = msb("audit", tmp_path / "a\x1b[31m\nb.ply")
+    assert result.status == 3
+    assert "\x1b" not in result.err
+    assert len(result.err.splitlines()) == 1

@@ -1,0 +1,35 @@
+"""What all tests share: where data is, and small meshes whose counts follow from how they are made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SHARED = ROOT.parent / "shared"
+
+
+@pytest.fixture(scope="session")
+def demo_asset() -> Path:
+    """Return the shipped MeshSplatting-like asset."""
+    return ROOT / "data_stubs" / "splat_like.triasset"
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """Return the folder of other people's data, or skip: it is never committed."""
+    if not (SHARED / "golden").is_dir():
+        pytest.skip(f"the shared data folder is absent ({SHARED.name} beside the repository)")
+    return SHARED
+
+
+TETRAHEDRON = (
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32),
+    np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+)
+BOOK = (
+    np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]], np.float32),
+    np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]),
+)

@@ -1,0 +1,3 @@
+"""Tests of msb.meshes."""
+
+from __future__ import annotations
