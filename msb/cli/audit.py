@@ -150,7 +150,7 @@ class _Task:
                 continue
             audits.append(found)
             results.append(found.to_dict())
-            if self.output.prints_text and not self.output.quiet:
+            if self.output.prints_text:
                 self.print_one(found, first=len(audits) == 1)
             for failure in self.failures(found, path):
                 status = max(status, report(failure))
@@ -190,10 +190,13 @@ class _Task:
         return replace(found, cross_check=check.to_rows())
 
     def print_one(self, found: Audit, *, first: bool) -> None:
-        """Print the report of one mesh on standard output."""
-        from msb.cli.audit_text import print_audit
+        """Print the report of one mesh on standard output; with --quiet the verdict alone."""
+        from msb.cli.audit_text import print_audit, print_verdict
 
         console = self.output.console()
+        if self.output.quiet:
+            print_verdict(found, console)
+            return
         if not first:
             console.print()
         print_audit(found, console, paper=self.paper)

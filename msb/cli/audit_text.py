@@ -36,6 +36,8 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
 )
+_MARKS = {"good": ("OK", "green"), "limited": ("LIMITED", "yellow"), "bad": ("BAD", "red")}
+"""Verdict level -> word and colour; the word alone says it."""
 _LABELS = {
     "nonmanifold_edges": "non-manifold edges",
     "nonmanifold_vertices": "non-manifold vertices",
@@ -50,13 +52,12 @@ def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
     paper : bool
         Add the paper's mean row of MeshSplatting under ours.
     """
-    verdict = judge(audit)
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
     method = f", {audit.method}" if audit.method else ""
     _print_line(f"[bold]{_escape(audit.path or 'mesh')}[/bold]", console)
     _print_line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}", console)
-    _print_verdict(verdict.sentence, verdict.level, console)
+    print_verdict(audit, console, with_path=False)
     console.print()
     rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
     if audit.welded:
@@ -73,7 +74,7 @@ def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, console)
     console.print()
-    _print_verdict(verdict.sentence, verdict.level, console)
+    print_verdict(audit, console, with_path=False)
 
 
 def _print_line(markup: str, console: Console) -> None:
@@ -81,9 +82,12 @@ def _print_line(markup: str, console: Console) -> None:
     console.print(markup, soft_wrap=not console.is_terminal)
 
 
-def _print_verdict(sentence: str, level: str, console: Console) -> None:
-    mark, style = {"good": ("OK", "green"), "limited": ("LIMITED", "yellow"), "bad": ("BAD", "red")}[level]
-    _print_line(f"[{style}]{mark}[/{style}] {sentence}.", console)
+def print_verdict(audit: Audit, console: Console, *, with_path: bool = True) -> None:
+    """Print the verdict on one line, after the name of the mesh if `with_path`."""
+    verdict = judge(audit)
+    mark, style = _MARKS[verdict.level]
+    path = f"{_escape(audit.path or 'mesh')}: " if with_path else ""
+    _print_line(f"{path}[{style}]{mark}[/{style}] {verdict.sentence}.", console)
 
 
 def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:

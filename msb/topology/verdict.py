@@ -38,10 +38,10 @@ def judge(audit: Audit) -> Verdict:
             f"vertex{_weld_hint(audit)}",
         )
     if counts.nonmanifold_vertices:
+        edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
         return Verdict(
             "bad",
-            f"renders; not usable for {TOPOLOGY_TOOLS} because "
-            f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
+            f"renders; not usable for {TOPOLOGY_TOOLS} because {edges if counts.nonmanifold_edges else ''}"
             f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
             + _pieces(audit),
         )
