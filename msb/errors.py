@@ -7,6 +7,7 @@ exactly one exit status. The command line prints ``CODE: FILE: what is wrong, wh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 Severity = Literal["error", "warning", "info"]
@@ -51,6 +52,12 @@ class MsbError(Exception):
         self.value = value
         self.limit = limit
         super().__init__(str(self))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The default would call the class with the printed text alone; a worker process must be able to
+        # send its error home.
+        where = {key: getattr(self, key) for key in ("file", "pointer", "value", "limit")}
+        return partial(type(self), **where), (self.code, self.message)
 
     def __str__(self) -> str:
         where = "" if self.file is None else f"{_one_line(self.file)}: "
@@ -361,7 +368,10 @@ CODES: dict[str, Code] = {
             "TRIASSET_SH_WIDTH": ("f_rest does not have the width its SH degree asks for.", _FIX_MANIFEST),
             "TRIASSET_BOUNDS_INVERTED": ("bounds.min exceeds bounds.max.", _FIX_MANIFEST),
             "TRIASSET_BOUNDS_MISMATCH": ("bounds are not those of the positions.", _EXPORT_AGAIN),
-            "TRIASSET_SPHERE_MISMATCH": ("A vertex lies outside the bounding sphere.", _EXPORT_AGAIN),
+            "TRIASSET_SPHERE_MISMATCH": (
+                "A vertex lies outside the bounding sphere, or it is far too large.",
+                _EXPORT_AGAIN,
+            ),
             # --- paths and files of the asset
             "TRIASSET_PATH_UNSAFE": (
                 "A buffer's file is not a plain name below buffers/.",

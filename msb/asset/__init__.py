@@ -8,7 +8,7 @@ from __future__ import annotations
 from msb.asset.build import Description, build_asset
 from msb.asset.manifest import Manifest
 from msb.asset.reader import Asset, load
-from msb.asset.validate import validate
+from msb.asset.validation import validate
 from msb.asset.writer import save
 
 __all__ = ["Asset", "Description", "Manifest", "build_asset", "load", "save", "validate"]

@@ -85,16 +85,20 @@ def build_asset(
     description = description or Description()
     names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))
     arrays = {name: _canonical(name, buffers[name]) for name in names}
-    for name in ("positions", "indices"):
+    for name, dtype in (("positions", "float32"), ("indices", "uint32")):
         if name not in arrays or arrays[name].ndim != 2 or arrays[name].shape[1] != 3:
             raise AssetError("TRIASSET_BUFFER_REQUIRED", f"{name} must be given, n x 3")
+        if arrays[name].dtype != DTYPES[dtype]:
+            text = f"buffer {name} is {arrays[name].dtype}; it must be {dtype}"
+            raise AssetError("TRIASSET_BUFFER_DTYPE", text, pointer=f"/buffers/{name}/dtype")
     positions, indices = arrays["positions"], arrays["indices"]
     if not (len(positions) and len(indices)):
         text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset draws something"
         raise AssetError("TRIASSET_EMPTY", text)
     _refuse_bad_geometry(positions, indices)
     bounds, sphere = measure_bounds(positions)
-    method = METHODS[description.method]
+    passes = METHODS[description.method].passes if description.method in METHODS else {}
+    all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
         generator=f"meshsplatbench {__version__}",
         method=description.method,
@@ -109,14 +113,11 @@ def build_asset(
         appearance=description.appearance,
         compositing=description.compositing,
         settings=description.settings,
-        required_passes={tier: method.passes[tier] for tier in TIERS if tier in method.passes},
+        required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
         color_space=description.color_space,
         coordinate_frame=description.coordinate_frame,
         source=description.source,
-        buffers={
-            name: _spec(name, array, {"positions": "vertex", "indices": "face", **domains}[name])
-            for name, array in arrays.items()
-        },
+        buffers={name: _spec(name, array, all_domains.get(name)) for name, array in arrays.items()},
     )
     for item in check_manifest(manifest.to_dict()):
         if item.severity == "error":
@@ -154,10 +155,10 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
 
 def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float64]]:
     for start in range(0, len(positions), CHUNK_ROWS):
-        rows = positions[start : start + CHUNK_ROWS].astype(np.float64)
+        rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows).all(axis=1)
         if finite.any():
-            yield rows[finite]
+            yield rows[finite].astype(np.float64)
 
 
 def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -206,7 +207,7 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
     return "triangle_soup"
 
 
-def _spec(name: str, array: NDArray[Any], domain: Domain) -> BufferSpec:
+def _spec(name: str, array: NDArray[Any], domain: Any) -> BufferSpec:
     return BufferSpec(
         file=f"buffers/{name}.bin",
         offset=0,

@@ -1,6 +1,6 @@
 """Check a manifest as a whole: the schema first, then what one key says about another.
 
-Nothing here reads a buffer. `check_values` in `validate.py` does.
+Nothing here reads a buffer. `check_values` in `validation.py` does.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, VERSION
-from msb.asset.schema import check_schema, describe, manifest_schema
+from msb.asset.schema import check_schema, describe, escape, manifest_schema
 from msb.errors import Finding, finding, shorten
 from msb.methods import METHODS
 
@@ -21,6 +21,8 @@ Json = dict[str, Any]
 # Windows opens a device when asked for one of these, whatever the extension.
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
+F_REST_ORDERS = ("coefficient_major", "channel_major")
+"""Column 3 (k - 1) + c, or c K + k - 1, for coefficient k = 1..K of channel c = 0..2."""
 # name -> (dtypes, width of the second axis or None for a flat buffer, domains)
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
@@ -124,7 +126,7 @@ def _check_bounds(data: Json) -> Iterator[Finding]:
 def _check_settings(data: Json) -> Iterator[Finding]:
     known = METHODS[data["method"]].settings
     for name, stored in data["settings"].items():
-        pointer = f"/settings/{shorten(name)}"
+        pointer = f"/settings/{escape(name)}"
         if name not in known:
             valid = ", ".join(known) or "none"
             yield finding(
@@ -252,6 +254,15 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
                 pointer="/buffers/f_rest/shape",
                 value=shape,
                 limit=width,
+            )
+        order = data["appearance"].get("f_rest_order")
+        if order not in F_REST_ORDERS:
+            yield finding(
+                "TRIASSET_FIELD_MISSING" if order is None else "TRIASSET_FIELD_VALUE",
+                f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
+                + " or ".join(F_REST_ORDERS),
+                pointer="/appearance/f_rest_order",
+                value=order,
             )
     elif degree > 0:
         yield finding(

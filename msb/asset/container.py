@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import stat
 import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from msb.asset.manifest import MANIFEST_NAME
 from msb.asset.packed import Member, parse_packed
-from msb.asset.paths import is_member_name, map_file
+from msb.asset.paths import map_file, open_error
 from msb.asset.strict_json import MAX_BYTES
 from msb.errors import AssetError, Finding, InputError, finding, shorten
 
@@ -99,36 +101,39 @@ class FolderContainer:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._maps: dict[str, memoryview] = {}
-
-    def _open(self, name: str) -> tuple[memoryview, os.stat_result]:
-        if name != MANIFEST_NAME and (self.path / "buffers").is_symlink():
-            raise AssetError(
-                "TRIASSET_PATH_LINK", "buffers is a symbolic link", file=self.path, pointer="buffers"
-            )
-        data, status = map_file(self.path / name, asset=self.path, member=name)
-        return memoryview(data), status
+        self._link_counts: dict[str, int] = {}
 
     def manifest_bytes(self) -> bytes:
-        return bytes(self._open(MANIFEST_NAME)[0][: MAX_BYTES + 1])
+        return bytes(self.map(MANIFEST_NAME)[0][: MAX_BYTES + 1])
 
     def file_size(self, file: str) -> int:
         return len(self.map(file)[0])
 
     def map(self, file: str) -> tuple[memoryview, int]:
         if file not in self._maps:
-            self._maps[file] = self._open(file)[0]
+            if file != MANIFEST_NAME and stat.S_ISLNK(_mode(self.path / "buffers")):
+                raise AssetError(
+                    "TRIASSET_PATH_LINK", "buffers is a symbolic link", file=self.path, pointer="buffers"
+                )
+            data, status = map_file(self.path / file, asset=self.path, member=file)
+            self._maps[file] = memoryview(data)
+            self._link_counts[file] = status.st_nlink
         return self._maps[file], 0
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
         """Stray files are a warning here: file managers leave them behind."""
         names: list[str] = []
+        found: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
-            if folder.is_dir() and not (prefix and folder.is_symlink()):
+            if prefix and not stat.S_ISDIR(_mode(folder)):
+                continue  # what should be in it is missing or behind a link: findings of their own
+            try:
                 with os.scandir(folder) as entries:
-                    names += [
-                        prefix + entry.name for entry, _ in zip(entries, range(_MAX_LISTED), strict=False)
-                    ]
-        return [
+                    names += [prefix + entry.name for entry in itertools.islice(entries, _MAX_LISTED)]
+            except OSError as error:
+                text = f"{prefix or 'the folder'} cannot be listed: {error.strerror}"
+                found.append(finding("TRIASSET_FILE_UNREADABLE", text, severity="warning"))
+        found += [
             finding(
                 "TRIASSET_FILE_UNDECLARED",
                 f"{shorten(name)} is in the folder but no buffer declares it",
@@ -138,15 +143,28 @@ class FolderContainer:
             for name in sorted(names)
             if name not in declared and name not in (MANIFEST_NAME, "buffers")
         ]
+        return found
 
     def check_bytes(self) -> list[Finding]:
         """A folder has no checksums of its own; hard links are the one thing to say."""
-        found = []
-        for file in self._maps:
-            if is_member_name(file) and (self.path / file).stat().st_nlink > 1:
-                text = f"{file} has a second name outside or inside the folder"
-                found.append(finding("TRIASSET_PATH_HARDLINK", text, severity="warning", file=file))
-        return found
+        return [
+            finding(
+                "TRIASSET_PATH_HARDLINK",
+                f"{file} has a second name outside or inside the folder",
+                severity="warning",
+                file=file,
+            )
+            for file, links in self._link_counts.items()
+            if links > 1
+        ]
+
+
+def _mode(path: Path) -> int:
+    """Return the file mode of `path` itself, 0 if there is nothing to be seen."""
+    try:
+        return path.lstat().st_mode
+    except OSError:
+        return 0
 
 
 def open_container(path: str | os.PathLike[str]) -> Container:
@@ -161,7 +179,11 @@ def open_container(path: str | os.PathLike[str]) -> Container:
         When the container is malformed.
     """
     path = Path(path)
-    if path.is_dir():
+    try:
+        is_folder = stat.S_ISDIR(path.stat().st_mode)
+    except (OSError, ValueError) as error:
+        raise open_error(error, path, None) from error
+    if is_folder:
         return FolderContainer(path)
     data, _ = map_file(path, asset=path)
     if data[:4] not in (b"PK\x03\x04", b"PK\x05\x06"):

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from msb.methods import TIERS
+
 if TYPE_CHECKING:
     from msb.methods import SettingSource, SettingValue
 
@@ -149,7 +151,7 @@ class Manifest:
                 _vector(data["bounding_sphere"]["center"]), float(data["bounding_sphere"]["radius"])
             ),
             settings={k: StoredSetting(v["value"], v["source"]) for k, v in data["settings"].items()},
-            required_passes={k: tuple(v) for k, v in data["required_passes"].items()},
+            required_passes={k: tuple(v) for k, v in data["required_passes"].items() if k in TIERS},
             coordinate_frame=CoordinateFrame(frame["handedness"], frame["up"], frame["units"]),
             source=Source(
                 tuple(SourceFile(f["path"], f["sha256"], f["byte_length"]) for f in data["source"]["files"])

@@ -9,6 +9,7 @@ Record layouts: PKWARE APPNOTE 6.3.10, sections 4.3.7, 4.3.12, 4.3.14 to 4.3.16 
 
 from __future__ import annotations
 
+import stat
 import struct
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -30,7 +31,10 @@ _LOCATOR = struct.Struct("<4sIQI")
 _FULL16, _FULL32 = 0xFFFF, 0xFFFFFFFF
 _ENCRYPTED = 0x0001 | 0x0040 | 0x2000
 _DESCRIPTOR = 0x0008
-_UNIX_LINK = 0o120000
+_DOS_FOLDER = 0x10
+_EXTRA_ZIP64 = 0x0001
+_EXTRA_NAME = 0x7075
+"""Info-ZIP's Unicode path: some readers take the member's name from here."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +97,10 @@ class _Parser:
         """Return the number of entries, and where the central directory starts and ends."""
         at = self.size - _END.size
         if at < 0 or self.data[at : at + 4] != b"PK\x05\x06":
-            tail = self.data[max(0, self.size - _END.size - _FULL16) : self.size]
-            if (found := tail.rfind(b"PK\x05\x06")) >= 0:
-                after = self.size - len(tail) + found + _END.size
+            first = max(0, self.size - _END.size - _FULL16)
+            found = self.data[first : self.size].rfind(b"PK\x05\x06")
+            after = first + found + _END.size
+            if found >= 0 and after <= self.size:
                 self.refuse("TRIASSET_ZIP_FOREIGN_DATA", "there is data after the end of the ZIP", after)
             self.refuse("TRIASSET_ZIP_TRUNCATED", "the ZIP's end record is missing: the file is cut off", at)
         disk, first_disk, here, count, length, start, comment = self.record(
@@ -141,7 +146,7 @@ class _Parser:
     def central_entry(self, at: int, end: int) -> tuple[Member, int]:
         """Return the member whose central header is at byte `at`, and where the next header starts."""
         fields = self.record(_CENTRAL, at, b"PK\x01\x02", "central header")
-        made_by, _, flags, method, _, _, crc, packed, size, n_name, n_extra, n_comment, disk = fields[:13]
+        _, _, flags, method, _, _, crc, packed, size, n_name, n_extra, n_comment, disk = fields[:13]
         attributes, header = fields[14:]
         after = at + _CENTRAL.size + n_name + n_extra + n_comment
         if after > end:
@@ -153,13 +158,20 @@ class _Parser:
             self.refuse("TRIASSET_ZIP_ENCRYPTED", f"{name} is encrypted", at)
         if method != 0:
             self.refuse("TRIASSET_ZIP_COMPRESSED", f"{name} is compressed (method {method}); store it", at)
-        if made_by >> 8 == 3 and (attributes >> 16) & 0o170000 == _UNIX_LINK:
-            self.refuse("TRIASSET_PATH_LINK", f"{name} is a symbolic link", at)
+        self.check_kind(name, attributes, at)
         extra = at + _CENTRAL.size + n_name
         size, packed, header = self.sizes64(extra, n_extra, (size, packed, header), name)
         if packed != size:
             self.refuse("TRIASSET_ZIP_HEADER_MISMATCH", f"{name}: a stored member has one size, not two", at)
         return Member(name, crc, size, header, self.data_offset(name, flags, crc, size, header)), after
+
+    def check_kind(self, name: str, attributes: int, at: int) -> None:
+        """Refuse what some extractor would make a link, folder or device of, whatever system wrote it."""
+        kind = stat.S_IFMT(attributes >> 16)
+        if kind == stat.S_IFLNK:
+            self.refuse("TRIASSET_PATH_LINK", f"{name} is a symbolic link", at)
+        if kind not in (0, stat.S_IFREG) or attributes & _DOS_FOLDER:
+            self.refuse("TRIASSET_PATH_NOT_FILE", f"{name} is marked as a folder or device", at)
 
     def data_offset(self, name: str, flags: int, crc: int, size: int, header: int) -> int:
         """Check the local header at byte `header` against the central one; return where the data starts."""
@@ -214,19 +226,30 @@ class _Parser:
         return text
 
     def sizes64(self, at: int, length: int, short: tuple[int, int, int], name: str) -> tuple[int, int, int]:
-        """Return size, packed size and header offset, read from the ZIP64 extra where they do not fit."""
-        if _FULL32 not in short:
-            return short
-        end = at + length
+        """Return size, packed size and header offset, read from the ZIP64 extra where they do not fit.
+
+        A second ZIP64 record, or values in it that no field asks for, would be read by some and not by
+        others.
+        """
+        end, wanted = at + length, short.count(_FULL32)
+        wide: tuple[int, ...] | None = None
         while at + 4 <= end:
             kind, size = struct.unpack_from("<2H", self.data, at)
-            if kind == 1 and at + 4 + size <= end:
-                wide = iter(struct.unpack_from(f"<{size // 8}Q", self.data, at + 4))
-                full = [next(wide, -1) if value == _FULL32 else value for value in short]
-                if -1 not in full:
-                    return full[0], full[1], full[2]
+            if at + 4 + size > end:
+                self.refuse("TRIASSET_ZIP_DIRECTORY", f"{name}: an extra record runs over its field", at)
+            if kind == _EXTRA_NAME:
+                self.refuse("TRIASSET_ZIP_NAME", f"{name} has a second name in its extra field", at)
+            if kind == _EXTRA_ZIP64:
+                if wide is not None or size != 8 * wanted:
+                    text = f"{name} has a ZIP64 record of {size} bytes where {8 * wanted} are needed"
+                    self.refuse("TRIASSET_ZIP_ZIP64", text, at, size, 8 * wanted)
+                wide = struct.unpack_from(f"<{wanted}Q", self.data, at + 4)
             at += 4 + size
-        return self.refuse("TRIASSET_ZIP_ZIP64", f"{name} needs a ZIP64 record that is missing or short", at)
+        if wanted and wide is None:
+            self.refuse("TRIASSET_ZIP_ZIP64", f"{name} needs a ZIP64 record and has none", at)
+        values = iter(wide or ())
+        size, packed, header = (next(values) if value == _FULL32 else value for value in short)
+        return size, packed, header
 
     def check_names(self, members: list[Member]) -> None:
         seen: dict[str, str] = {}

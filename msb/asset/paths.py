@@ -45,27 +45,39 @@ def map_file(
     InputError
         `FILE_NOT_FOUND` or `FILE_UNREADABLE` otherwise.
     """
-    flags = (
-        os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-    )
-    if member is not None:
-        flags |= getattr(os, "O_NOFOLLOW", 0)
     try:
         status = path.lstat() if member is not None else path.stat()
         _refuse_special(status, asset, member)
-        descriptor = os.open(path, flags)
-    except OSError as error:
-        raise _open_error(error, asset, member) from error
+        descriptor = _open(path, member)
+    except (OSError, ValueError) as error:
+        raise open_error(error, asset, member) from error
     try:
         status = os.fstat(descriptor)
         _refuse_special(status, asset, member)
         if status.st_size == 0:
             return b"", status
         return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ), status
-    except OSError as error:
-        raise _open_error(error, asset, member) from error
+    except (OSError, ValueError) as error:  # ValueError: the file was emptied since
+        raise open_error(error, asset, member) from error
     finally:
         os.close(descriptor)
+
+
+def _open(path: Path, member: str | None) -> int:
+    """Return a descriptor of `path`; below an asset no link is followed, not even one put there just now."""
+    flags = (
+        os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    )
+    if member is None:
+        return os.open(path, flags)
+    flags |= getattr(os, "O_NOFOLLOW", 0)
+    if "/" not in member or os.open not in os.supports_dir_fd:
+        return os.open(path, flags)
+    folder = os.open(path.parent, flags | os.O_DIRECTORY)
+    try:
+        return os.open(path.name, flags, dir_fd=folder)
+    finally:
+        os.close(folder)
 
 
 def _refuse_special(status: os.stat_result, asset: object, member: str | None) -> None:
@@ -80,8 +92,12 @@ def _refuse_special(status: os.stat_result, asset: object, member: str | None) -
     raise AssetError("TRIASSET_PATH_NOT_FILE", text, file=asset, pointer=member)
 
 
-def _open_error(error: OSError, asset: object, member: str | None) -> MsbError:
-    reason = error.strerror or "it cannot be opened"
+def open_error(error: OSError | ValueError, asset: object, member: str | None) -> MsbError:
+    """Return the error of ours for a failed look at `asset`, or at `member` in it.
+
+    A `ValueError` comes from names that no file system takes: with a NUL, or half of a surrogate pair.
+    """
+    reason = (error.strerror if isinstance(error, OSError) else str(error)) or "it cannot be opened"
     missing = isinstance(error, FileNotFoundError | NotADirectoryError)
     if member is None:
         if missing:

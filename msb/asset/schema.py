@@ -11,11 +11,13 @@ an unknown key is a warning. Integers are stricter than in JSON Schema: ``4.0`` 
 from __future__ import annotations
 
 import json
+import math
 import re
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
+from msb.asset.strict_json import has_lone_surrogate
 from msb.errors import Finding, finding, shorten
 
 if TYPE_CHECKING:
@@ -149,7 +151,9 @@ def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
     if "enum" in schema and value not in schema["enum"]:
         yield f"be one of {', '.join(schema['enum'])}"
     if isinstance(value, str):
-        if len(value) > schema.get("maxLength", len(value)):
+        if has_lone_surrogate(value):  # of a manifest made in memory
+            yield "hold no half of a surrogate pair"
+        elif len(value) > schema.get("maxLength", len(value)):
             yield f"have at most {schema['maxLength']} characters"
         # "$" also matches before a final line break in Python, not in JSON Schema.
         elif "pattern" in schema and not re.search(schema["pattern"].replace("$", r"\Z"), value):
@@ -159,6 +163,8 @@ def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
         if not least <= len(value) <= most:
             yield f"have {least} items" if least == most else f"have {least} to {most} items"
     elif isinstance(value, int | float) and not isinstance(value, bool):
+        if isinstance(value, float) and not math.isfinite(value):  # of a manifest made in memory
+            yield "be finite"
         if value < schema.get("minimum", value):
             yield f"be at least {schema['minimum']}"
         if value > schema.get("maximum", value):
@@ -175,10 +181,11 @@ def describe(value: Any) -> str:
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):
-        return "an array" if len(value) > 4 or any(isinstance(v, dict | list) for v in value) else str(value)
+        short = len(value) <= 4 and not any(isinstance(item, dict | list) for item in value)
+        return shorten(str(value), 60) if short else "an array"
     if isinstance(value, str):
         return f'"{shorten(value, 60)}"'
-    return shorten(json.dumps(value), 60)
+    return shorten(json.dumps(value, default=repr), 60)
 
 
 def escape(key: str) -> str:

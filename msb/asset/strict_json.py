@@ -35,75 +35,82 @@ def parse_strict_json(data: bytes, *, file: object) -> Any:
         `TRIASSET_MANIFEST_...`: EMPTY, TOO_LARGE, ENCODING, TOO_DEEP, SYNTAX, DUPLICATE_KEY, NONFINITE or
         INTEGER.
     """
+    return _Parser(file).parse(data)
 
-    def refuse(code: str, message: str, **where: Any) -> NoReturn:
-        raise AssetError(f"TRIASSET_MANIFEST_{code}", message, file=file, **where)
 
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+class _Parser:
+    """Parse one document; every method raises `AssetError` naming the file."""
+
+    def __init__(self, file: object) -> None:
+        self.file = file
+
+    def refuse(self, code: str, message: str, **where: Any) -> NoReturn:
+        raise AssetError(code, f"manifest.json {message}", file=self.file, **where)
+
+    def parse(self, data: bytes) -> Any:
+        text = self.decode(data)
+        if (depth := _nesting(text)) > MAX_DEPTH:
+            message = f"nests {depth} levels; {MAX_DEPTH} are allowed"
+            self.refuse("TRIASSET_MANIFEST_TOO_DEEP", message, value=depth, limit=MAX_DEPTH)
+        try:
+            value = json.loads(
+                text,
+                object_pairs_hook=self.unique,
+                parse_constant=self.no_constant,
+                parse_float=self.finite,
+                parse_int=self.bounded_integer,
+            )
+        except json.JSONDecodeError as error:
+            self.refuse(
+                "TRIASSET_MANIFEST_SYNTAX",
+                f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
+                pointer=f"byte {len(text[: error.pos].encode())}",
+            )
+        if has_lone_surrogate(value):
+            message = "escapes half of a surrogate pair, which is no character"
+            self.refuse("TRIASSET_MANIFEST_ENCODING", message)
+        return value
+
+    def decode(self, data: bytes) -> str:
+        if not data:
+            self.refuse("TRIASSET_MANIFEST_EMPTY", "is empty; it must hold one JSON object")
+        if len(data) > MAX_BYTES:
+            message = f"has more than {MAX_BYTES} bytes"
+            self.refuse("TRIASSET_MANIFEST_TOO_LARGE", message, value=len(data), limit=MAX_BYTES)
+        if data.startswith(b"\xef\xbb\xbf"):
+            message = "starts with a byte-order mark; it must be plain UTF-8"
+            self.refuse("TRIASSET_MANIFEST_ENCODING", message, pointer="byte 0")
+        try:
+            return data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            at = error.start
+            message = f"is not UTF-8: byte {at} is 0x{data[at]:02x}"
+            self.refuse("TRIASSET_MANIFEST_ENCODING", message, pointer=f"byte {at}")
+
+    def unique(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key, value in pairs:
             if key in result:
-                refuse("DUPLICATE_KEY", f'manifest.json names the key "{shorten(key)}" twice', value=key)
+                message = f'names the key "{shorten(key)}" twice'
+                self.refuse("TRIASSET_MANIFEST_DUPLICATE_KEY", message, value=key)
             result[key] = value
         return result
 
-    def no_constant(name: str) -> NoReturn:
-        refuse("NONFINITE", f"manifest.json holds {name}; JSON numbers are finite", value=name)
+    def no_constant(self, name: str) -> NoReturn:
+        self.refuse("TRIASSET_MANIFEST_NONFINITE", f"holds {name}; JSON numbers are finite", value=name)
 
-    def finite(text: str) -> float:
+    def finite(self, text: str) -> float:
         number = float(text)
         if abs(number) == float("inf"):
-            refuse("NONFINITE", f"manifest.json holds {shorten(text)}, which overflows", value=shorten(text))
+            message = f"holds {shorten(text)}, which overflows"
+            self.refuse("TRIASSET_MANIFEST_NONFINITE", message, value=shorten(text))
         return number
 
-    def bounded_integer(text: str) -> int:
-        if len(text.lstrip("-")) > MAX_DIGITS:
-            refuse(
-                "INTEGER",
-                f"manifest.json holds an integer of {len(text)} digits; at most {MAX_DIGITS} are allowed",
-                value=shorten(text, 30),
-                limit=MAX_DIGITS,
-            )
+    def bounded_integer(self, text: str) -> int:
+        if (digits := len(text.lstrip("-"))) > MAX_DIGITS:
+            message = f"holds an integer of {digits} digits; {MAX_DIGITS} are allowed"
+            self.refuse("TRIASSET_MANIFEST_INTEGER", message, value=shorten(text, 30), limit=MAX_DIGITS)
         return int(text)
-
-    if not data:
-        refuse("EMPTY", "manifest.json is empty; it must hold one JSON object")
-    if len(data) > MAX_BYTES:
-        refuse("TOO_LARGE", f"manifest.json has {len(data)} bytes", value=len(data), limit=MAX_BYTES)
-    if data.startswith(b"\xef\xbb\xbf"):
-        refuse("ENCODING", "manifest.json starts with a byte-order mark; it must be plain UTF-8")
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        refuse(
-            "ENCODING",
-            f"manifest.json is not UTF-8: byte {error.start} is 0x{data[error.start]:02x}",
-            pointer=f"byte {error.start}",
-        )
-    if (depth := _nesting(text)) > MAX_DEPTH:
-        refuse(
-            "TOO_DEEP",
-            f"manifest.json nests {depth} levels; {MAX_DEPTH} are allowed",
-            value=depth,
-            limit=MAX_DEPTH,
-        )
-    try:
-        value = json.loads(
-            text,
-            object_pairs_hook=unique,
-            parse_constant=no_constant,
-            parse_float=finite,
-            parse_int=bounded_integer,
-        )
-    except json.JSONDecodeError as error:
-        refuse(
-            "SYNTAX",
-            f"manifest.json is not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
-            pointer=f"byte {len(text[: error.pos].encode())}",
-        )
-    if _has_lone_surrogate(value):
-        refuse("ENCODING", "manifest.json escapes half of a surrogate pair, which is no character")
-    return value
 
 
 def _nesting(text: str) -> int:
@@ -128,12 +135,12 @@ def _nesting(text: str) -> int:
     return deepest
 
 
-def _has_lone_surrogate(value: Any) -> bool:
-    """Return whether any string in the parsed document cannot be written as UTF-8."""
+def has_lone_surrogate(value: Any) -> bool:
+    """Return whether any string in the JSON data `value` cannot be written as UTF-8."""
     if isinstance(value, str):
         return any("\ud800" <= character <= "\udfff" for character in value)
     if isinstance(value, list):
-        return any(map(_has_lone_surrogate, value))
+        return any(map(has_lone_surrogate, value))
     if isinstance(value, dict):
-        return any(map(_has_lone_surrogate, value)) or any(map(_has_lone_surrogate, value.values()))
+        return any(map(has_lone_surrogate, value)) or any(map(has_lone_surrogate, value.values()))
     return False

@@ -7,8 +7,11 @@ import zipfile
 from typing import IO, TYPE_CHECKING, Any, Literal
 
 from msb.asset.build import as_bytes
-from msb.asset.manifest import ALIGNMENT, MANIFEST_NAME
+from msb.asset.check import check_manifest
+from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
+from msb.asset.strict_json import MAX_BYTES
 from msb.atomic import new_file, new_folder
+from msb.errors import AssetError
 
 if TYPE_CHECKING:
     import os
@@ -42,7 +45,11 @@ def save(asset: Asset, path: str | os.PathLike[str], form: Literal["packed", "fo
     ------
     OutputError
         `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then.
+    AssetError
+        If `load` would refuse what is to be written: a manifest changed by hand, or buffers not of its
+        shapes.
     """
+    _refuse_unreadable(asset, path)
     if form == "folder":
         with new_folder(path) as folder:
             for name, chunks in _members(asset):
@@ -53,6 +60,23 @@ def save(asset: Asset, path: str | os.PathLike[str], form: Literal["packed", "fo
     else:
         with new_file(path) as file:
             _write_packed(asset, file)
+
+
+def _refuse_unreadable(asset: Asset, path: object) -> None:
+    """Raise the error that `load` would raise of this manifest, or of buffers it does not describe."""
+    for item in check_manifest(asset.manifest.to_dict()):
+        if item.severity == "error":
+            raise item.to_error(path)
+    size = len(asset.manifest.to_bytes())
+    if size > MAX_BYTES:
+        text = f"the manifest takes {size} bytes as written; {MAX_BYTES} are allowed"
+        raise AssetError("TRIASSET_MANIFEST_TOO_LARGE", text, file=path, value=size, limit=MAX_BYTES)
+    for name, spec in asset.manifest.buffers.items():
+        array = asset.buffers.get(name)
+        if array is None or (array.shape, array.dtype) != (spec.shape, DTYPES[spec.dtype]):
+            found = "missing" if array is None else f"{array.dtype} {list(array.shape)}"
+            text = f"buffer {name} is {found}; the manifest declares {spec.dtype} {list(spec.shape)}"
+            raise AssetError("TRIASSET_BUFFER_SHAPE", text, file=path, pointer=f"/buffers/{name}/shape")
 
 
 def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:

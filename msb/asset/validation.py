@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,7 +109,7 @@ def check_values(asset: Asset) -> list[Finding]:
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
     # An infinite logit is an opacity of exactly 0 or 1; official loaders write it (mesh_splatting: 1.2).
     bad = np.isnan if name == "opacity" else _not_finite
-    count, first = _count(array, bad)
+    count, first = _count(array.reshape(-1), bad)  # flat: a row may be as long as the file
     if count:
         yield finding(
             "TRIASSET_VALUE_NONFINITE",
@@ -122,7 +123,7 @@ def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
 
 def _check_positions(asset: Asset) -> Iterator[Finding]:
     positions, manifest = asset.buffers["positions"], asset.manifest
-    bounds, _ = measure_bounds(positions)
+    bounds, sphere = measure_bounds(positions)
     low, high = np.array(bounds.min), np.array(bounds.max)
     slack = BOUNDS_TOLERANCE * max(float((high - low).max()), float(np.abs([low, high]).max()) * 1e-2)
     for key, measured in (("min", low), ("max", high)):
@@ -138,7 +139,8 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
     center, radius = np.array(manifest.bounding_sphere.center), manifest.bounding_sphere.radius
 
     def outside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
-        squared = np.square(rows.astype(np.float64) - center).sum(axis=1)
+        with np.errstate(over="ignore"):  # a stated centre of 1e300 is infinitely far away
+            squared = np.square(rows.astype(np.float64) - center).sum(axis=1)
         return np.asarray(np.sqrt(squared) > radius + slack)
 
     count, first = _count(positions, outside)
@@ -149,6 +151,16 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
             pointer="/bounding_sphere",
             value=count,
             limit=0,
+        )
+    enough = sphere.radius + math.dist(manifest.bounding_sphere.center, sphere.center)
+    if radius > 2 * enough + slack:
+        yield finding(
+            "TRIASSET_SPHERE_MISMATCH",
+            f"the bounding sphere has radius {radius:g}, but {enough:g} holds all vertices",
+            severity="warning",
+            pointer="/bounding_sphere/radius",
+            value=radius,
+            limit=enough,
         )
     largest = max(abs(value) for value in (*bounds.min, *bounds.max))
     if largest > MAGNITUDE_LIMIT:

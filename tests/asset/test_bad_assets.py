@@ -1,0 +1,208 @@
+"""Every class of bad asset has its own code, one clear line, and no partial result."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import msb.cli.validate
+from msb.asset import load, validate
+from msb.errors import CODES, AssetError, InputError
+from tests.corpus.bad_assets import CASES, write_all, write_case
+from tests.corpus.good import decoder, mesh, parts, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.errors import MsbError
+    from tests.corpus.case import Case
+
+TRIASSET_CODES = {code for code in CODES if code.startswith("TRIASSET_")}
+NOBODY = 65534
+MSB = Path(msb.__file__).parent
+ROOT = MSB.parent
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """A folder that every user may enter, which those of `tmp_path` are not."""
+    root = Path(tempfile.mkdtemp(prefix="msb-bad-"))
+    root.chmod(0o755)
+    yield root
+    for path in root.rglob("*"):
+        if not path.is_symlink():
+            path.chmod(0o700)
+    shutil.rmtree(root)
+
+
+@contextlib.contextmanager
+def checked_permissions() -> Iterator[None]:
+    """Give up root's right to read everything, inside the block."""
+    if os.geteuid() != 0:
+        yield
+        return
+    try:
+        os.seteuid(NOBODY)
+    except OSError as error:
+        pytest.skip(f"root may read everything, and cannot become nobody here: {error}")
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def permissions(case: Case) -> contextlib.AbstractContextManager[None]:
+    return checked_permissions() if case.denied else contextlib.nullcontext()
+
+
+def assert_clear(error: MsbError, path: Path) -> None:
+    text = str(error)
+    assert text.isprintable()
+    assert text.startswith(f"{error.code}: {path}: ")
+    assert len(text) < len(str(path)) + 400
+    assert error.__cause__ is None or isinstance(error.__cause__, OSError | ValueError)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_bad_asset_gives_its_code(case: Case, folder: Path) -> None:
+    path = write_case(case, folder)
+    if case.denied:
+        parts(mesh()).write_packed(folder / "good")
+        load(folder / "good")  # codecs and the like are imported while we may
+    with permissions(case):
+        if case.found_by == "load" and case.severity == "error":
+            with pytest.raises((AssetError, InputError)) as caught:
+                load(path)
+            assert caught.value.code == case.code
+            assert_clear(caught.value, path)
+        else:
+            codes = [(item.code, item.severity) for item in load(path).warnings]
+            assert codes == ([(case.code, case.severity)] if case.found_by == "load" else [])
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_validate_reports_the_same_code_and_no_other_error(case: Case, folder: Path) -> None:
+    path = write_case(case, folder)
+    if CODES[case.code].kind is InputError:
+        with permissions(case), pytest.raises(InputError) as caught:
+            validate(path)
+        assert caught.value.code == case.code
+        return
+    with permissions(case):
+        report = validate(path)
+        findings = list(report.findings)
+        if case.found_by == "command":
+            assert not findings
+            findings = msb.cli.validate.check(path)
+    errors = {item.code for item in findings if item.severity == "error"}
+    assert (case.code, case.severity) in {(item.code, item.severity) for item in findings}
+    assert errors == {*case.also, *([case.code] if case.severity == "error" else [])}
+    assert report.valid == (not errors)
+    assert (report.asset is None) == (case.found_by == "load" and case.severity == "error")
+    assert all(item.message.isprintable() and len(item.message) < 400 for item in findings)
+    assert all((item.pointer or "").isprintable() for item in findings)
+
+
+@pytest.mark.parametrize("make", [mesh, soup, decoder])
+def test_what_the_bad_assets_are_made_from_is_good(make, tmp_path: Path) -> None:
+    parts(make()).write_packed(tmp_path / "packed")
+    parts(make()).write_folder(tmp_path / "folder")
+    for path in (tmp_path / "packed", tmp_path / "folder"):
+        assert load(path).warnings == ()
+        assert validate(path).findings == ()
+
+
+def test_there_are_many_cases_and_their_names_differ() -> None:
+    assert len(CASES) >= 500
+    assert len({case.name for case in CASES}) == len(CASES)
+    assert all(case.title.isprintable() and len(case.title) < 110 for case in CASES)
+
+
+def test_every_code_of_the_format_has_a_case() -> None:
+    assert {case.code for case in CASES if case.code.startswith("TRIASSET_")} == TRIASSET_CODES
+
+
+def test_every_code_of_the_format_is_raised_somewhere() -> None:
+    sources = [path.read_text() for path in MSB.rglob("*.py") if path.name != "errors.py"]
+    sources.append((MSB / "asset/triasset.schema.json").read_text())
+    named = {code for text in sources for code in re.findall(r"TRIASSET_[A-Z0-9_]+", text)}
+    assert named & TRIASSET_CODES == TRIASSET_CODES
+    assert {code for code in named if not code.endswith("_")} <= TRIASSET_CODES, "a code is not registered"
+
+
+def test_the_corpus_writes_itself_with_an_index(tmp_path: Path) -> None:
+    write_all(tmp_path / "a")
+    write_all(tmp_path / "b")
+    index = (tmp_path / "a/index.json").read_bytes()
+    assert index == (tmp_path / "b/index.json").read_bytes()
+    for path in (tmp_path / "a").rglob("*.triasset"):
+        if path.is_file() and not path.is_symlink():
+            assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes()
+
+
+@pytest.mark.parametrize("member", ["manifest.json", "buffers/positions.bin"])
+def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch, member: str) -> None:
+    """Whoever runs the tests: the system call itself refuses."""
+    path = tmp_path / "a.triasset"
+    parts(mesh()).write_folder(path)
+    real_open = os.open
+
+    def refuse(name, flags, *args, **keywords):
+        if os.fspath(name).endswith(Path(member).name):
+            raise PermissionError(13, "Permission denied")
+        return real_open(name, flags, *args, **keywords)
+
+    monkeypatch.setattr("msb.asset.paths.os.open", refuse)
+    # The mapping asks whether this function takes dir_fd.
+    monkeypatch.setattr("msb.asset.paths.os.supports_dir_fd", {refuse})
+    with pytest.raises(AssetError, match=f"{member} cannot be read: Permission denied") as caught:
+        load(path)
+    assert caught.value.code == "TRIASSET_FILE_UNREADABLE"
+
+
+@pytest.mark.parametrize("path", ["a\0b", "x" * 300, "y/" * 3000, "\ud800", "nothing/at/all"])
+def test_a_path_no_file_can_have_is_an_input_error(path: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load(path)
+    assert caught.value.code in ("FILE_NOT_FOUND", "FILE_UNREADABLE")
+    assert str(caught.value).isprintable()
+
+
+def test_a_link_put_in_place_at_the_last_moment_is_not_followed(tmp_path: Path, monkeypatch) -> None:
+    """Between the look at `buffers` and the opening of a file in it, somebody swaps the folder for a link."""
+    path, outside = tmp_path / "a.triasset", tmp_path / "outside"
+    parts(mesh()).write_folder(path)
+    parts(mesh()).write_folder(outside)
+    real_lstat = Path.lstat
+
+    def swap_after_look(self: Path):
+        status = real_lstat(self)
+        if self.name == "positions.bin" and not (path / "buffers").is_symlink():
+            (path / "buffers").rename(tmp_path / "aside")
+            (path / "buffers").symlink_to(outside / "buffers")
+        return status
+
+    monkeypatch.setattr(Path, "lstat", swap_after_look)
+    with pytest.raises(AssetError) as caught:
+        load(path)
+    assert caught.value.code in ("TRIASSET_BUFFER_MISSING", "TRIASSET_FILE_UNREADABLE")
+
+
+def test_reading_bad_assets_executes_nothing_and_stays_small(tmp_path: Path) -> None:
+    """All cases in a process of 1 GiB in which any import, exec, socket or foreign file is fatal."""
+    write_all(tmp_path / "corpus")
+    driver = Path(__file__).with_name("guarded_driver.py")
+    command = [sys.executable, str(driver), str(tmp_path / "corpus")]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout == f"{sum(not case.denied for case in CASES)} cases\n"

@@ -1,0 +1,138 @@
+"""An asset built in memory is complete, canonical and checked."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from msb.asset import Description, build_asset
+from msb.asset.build import measure_bounds
+from msb.asset.manifest import Source, SourceFile, StoredSetting
+from msb.asset.validation import check_values
+from msb.errors import AssetError
+from msb.methods import METHODS, TIERS
+from tests.corpus.good import SHA_OF_NOTHING, decoder, mesh, soup
+
+TRIANGLE = np.eye(3, dtype=np.float32)
+FACE = np.array([[0, 1, 2]], np.uint32)
+POINTS = arrays(
+    np.float32, st.tuples(st.integers(1, 40), st.just(3)), elements=st.floats(-(2.0**60), 2.0**60, width=32)
+)
+
+
+def code_of(buffers: dict, domains: dict | None = None, **description: object) -> str:
+    with pytest.raises(AssetError) as caught:
+        build_asset(buffers, domains or {}, Description(**description))  # type: ignore[arg-type]
+    return caught.value.code.removeprefix("TRIASSET_")
+
+
+@pytest.mark.parametrize("make", [mesh, soup, decoder])
+def test_the_manifest_describes_the_buffers(make) -> None:
+    asset = make()
+    assert check_values(asset) == []
+    assert list(asset.buffers) == list(asset.manifest.buffers)
+    for name, spec in asset.manifest.buffers.items():
+        array = asset.buffers[name]
+        assert spec.shape == array.shape
+        assert spec.byte_length == array.nbytes
+        assert spec.sha256 == hashlib.sha256(array.tobytes()).hexdigest()
+        assert not array.flags.writeable
+
+
+@given(POINTS)
+def test_bounds_are_exact_and_the_sphere_holds_every_vertex(points: np.ndarray) -> None:
+    bounds, sphere = measure_bounds(points)
+    assert np.array_equal(bounds.min, points.min(axis=0))
+    assert np.array_equal(bounds.max, points.max(axis=0))
+    distance = np.sqrt(np.square(points.astype(np.float64) - sphere.center).sum(axis=1))
+    assert (distance <= sphere.radius).all()
+    assert sphere.radius <= np.linalg.norm(np.subtract(bounds.max, bounds.min)) / 2 * (1 + 1e-12) + 1e-300
+
+
+@given(POINTS, st.sampled_from([np.nan, np.inf, -np.inf]))
+def test_bounds_are_those_of_the_finite_rows(points: np.ndarray, bad: float) -> None:
+    spoilt = np.concatenate([points, np.full((1, 3), bad, np.float32)])
+    spoilt[-1, 0] = 0
+    assert measure_bounds(spoilt) == measure_bounds(points)
+
+
+def test_a_signalling_nan_is_only_another_nan() -> None:
+    points = np.concatenate([TRIANGLE, np.zeros((1, 3), np.float32)])
+    points.view(np.uint32)[3, 1] = 0x7FA00001
+    assert measure_bounds(points) == measure_bounds(TRIANGLE)
+    assert code_of({"positions": points, "indices": FACE}) == "VALUE_NONFINITE"
+
+
+def test_minus_zero_is_written_as_zero() -> None:
+    bounds, sphere = measure_bounds(-np.zeros((2, 3), np.float32))
+    assert repr((bounds, sphere)).count("-0.0") == 0
+    assert sphere.radius == 0
+
+
+def test_arrays_are_kept_where_they_can_be() -> None:
+    positions, indices = TRIANGLE.copy(), FACE.copy()
+    asset = build_asset({"positions": positions, "indices": indices}, {})
+    assert np.shares_memory(asset.buffers["positions"], positions)
+    assert positions.flags.writeable
+    swapped = build_asset({"positions": positions.astype(">f4"), "indices": indices.astype(">u4")}, {})
+    assert swapped.buffers["positions"].dtype == np.dtype("<f4")
+    assert swapped.manifest == asset.manifest
+    strided = build_asset({"positions": np.repeat(positions, 2, axis=0)[::2], "indices": indices}, {})
+    assert strided.manifest == asset.manifest
+
+
+def test_a_soup_is_recognised_by_its_indices_alone() -> None:
+    points = np.arange(18, dtype=np.float32).reshape(6, 3)
+    in_order = np.arange(6, dtype=np.uint32).reshape(2, 3)
+    for indices, topology in (
+        (in_order, "triangle_soup"),
+        (in_order[::-1], "indexed_mesh"),
+        (in_order[:1], "indexed_mesh"),
+    ):
+        assert build_asset({"positions": points, "indices": indices}, {}).manifest.topology == topology
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_makes_a_valid_manifest_from_its_defaults(method: str) -> None:
+    settings = {
+        name: StoredSetting(0 if name == "sh_degree" else setting.default, "default")
+        for name, setting in METHODS[method].settings.items()
+    }
+    description = Description(method=method, settings=settings)
+    manifest = build_asset({"positions": TRIANGLE, "indices": FACE}, {}, description).manifest
+    assert set(manifest.required_passes) == {tier for tier in TIERS if METHODS[method].supports(tier)}
+
+
+def test_what_no_asset_can_hold_is_refused() -> None:
+    good = {"positions": TRIANGLE, "indices": FACE}
+    nan = TRIANGLE.copy()
+    nan[1, 1] = np.nan
+    assert code_of({**good, "positions": nan}) == "VALUE_NONFINITE"
+    assert code_of({**good, "indices": FACE + np.uint32(1)}) == "INDEX_OUT_OF_RANGE"
+    assert code_of({**good, "indices": np.full((1, 3), np.nan, np.float32)}) == "BUFFER_DTYPE"
+    assert code_of({**good, "positions": TRIANGLE.astype(np.float64)}) == "BUFFER_DTYPE"
+    assert code_of({**good, "positions": TRIANGLE.astype(np.uint32)}) == "BUFFER_DTYPE"
+    assert code_of({**good, "positions": TRIANGLE.ravel()}) == "BUFFER_REQUIRED"
+    assert code_of({"positions": TRIANGLE}) == "BUFFER_REQUIRED"
+    assert code_of({**good, "indices": FACE[:0]}) == "EMPTY"
+    assert code_of({**good, "positions": TRIANGLE[:0]}) == "EMPTY"
+    assert code_of({**good, "f_dc": TRIANGLE[:2]}, {"f_dc": "vertex"}) == "BUFFER_DOMAIN"
+    assert code_of({**good, "f_dc": TRIANGLE}) == "FIELD_TYPE"  # no domain given
+    assert code_of({**good, "f_rest": np.zeros((3, 0), np.float32)}, {"f_rest": "vertex"}) == "BUFFER_EMPTY"
+    assert code_of({**good, "Bad": TRIANGLE}, {"Bad": "vertex"}) == "BUFFER_NAME"
+
+
+def test_what_no_manifest_can_hold_is_refused() -> None:
+    good = {"positions": TRIANGLE, "indices": FACE}
+    undecodable = SourceFile("cam\udcff.pt", SHA_OF_NOTHING, 0)
+    assert code_of(good, method="nerf") == "METHOD_UNKNOWN"
+    assert code_of(good, coverage={"kernel": "solid", "gamma": float("nan")}) == "FIELD_VALUE"
+    assert code_of(good, coverage={"kernel": "solid", "gamma": np.float32(1)}) == "FIELD_TYPE"
+    assert code_of(good, source=Source((undecodable,))) == "FIELD_VALUE"
+    assert code_of(good, settings={"gamma": StoredSetting(1.0, "flag")}) == "SETTING_UNKNOWN"
+    assert code_of(good, sh_degree=1) == "SH_WIDTH"

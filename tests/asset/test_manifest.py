@@ -1,0 +1,169 @@
+"""The manifest as data: what is kept, what is ignored, and that both forms are judged alike."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import msb
+from msb.asset import Manifest, build_asset, load, save, validate
+from msb.asset.check import check_manifest
+from msb.errors import AssetError
+from tests.corpus import bad_buffers, bad_fields, bad_values
+from tests.corpus.bad_assets import write_case
+from tests.corpus.good import Parts, decoder, mesh, parts, soup
+
+if TYPE_CHECKING:
+    from tests.corpus.case import Case
+
+ROOT = Path(msb.__file__).parents[1]
+SHIPPED = sorted(ROOT.glob("data_stubs/**/*.triasset"))
+
+
+def reloaded(changed: Parts, tmp_path: Path) -> msb.Asset:
+    changed.write_packed(tmp_path / "changed.triasset")
+    return load(tmp_path / "changed.triasset")
+
+
+@pytest.mark.parametrize("make", [mesh, soup, decoder])
+def test_a_manifest_survives_its_own_bytes(make) -> None:
+    manifest = make().manifest
+    data = manifest.to_bytes()
+    again = Manifest.from_dict(json.loads(data))
+    assert again == manifest
+    assert again.to_bytes() == data
+    assert check_manifest(json.loads(data)) == []
+    assert data.endswith(b"}\n")
+    assert b"\r" not in data
+
+
+def test_its_keys_are_attributes(tmp_path: Path) -> None:
+    m = reloaded(parts(soup()), tmp_path).manifest
+    assert (m.format, m.version, m.method, m.topology) == (
+        "triasset",
+        "1.0",
+        "triangle_splatting",
+        "triangle_soup",
+    )
+    assert (m.vertex_count, m.face_count, m.sh_degree) == (6, 2, 1)
+    assert m.settings["view_dir"].value == "centroid"
+    assert m.settings["view_dir"].source == "flag"
+    assert m.required_passes["standard"] == ("bake_dc", "opaque_unlit")
+    assert m.source.files[0].path == "point_cloud_state_dict.pt"
+    assert m.buffers["f_rest"].shape == (2, 9)
+    assert m.coordinate_frame.up == "unknown"
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_a_shipped_asset_has_nothing_to_complain_of(path: Path) -> None:
+    assert validate(path).findings == ()
+
+
+def test_there_are_shipped_assets() -> None:
+    assert SHIPPED
+
+
+def test_a_newer_minor_version_is_read_with_a_warning_and_loses_nothing(tmp_path: Path) -> None:
+    lod = {"levels": [1, 2.5, None, True, "\u00e9\U0001f600"], "deep": {"a": {"b": []}}}
+    newer = parts(mesh()).change("/version", "1.7").change("/lod", lod).change("/extra", "a key of that name")
+    asset = reloaded(newer, tmp_path)
+    codes = {(item.code, item.severity, item.pointer) for item in asset.warnings}
+    assert codes == {
+        ("TRIASSET_VERSION_NEWER", "warning", "/version"),
+        ("TRIASSET_FIELD_UNKNOWN", "warning", "/lod"),
+        ("TRIASSET_FIELD_UNKNOWN", "warning", "/extra"),
+    }
+    assert asset.manifest.extra == {"lod": lod, "extra": "a key of that name"}
+    for form in ("packed", "folder"):
+        save(asset, tmp_path / form, form)
+        again = load(tmp_path / form)
+        assert again.manifest == asset.manifest
+        assert again.manifest.to_bytes() == asset.manifest.to_bytes()
+        assert validate(tmp_path / form).valid
+
+
+def test_passes_of_a_tier_to_come_are_ignored(tmp_path: Path) -> None:
+    """Its value may be anything: the key is unknown, so nothing is said about it."""
+    asset = reloaded(parts(mesh()).change("/required_passes/webgl", 5), tmp_path)
+    assert list(asset.manifest.required_passes) == ["standard"]
+
+
+def test_any_order_of_keys_is_read(tmp_path: Path) -> None:
+    good = parts(soup())
+    good.manifest = dict(reversed(good.manifest.items()))
+    assert reloaded(good, tmp_path).manifest == soup().manifest
+
+
+def test_whole_numbers_may_stand_for_floats_but_not_the_reverse(tmp_path: Path) -> None:
+    asset = reloaded(parts(mesh()).change("/bounds", {"min": [0, 0, 0], "max": [1, 2, 3]}), tmp_path)
+    assert asset.manifest == mesh().manifest
+    with pytest.raises(AssetError, match=r"/face_count is 4\.0; it must be an integer"):
+        reloaded(parts(mesh()).change("/face_count", 4.0), tmp_path)
+
+
+def test_a_wrong_version_is_said_before_anything_else(tmp_path: Path) -> None:
+    """Of a version 2 we know nothing, so other keys are not complained about."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/manifest.json").write_text('{"format": "triasset", "version": "2.0", "buffers": 3}')
+    assert [item.code for item in validate(tmp_path / "a").findings] == ["TRIASSET_VERSION_UNSUPPORTED"]
+
+
+def test_a_pointer_escapes_what_a_name_may_hold() -> None:
+    manifest = parts(mesh()).manifest
+    manifest["settings"]["a/b~c"] = {"value": 1, "source": "flag"}
+    manifest["x/~y"] = 0
+    assert {item.pointer for item in check_manifest(manifest)} == {"/settings/a~1b~0c", "/x~1~0y"}
+
+
+ZIP_ONLY = {"buffer_undeclared"}  # an error in a ZIP, a warning in a folder
+BOTH_FORMS = [
+    case
+    for case in (*bad_fields.CASES, *bad_buffers.CASES, *bad_values.CASES)
+    if case.found_by != "command" and case.name not in ZIP_ONLY
+]
+
+
+@pytest.mark.parametrize("case", BOTH_FORMS, ids=lambda case: case.name)
+def test_a_bad_asset_is_judged_alike_in_both_forms(case: Case, tmp_path: Path) -> None:
+    path = write_case(case, tmp_path)
+    if path.is_dir():
+        other = tmp_path / "other.triasset"
+        names = [str(file.relative_to(path)) for file in path.rglob("*") if file.is_file()]
+        data = {name: (path / name).read_bytes() for name in names}
+        Parts({}, {name: data[name] for name in names if name != "manifest.json"}).write_packed(
+            other, data["manifest.json"]
+        )
+        if len(names) > 65:
+            return  # the container is full before the manifest is read
+    else:
+        other = tmp_path / "other"
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(other)
+    first, second = ({(f.code, f.severity, f.pointer) for f in validate(p).findings} for p in (path, other))
+    assert first == second
+
+
+def test_a_manifest_is_compared_by_value_an_asset_by_identity() -> None:
+    one, other = mesh(), mesh()
+    assert one.manifest == other.manifest
+    assert one != other
+    assert one == one
+    assert {one, other} == {other, one}
+    assert replace(one.manifest, generator="x") != one.manifest
+
+
+def test_an_asset_is_shown_in_one_line(tmp_path: Path) -> None:
+    assert repr(mesh()) == "<Asset mesh, 4 vertices, 4 faces, in memory>"
+    asset = reloaded(parts(mesh()), tmp_path)
+    assert repr(asset) == f"<Asset mesh, 4 vertices, 4 faces, {tmp_path / 'changed.triasset'}>"
+
+
+def test_buffers_cannot_be_exchanged() -> None:
+    asset = build_asset(dict(mesh().buffers), {"color": "vertex"})
+    with pytest.raises(TypeError):
+        asset.buffers["positions"] = None  # type: ignore[index]

@@ -1,0 +1,238 @@
+"""What is saved is loaded back, byte for byte, from both forms, without a copy."""
+
+from __future__ import annotations
+
+import mmap
+import shutil
+import struct
+import subprocess
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from msb.asset import build_asset, load, save, validate
+from tests.corpus.forge import forge
+from tests.corpus.good import Parts, decoder, mesh, parts, soup
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+
+MAKERS = [mesh, soup, decoder]
+FORMS = ["packed", "folder"]
+
+
+def assert_same(one: Asset, other: Asset) -> None:
+    assert one.manifest == other.manifest
+    assert list(one.buffers) == list(other.buffers)
+    for name, array in one.buffers.items():
+        assert array.dtype == other.buffers[name].dtype
+        assert array.tobytes() == other.buffers[name].tobytes()
+        assert array.shape == other.buffers[name].shape
+
+
+def content(path: Path) -> dict[str, bytes]:
+    """Return all files at or below `path`."""
+    if path.is_file():
+        return {"": path.read_bytes()}
+    return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def mapping_of(array: np.ndarray) -> Any:
+    """Return what an array's memory belongs to in the end."""
+    owner: Any = array
+    while not isinstance(owner, mmap.mmap | bytes | None):
+        owner = owner.obj if isinstance(owner, memoryview) else owner.base
+    return owner
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("make", MAKERS)
+def test_saving_and_loading_changes_nothing(make, form, tmp_path: Path) -> None:
+    asset = make()
+    save(asset, tmp_path / "a", form)
+    loaded = load(tmp_path / "a")
+    assert_same(asset, loaded)
+    assert loaded.warnings == ()
+    assert loaded.path == tmp_path / "a"
+    assert validate(tmp_path / "a").findings == ()
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_the_same_content_gives_the_same_bytes(make, tmp_path: Path) -> None:
+    for form in FORMS:
+        save(make(), tmp_path / f"{form}1", form)
+        save(load(tmp_path / f"{form}1"), tmp_path / f"{form}2", form)
+        save(make(), tmp_path / f"{form}3", form)
+        assert (
+            content(tmp_path / f"{form}1") == content(tmp_path / f"{form}2") == content(tmp_path / f"{form}3")
+        )
+    save(load(tmp_path / "folder1"), tmp_path / "packed4")
+    save(load(tmp_path / "packed1"), tmp_path / "folder4", "folder")
+    assert content(tmp_path / "packed4") == content(tmp_path / "packed1")
+    assert content(tmp_path / "folder4") == content(tmp_path / "folder1")
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_unpacking_the_file_gives_the_folder(make, tmp_path: Path) -> None:
+    save(make(), tmp_path / "packed")
+    save(make(), tmp_path / "folder", "folder")
+    with zipfile.ZipFile(tmp_path / "packed") as archive:
+        assert archive.testzip() is None
+        assert archive.namelist()[0] == "manifest.json"
+        archive.extractall(tmp_path / "unpacked")
+    assert content(tmp_path / "unpacked") == content(tmp_path / "folder")
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_members_are_stored_on_64_byte_boundaries(make, tmp_path: Path) -> None:
+    save(make(), tmp_path / "a")
+    data = (tmp_path / "a").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a") as archive:
+        for info in archive.infolist():
+            name, extra = struct.unpack_from("<2H", data, info.header_offset + 26)
+            start = info.header_offset + 30 + name + extra
+            assert start % 64 == 0
+            assert info.compress_type == zipfile.ZIP_STORED
+            assert info.date_time == (1980, 1, 1, 0, 0, 0)
+            assert data[start : start + info.file_size] == archive.read(info)
+
+
+@pytest.mark.skipif(shutil.which("unzip") is None, reason="unzip is not installed")
+def test_unzip_has_nothing_to_complain_of(tmp_path: Path) -> None:
+    save(soup(), tmp_path / "a.zip")
+    done = subprocess.run(["unzip", "-t", tmp_path / "a.zip"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "No errors detected" in done.stdout
+    assert not done.stderr
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("make", MAKERS)
+def test_arrays_are_read_only_views_of_the_mapped_file(make, form, tmp_path: Path) -> None:
+    save(make(), tmp_path / "a", form)
+    asset = load(tmp_path / "a")
+    mappings = set()
+    for array in asset.buffers.values():
+        mapping = mapping_of(array)
+        assert isinstance(mapping, mmap.mmap)
+        assert np.shares_memory(array, np.frombuffer(mapping, np.uint8))
+        assert array.ctypes.data % 64 == 0
+        mappings.add(id(mapping))
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            array.flags.writeable = True
+    assert len(mappings) == (1 if form == "packed" else len(asset.buffers))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_loaded_asset_outlives_its_file(form, tmp_path: Path) -> None:
+    """Somebody else writes a new asset under the name: the old mapping keeps the old values."""
+    save(mesh(), tmp_path / "a", form)
+    asset = load(tmp_path / "a")
+    save(soup(), tmp_path / "a", form)
+    assert_same(asset, mesh())
+    assert_same(load(tmp_path / "a"), soup())
+    if form == "folder":
+        shutil.rmtree(tmp_path / "a")
+    else:
+        (tmp_path / "a").unlink()
+    assert_same(asset, mesh())
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_an_asset_may_be_saved_over_itself(form, tmp_path: Path) -> None:
+    save(decoder(), tmp_path / "a", form)
+    before = content(tmp_path / "a")
+    save(load(tmp_path / "a"), tmp_path / "a", form)
+    assert content(tmp_path / "a") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def one_file(order: list[str]) -> Parts:
+    """Return the parts of a soup whose buffers are all in one file, in the given order."""
+    good = parts(soup())
+    data = b""
+    for name in order:
+        spec = good.manifest["buffers"][name]
+        data += bytes(-len(data) % 64)
+        whole = good.files.pop(spec["file"])
+        spec.update(file="buffers/all.bin", offset=len(data))
+        data += whole
+    good.files["buffers/all.bin"] = data
+    return good
+
+
+@pytest.mark.parametrize("order", [sorted(soup().buffers), sorted(soup().buffers, reverse=True)])
+def test_buffers_may_share_a_file(order: list[str], tmp_path: Path) -> None:
+    shared = one_file(order)
+    shared.write_packed(tmp_path / "packed")
+    shared.write_folder(tmp_path / "folder")
+    for form in FORMS:
+        asset = load(tmp_path / form)
+        assert validate(tmp_path / form).findings == ()
+        for name, array in soup().buffers.items():
+            assert asset.buffers[name].tobytes() == array.tobytes()
+        save(asset, tmp_path / f"{form} again", form)
+        assert content(tmp_path / f"{form} again")[("", "buffers/all.bin")[form == "folder"]]
+        assert_same(load(tmp_path / f"{form} again"), asset)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_an_asset_may_have_64_buffers(form, tmp_path: Path) -> None:
+    more = {f"features.x{i}": np.full(i + 1, i, np.uint8) for i in range(62)}
+    buffers = {**more, "positions": mesh().buffers["positions"], "indices": mesh().buffers["indices"]}
+    asset = build_asset(buffers, dict.fromkeys(more, "global"))
+    save(asset, tmp_path / "a", form)
+    assert_same(load(tmp_path / "a"), asset)
+    assert validate(tmp_path / "a").findings == ()
+
+
+def test_members_may_come_in_any_order(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(forge(parts(mesh()).entries()[::-1]))
+    assert_same(load(tmp_path / "a"), mesh())
+
+
+def test_a_zip64_end_record_that_nobody_needs_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(forge(parts(mesh()).entries(), end64={}))
+    assert validate(tmp_path / "a").findings == ()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_link_given_by_the_user_is_followed(form, tmp_path: Path) -> None:
+    """Links are refused inside an asset, where others put them."""
+    save(mesh(), tmp_path / "a", form)
+    (tmp_path / "link").symlink_to("a")
+    assert_same(load(tmp_path / "link"), mesh())
+
+
+@given(st.data())
+def test_any_arrays_survive_both_forms(tmp_path_factory, data) -> None:
+    vertices, faces = data.draw(st.integers(1, 9)), data.draw(st.integers(1, 9))
+    finite = st.floats(-1e6, 1e6, width=32)
+    any_float = st.floats(width=32, allow_nan=False)
+    buffers = {
+        "positions": data.draw(arrays(np.float32, (vertices, 3), elements=finite)),
+        "indices": data.draw(arrays(np.uint32, (faces, 3), elements=st.integers(0, vertices - 1))),
+        "opacity": data.draw(arrays(np.float32, faces, elements=any_float)),
+        "color": data.draw(arrays(np.uint8, (3 * faces, 4))),
+        "features.x": data.draw(arrays(np.float32, st.tuples(*[st.integers(1, 3)] * 3), elements=finite)),
+    }
+    copies = {name: array.copy() for name, array in buffers.items()}
+    domains: Any = {"opacity": "face", "color": "corner", "features.x": "global"}
+    asset = build_asset(buffers, domains)
+    folder = tmp_path_factory.mktemp("any")
+    for form in FORMS:
+        save(asset, folder / form, form)  # type: ignore[arg-type]
+        loaded = load(folder / form)
+        assert_same(asset, loaded)
+        assert validate(folder / form).valid
+    for name, array in buffers.items():
+        assert array.tobytes() == copies[name].tobytes()

@@ -1,0 +1,221 @@
+"""The shipped JSON Schema is one, says what the code knows, and is judged by us as by `jsonschema`."""
+
+from __future__ import annotations
+
+import copy
+import random
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import jsonschema
+import pytest
+
+from msb.asset import Manifest
+from msb.asset.manifest import (
+    DTYPES,
+    BoundingSphere,
+    Bounds,
+    BufferSpec,
+    CoordinateFrame,
+    Source,
+    SourceFile,
+    StoredSetting,
+)
+from msb.asset.schema import check_schema, describe, manifest_schema
+from msb.errors import CODES
+from msb.methods import METHODS, PASSES, SETTING_SOURCES, TIERS
+from tests.corpus.good import decoder, mesh, parts, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SCHEMA = manifest_schema()
+PROPERTIES = SCHEMA["properties"]
+BUFFER = PROPERTIES["buffers"]["additionalProperties"]
+SCALARS = [
+    0,
+    1,
+    -1,
+    3,
+    2**32 - 1,
+    2**32,
+    2**63 - 1,
+    2**63,
+    2**64,
+    1.5,
+    -0.25,
+    1e308,
+    True,
+    False,
+    None,
+    "",
+    "x",
+    "1.0",
+    "2.7",
+]
+SCALARS += [
+    "triasset",
+    "mesh",
+    "vertex",
+    "opaque_unlit",
+    "0" * 64,
+    "buffers/a.bin",
+    "x" * 1001,
+    "\u00e9",
+    "float32",
+]
+KEYS = ["x", "positions", "indices", "Bad Name", "a.b", "value", "min", "files", "kernel", "reference"]
+
+
+def subschemas(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield `schema` and every schema inside it."""
+    yield schema
+    for key in ("properties",):
+        for inner in schema.get(key, {}).values():
+            yield from subschemas(inner)
+    for key in ("additionalProperties", "items", "propertyNames"):
+        if key in schema:
+            yield from subschemas(schema[key])
+
+
+def is_valid(manifest: Any) -> bool:
+    return all(item.severity != "error" for item in check_schema(manifest, SCHEMA))
+
+
+def places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield every (container, key) in JSON data."""
+    pairs = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, inner in list(pairs):
+        yield value, key
+        if isinstance(inner, dict | list):
+            yield from places(inner)
+
+
+def junk(rng: random.Random, depth: int = 0) -> Any:
+    kind = rng.random()
+    if depth < 2 and kind < 0.15:
+        return [junk(rng, depth + 1) for _ in range(rng.randrange(5))]
+    if depth < 2 and kind < 0.3:
+        return {rng.choice(KEYS): junk(rng, depth + 1) for _ in range(rng.randrange(4))}
+    return rng.choice(SCALARS)
+
+
+def mutate(manifest: dict[str, Any], rng: random.Random) -> dict[str, Any]:
+    manifest = copy.deepcopy(manifest)
+    for _ in range(rng.choice((1, 1, 2))):
+        container, key = rng.choice(list(places(manifest)))
+        kind = rng.random()
+        if kind < 0.15:
+            del container[key]
+        elif kind < 0.3 and isinstance(container, dict):
+            container[rng.choice(KEYS)] = junk(rng)
+        else:
+            container[key] = junk(rng)
+    return manifest
+
+
+def test_it_is_a_schema_of_draft_2020_12() -> None:
+    assert SCHEMA["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("make", [mesh, soup, decoder])
+def test_we_judge_mutated_manifests_as_jsonschema_does(make: Any) -> None:
+    good = parts(make()).manifest
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    rng = random.Random(make.__name__)
+    verdicts = []
+    for _ in range(1500):
+        manifest = mutate(good, rng)
+        verdicts.append(is_valid(manifest))
+        assert verdicts[-1] == validator.is_valid(manifest), manifest
+    assert is_valid(good)
+    assert 100 < sum(verdicts) < 1400
+
+
+@pytest.mark.parametrize("value", [4.0, -0.0, 1e3])
+def test_a_whole_number_written_as_float_is_an_integer_to_jsonschema_alone(value: float) -> None:
+    manifest = {**parts(mesh()).manifest, "face_count": value}
+    assert jsonschema.Draft202012Validator(SCHEMA).is_valid(manifest)
+    assert [item.code for item in check_schema(manifest, SCHEMA)] == ["TRIASSET_FIELD_TYPE"]
+
+
+def test_only_keywords_we_interpret_are_used() -> None:
+    known = {"type", "const", "enum", "pattern", "minimum", "maximum", "minItems", "maxItems", "maxLength"}
+    known |= {"maxProperties", "required", "properties", "additionalProperties", "propertyNames", "items"}
+    used = {key for schema in subschemas(SCHEMA) for key in schema}
+    assert used - known == {"$schema", "title", "description", "x-code", "x-closed"}
+    assert used >= known
+
+
+def test_every_code_it_names_is_registered() -> None:
+    assert {schema["x-code"] for schema in subschemas(SCHEMA) if "x-code" in schema} <= set(CODES)
+
+
+def test_no_object_lets_an_unknown_key_pass_in_silence() -> None:
+    for schema in subschemas(SCHEMA):
+        if schema.get("type") == "object":
+            assert schema.get("x-closed", False) != ("additionalProperties" in schema)
+
+
+def test_every_key_is_described() -> None:
+    assert all(schema["description"] for schema in PROPERTIES.values())
+
+
+def test_its_lists_are_those_of_the_code() -> None:
+    assert PROPERTIES["method"]["enum"] == list(METHODS)
+    tiers = PROPERTIES["required_passes"]["properties"]
+    assert list(tiers) == list(TIERS)
+    assert all(tier["items"]["enum"] == list(PASSES) for tier in tiers.values())
+    assert PROPERTIES["settings"]["additionalProperties"]["properties"]["source"]["enum"] == list(
+        SETTING_SOURCES
+    )
+    assert BUFFER["properties"]["dtype"]["enum"] == list(DTYPES)
+
+
+@pytest.mark.parametrize(
+    ("schema", "kind"),
+    [
+        (PROPERTIES["bounds"], Bounds),
+        (PROPERTIES["bounding_sphere"], BoundingSphere),
+        (PROPERTIES["settings"]["additionalProperties"], StoredSetting),
+        (PROPERTIES["coordinate_frame"], CoordinateFrame),
+        (PROPERTIES["source"], Source),
+        (PROPERTIES["source"]["properties"]["files"]["items"], SourceFile),
+        (BUFFER, BufferSpec),
+    ],
+)
+def test_objects_have_the_keys_of_their_dataclass(schema: dict[str, Any], kind: type) -> None:
+    names = [field.name for field in fields(kind)]
+    assert list(schema["properties"]) == names
+    assert schema["required"] == names
+
+
+def test_the_manifest_has_the_keys_of_its_dataclass() -> None:
+    names = {field.name for field in fields(Manifest)} - {"extra"}
+    assert set(PROPERTIES) == names == set(SCHEMA["required"])
+    assert list(mesh().manifest.to_dict()) == SCHEMA["required"]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "x" * 10**6,
+        ["x" * 10**6],
+        [["x"]] * 10**5,
+        {"x" * 10**6: 0},
+        "\x1b[2J\n",
+        ["\u202e"],
+        float("nan"),
+        object(),
+    ],
+)
+def test_a_value_is_described_in_a_few_printable_words(value: Any) -> None:
+    assert len(describe(value)) < 70
+    assert describe(value).isprintable()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "half \ud800"])
+def test_what_no_json_can_hold_is_refused_in_memory_too(value: Any) -> None:
+    manifest = {**parts(mesh()).manifest, "coverage": {"kernel": "solid", "gamma": value}}
+    assert [item.code for item in check_schema(manifest, SCHEMA)] == ["TRIASSET_FIELD_VALUE"]

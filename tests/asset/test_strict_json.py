@@ -1,0 +1,120 @@
+"""The manifest's JSON reader accepts nothing that two readers could understand differently."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from msb.asset.strict_json import MAX_BYTES, parse_strict_json
+from msb.errors import AssetError
+
+TEXTS = st.text(st.characters(codec="utf-8"))
+LEAVES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**20) + 1, 10**20 - 1),
+    st.floats(allow_nan=False, allow_infinity=False),
+    TEXTS,
+)
+VALUES = st.recursive(
+    LEAVES,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(TEXTS, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+def parse(data: bytes) -> Any:
+    return parse_strict_json(data, file="a.triasset")
+
+
+def code_of(data: bytes) -> str:
+    with pytest.raises(AssetError) as caught:
+        parse(data)
+    assert str(caught.value).isprintable()
+    return caught.value.code.removeprefix("TRIASSET_MANIFEST_")
+
+
+@given(VALUES, st.booleans())
+def test_what_json_writes_is_read_back(value: Any, ascii_only: bool) -> None:
+    text = json.dumps(value, ensure_ascii=ascii_only).encode()
+    assert parse(text) == value
+
+
+@given(st.binary(max_size=200) | st.text('[]{}",:\\u0de1-.truefalsn \n', max_size=60).map(str.encode))
+def test_any_bytes_give_what_json_gives_or_an_error_of_ours(data: bytes) -> None:
+    try:
+        value = parse(data)
+    except AssetError:
+        return
+    assert value == json.loads(data)
+
+
+def test_limits_are_inclusive() -> None:
+    assert parse(b"[" * 16 + b"]" * 16) == json.loads("[" * 16 + "]" * 16)
+    assert parse(b"9" * 20) == 10**20 - 1
+    assert parse(b"-" + b"9" * 20) == 1 - 10**20
+    assert parse(b"0".rjust(MAX_BYTES)) == 0
+
+
+def test_brackets_in_strings_do_not_nest() -> None:
+    assert parse(b'["' + b"[{" * 1000 + b'", "\\"' + b"[" * 100 + b'"]') == ["[{" * 1000, '"' + "[" * 100]
+
+
+def test_a_closing_bracket_too_many_does_not_hide_depth() -> None:
+    assert code_of(b"]" * 50 + b"[" * 50) == "SYNTAX"
+    assert code_of(b"[" * 20 + b"]" * 50) == "TOO_DEEP"
+
+
+def test_keys_are_compared_as_text_not_as_written() -> None:
+    assert code_of(b'{"a": 1, "\\u0061": 2}') == "DUPLICATE_KEY"
+    composed, decomposed = "\u00e9", "e\u0301"
+    assert parse(json.dumps({composed: 1, decomposed: 2}).encode()) == {composed: 1, decomposed: 2}
+
+
+def test_a_syntax_error_is_located_in_bytes() -> None:
+    with pytest.raises(AssetError, match="line 2, column 6") as caught:
+        parse('{"é":\n "é" x}'.encode())
+    assert caught.value.pointer == "byte 13"
+
+
+def test_escaped_pairs_are_characters_and_halves_are_not() -> None:
+    assert parse(b'"\\ud83d\\ude00"') == "\U0001f600"
+    for half in (rb'"\ud83d"', rb'"\ude00\ud83d"', rb'[{"\ud83d": 0}]', rb'{"x": ["\udfff"]}'):
+        assert code_of(half) == "ENCODING"
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"[" * MAX_BYTES,
+        b"]" * MAX_BYTES,
+        b'"' * MAX_BYTES,
+        b'"' + b"\\" * (MAX_BYTES - 1),
+        b'"' + b"a" * (MAX_BYTES - 1),
+        b'{"a":0,' * (MAX_BYTES // 7),
+        b"[" + b"[]," * (MAX_BYTES // 3 - 1) + b"0]",
+        b"{" + b",".join(b'"%d":0' % i for i in range(90_000)) + b"}",
+        b"1" * MAX_BYTES,
+        b"1." + b"1" * (MAX_BYTES - 2),
+        b"1e" + b"9" * (MAX_BYTES - 2),
+        b"\xff" * MAX_BYTES,
+        b" " * MAX_BYTES,
+    ],
+    ids=lambda data: data[:8].decode("latin-1"),
+)
+def test_a_megabyte_of_anything_takes_linear_time(data: bytes) -> None:
+    start = time.process_time()
+    try:
+        parse(data)
+    except AssetError as error:
+        shown = str(error)
+    else:
+        shown = ""
+    # 0.2 s here; what is quadratic in a million takes minutes.
+    assert time.process_time() - start < 10
+    assert len(shown) < 300

@@ -1,0 +1,127 @@
+"""`validate` reports everything at once, says where, and needs little memory."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.asset import Asset, build_asset, load, validate
+from msb.asset.validation import check_values
+from msb.errors import AssetError
+from tests.corpus.bad_assets import CASES, write_case
+from tests.corpus.forge import forge
+from tests.corpus.good import Parts, mesh, parts, soup
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def report(changed: Parts, path: Path) -> list[tuple[str, str | None]]:
+    changed.write_packed(path)
+    return [(item.code.removeprefix("TRIASSET_"), item.pointer) for item in validate(path).findings]
+
+
+def test_all_findings_of_a_manifest_are_reported(tmp_path: Path) -> None:
+    bad = parts(mesh()).change("/topology", "quads").change("/color_space", 3).change("/lod", 0)
+    bad.change("/buffers/color/dtype", "float64").change("/buffers/color/sha256", "x")
+    assert report(bad, tmp_path / "a") == [
+        ("FIELD_VALUE", "/topology"),
+        ("FIELD_TYPE", "/color_space"),
+        ("BUFFER_DTYPE", "/buffers/color/dtype"),
+        ("CHECKSUM_MALFORMED", "/buffers/color/sha256"),
+        ("FIELD_UNKNOWN", "/lod"),
+    ]
+
+
+def test_all_findings_of_the_values_are_reported(tmp_path: Path) -> None:
+    positions = mesh().buffers["positions"].copy()
+    positions[1, 0] = 7
+    indices = mesh().buffers["indices"].copy()
+    indices[2, 1], indices[3, 0] = 4, 9
+    bad = parts(mesh()).set_array("positions", positions).set_array("indices", indices)
+    bad.change("/buffers/indices/sha256", "0" * 64)
+    bad.write_packed(tmp_path / "a")
+    findings = {item.code: item for item in validate(tmp_path / "a").findings}
+    assert set(findings) == {
+        f"TRIASSET_{code}"
+        for code in ("CHECKSUM_MISMATCH", "BOUNDS_MISMATCH", "SPHERE_MISMATCH", "INDEX_OUT_OF_RANGE")
+    }
+    index = findings["TRIASSET_INDEX_OUT_OF_RANGE"]
+    assert (index.pointer, index.value, index.limit) == ("indices[2, 1]", 4, 3)
+    assert index.message.startswith("2 indices are 4 or more, the first is 4 in face 2")
+    assert findings["TRIASSET_CHECKSUM_MISMATCH"].pointer == "/buffers/indices/sha256"
+
+
+def test_a_container_says_at_which_byte(tmp_path: Path) -> None:
+    data = forge(parts(mesh()).entries())
+    start = data.rindex(b"PK\x03\x04")
+    (tmp_path / "a").write_bytes(data[: start + 8] + b"\x08" + data[start + 9 :])
+    (item,) = validate(tmp_path / "a").findings
+    assert (item.code, item.pointer) == ("TRIASSET_ZIP_HEADER_MISMATCH", f"byte {start}")
+
+
+def test_bounds_rounded_to_float32_are_good_enough(tmp_path: Path) -> None:
+    bounds = soup().manifest.bounds
+    rounded = {key: [float(f"{value:.6g}") for value in getattr(bounds, key)] for key in ("min", "max")}
+    assert report(parts(soup()).change("/bounds", rounded), tmp_path / "a") == []
+
+
+def test_infinite_logits_are_allowed_and_nothing_else_infinite(tmp_path: Path) -> None:
+    assert np.isneginf(soup().buffers["opacity"]).any()
+    for name in ("f_dc", "f_rest", "sigma"):
+        array = soup().buffers[name].copy()
+        array.flat[0] = np.inf
+        assert report(parts(soup()).set_array(name, array), tmp_path / name) == [("VALUE_NONFINITE", name)]
+
+
+def test_the_first_bad_element_is_found_behind_the_first_chunk() -> None:
+    vertices = (1 << 20) + 5
+    positions = np.zeros((vertices, 3), np.float32)
+    asset = build_asset({"positions": positions, "indices": np.zeros((1, 3), np.uint32)}, {})
+    positions[-2, 1] = np.nan
+    (item,) = check_values(asset)
+    assert f"the first at element {3 * (vertices - 2) + 1}: nan" in item.message
+
+
+def test_a_row_as_long_as_the_file_is_read_in_pieces() -> None:
+    """8 M values: a copy of any kind would take 8 MB at least."""
+    wide = {"decoder.x": np.zeros((1, 1 << 23), np.float32)}
+    asset = build_asset({**mesh().buffers, **wide}, {"color": "vertex", "decoder.x": "global"})
+    tracemalloc.start()
+    assert check_values(asset) == []
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 5 << 20
+
+
+def test_every_report_is_plain_json(tmp_path: Path) -> None:
+    for case in CASES:
+        if case.code.startswith("TRIASSET_") and not case.denied:
+            rows = [item.to_dict() for item in validate(write_case(case, tmp_path)).findings]
+            text = json.dumps(rows, allow_nan=False)
+            assert len(text) < 2500 * max(1, len(rows))
+            assert all(
+                list(row) == ["code", "severity", "message", "pointer", "file", "value", "limit"]
+                for row in rows
+            )
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\x1b[2J", "a\u202eb", "\udcff", " ", "a: b"])
+def test_a_file_name_cannot_break_the_line(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    parts(mesh()).change("/method", "nerf").write_packed(path)
+    with pytest.raises(AssetError) as caught:
+        load(path)
+    assert str(caught.value).isprintable()
+    assert str(caught.value).startswith(f"TRIASSET_METHOD_UNKNOWN: {tmp_path}")
+
+
+def test_values_are_judged_in_memory_too() -> None:
+    asset = soup()
+    other = Asset(replace(asset.manifest, vertex_count=3), asset.buffers)
+    assert [item.code for item in check_values(other)] == ["TRIASSET_INDEX_OUT_OF_RANGE"]

@@ -1,0 +1,225 @@
+"""An asset is written whole or not at all, and never one that cannot be read again."""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.asset import Asset, load, save, validate
+from msb.asset import writer as writer_module
+from msb.atomic import new_file, new_folder
+from msb.errors import AssetError, OutputError
+from tests.corpus.good import mesh, parts, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+FORMS = ["packed", "folder"]
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def raiser(error: BaseException) -> Callable[..., None]:
+    def fail(*args: object, **keywords: object) -> None:
+        raise error
+
+    return fail
+
+
+# --- ZIP64 ---------------------------------------------------------------------------------------------
+
+
+def test_large_members_are_written_with_zip64_records(tmp_path: Path, monkeypatch) -> None:
+    """As they are from 1 GiB on; here from 1 byte on."""
+    monkeypatch.setattr(writer_module, "_ZIP64_FROM", 1)
+    save(soup(), tmp_path / "a")
+    data = (tmp_path / "a").read_bytes()
+    assert struct.unpack_from("<2I2H", data, 18) == (0xFFFFFFFF, 0xFFFFFFFF, 13, 65 + 20)
+    assert struct.unpack_from("<2H2Q", data, 43 + 65) == (1, 16, *[len(soup().manifest.to_bytes())] * 2)
+    assert validate(tmp_path / "a").findings == ()
+    with zipfile.ZipFile(tmp_path / "a") as archive:
+        assert archive.testzip() is None
+    loaded = load(tmp_path / "a")
+    assert loaded.manifest == soup().manifest
+    assert all(array.ctypes.data % 64 == 0 for array in loaded.buffers.values())
+    save(loaded, tmp_path / "b")
+    assert (tmp_path / "b").read_bytes() == data
+
+
+def test_offsets_past_2_gib_are_written_with_zip64_records(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(zipfile, "ZIP64_LIMIT", 300)
+    monkeypatch.setattr(writer_module, "_ZIP64_FROM", 200)
+    save(soup(), tmp_path / "a")
+    assert b"PK\x06\x06" in (tmp_path / "a").read_bytes()
+    assert validate(tmp_path / "a").findings == ()
+
+
+# --- whole or not at all -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), MemoryError()], ids=repr
+)
+def test_a_failure_while_writing_leaves_the_old_asset(form, error, tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "a.triasset"
+    save(mesh(), path, form)
+    members = writer_module._members
+
+    def fail_at_the_third(asset: Asset):
+        for number, item in enumerate(members(asset)):
+            if number == 2:
+                raise error
+            yield item
+
+    monkeypatch.setattr(writer_module, "_members", fail_at_the_third)
+    expected = OutputError if isinstance(error, OSError) else type(error)
+    with pytest.raises(expected, match="No space left" if isinstance(error, OSError) else None):
+        save(soup(), path, form)
+    assert names(tmp_path) == ["a.triasset"]
+    assert load(path).manifest == mesh().manifest
+    assert validate(path).findings == ()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_failure_leaves_nothing_where_nothing_was(form, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(writer_module, "as_bytes", raiser(OSError(errno.EIO, "Input/output error")))
+    with pytest.raises(OutputError, match=r"a\.triasset: it cannot be written: Input/output error"):
+        save(mesh(), tmp_path / "a.triasset", form)
+    assert names(tmp_path) == []
+
+
+def test_a_failure_to_flush_is_a_failure(tmp_path: Path, monkeypatch) -> None:
+    save(mesh(), tmp_path / "a")
+    monkeypatch.setattr(os, "fsync", raiser(OSError(errno.ENOSPC, "No space left on device")))
+    with pytest.raises(OutputError, match="No space left on device"):
+        save(soup(), tmp_path / "a")
+    assert names(tmp_path) == ["a"]
+    assert load(tmp_path / "a").manifest.method == "mesh"
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), KeyboardInterrupt()], ids=repr)
+@pytest.mark.parametrize("fails_at", [1, 2])
+def test_a_folder_interrupted_while_it_moves_in_is_moved_back(
+    error, fails_at, tmp_path: Path, monkeypatch
+) -> None:
+    path = tmp_path / "a.triasset"
+    save(mesh(), path, "folder")
+    real, calls = Path.rename, []
+
+    def fail_once(self: Path, target: Path) -> Path:
+        calls.append(target)
+        if len(calls) == fails_at:
+            raise error
+        return real(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail_once)
+    with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
+        save(soup(), path, "folder")
+    monkeypatch.undo()
+    assert names(tmp_path) == ["a.triasset"]
+    assert load(path).manifest == mesh().manifest
+
+
+@pytest.mark.parametrize("old", FORMS)
+@pytest.mark.parametrize("new", FORMS)
+def test_one_form_replaces_the_other_or_says_why_not(old, new, tmp_path: Path) -> None:
+    save(mesh(), tmp_path / "a", old)
+    if (old, new) == ("folder", "packed"):
+        with pytest.raises(OutputError, match="it is a folder; a file is to be written"):
+            save(soup(), tmp_path / "a", new)
+    else:
+        save(soup(), tmp_path / "a", new)
+        assert load(tmp_path / "a").manifest == soup().manifest
+    assert names(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_missing_folders_are_made(form, tmp_path: Path) -> None:
+    save(mesh(), tmp_path / "x/y/a", form)
+    assert load(tmp_path / "x/y/a").manifest == mesh().manifest
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["a\0b", "", ".", "..", "/", "\ud800", "x" * 300, "file/a"])
+def test_a_name_that_cannot_be_written_is_an_output_error(form, name, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_bytes(b"")
+    with pytest.raises(OutputError) as caught:
+        save(mesh(), name, form)
+    assert str(caught.value).isprintable()
+    assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["\u3042" * 85, "\U0001f600" * 63, "x" * 255])
+def test_the_longest_names_can_be_written(form, name, tmp_path: Path) -> None:
+    save(mesh(), tmp_path / name, form)
+    assert load(tmp_path / name).manifest == mesh().manifest
+    assert names(tmp_path) == [name]
+
+
+def test_an_error_of_the_block_is_not_disguised(tmp_path: Path) -> None:
+    for context in (new_file, new_folder):
+        with pytest.raises(ZeroDivisionError), context(tmp_path / "a"):
+            _ = 1 / 0
+    assert names(tmp_path) == []
+
+
+# --- nothing that cannot be read again -----------------------------------------------------------------
+
+
+def refused(asset: Asset, tmp_path: Path) -> str:
+    """Return the code with which both forms refuse to write `asset`."""
+    codes = set()
+    for form in FORMS:
+        with pytest.raises(AssetError) as caught:
+            save(asset, tmp_path / "new/a", form)  # type: ignore[arg-type]
+        codes.add(caught.value.code.removeprefix("TRIASSET_"))
+    assert names(tmp_path) == []
+    (code,) = codes
+    return code
+
+
+def test_a_manifest_changed_by_hand_is_checked(tmp_path: Path) -> None:
+    good = mesh()
+    spec = good.manifest.buffers["color"]
+    escaped = {**good.manifest.buffers, "color": replace(spec, file="../../escaped.bin")}
+    assert refused(Asset(replace(good.manifest, buffers=escaped), good.buffers), tmp_path) == "PATH_UNSAFE"
+    assert refused(Asset(replace(good.manifest, vertex_count=5), good.buffers), tmp_path) == "BUFFER_DOMAIN"
+    nan = {"kernel": "solid", "gamma": float("nan")}
+    assert refused(Asset(replace(good.manifest, coverage=nan), good.buffers), tmp_path) == "FIELD_VALUE"
+    wide = replace(good.manifest, extra={"x": [0] * 200_000})
+    assert refused(Asset(wide, good.buffers), tmp_path) == "MANIFEST_TOO_LARGE"
+
+
+def test_buffers_changed_by_hand_are_checked(tmp_path: Path) -> None:
+    good = mesh()
+    color = good.buffers["color"]
+    for buffers in (
+        {**good.buffers, "color": color[:3]},
+        {**good.buffers, "color": color.astype("float32")},
+        {**good.buffers, "color": color.reshape(3, 4)},
+        {name: array for name, array in good.buffers.items() if name != "color"},
+    ):
+        assert refused(Asset(good.manifest, MappingProxyType(buffers)), tmp_path) == "BUFFER_SHAPE"
+
+
+def test_a_manifest_that_grows_over_its_limit_by_being_indented_is_not_written(tmp_path: Path) -> None:
+    good = parts(mesh()).change("/x", [0] * 200_000)
+    compact = str(good.manifest).replace("'", '"').replace(" ", "").encode()
+    good.write_packed(tmp_path / "a", compact.replace(b'"meshsplatbench', b'"meshsplatbench '))
+    asset = load(tmp_path / "a")
+    with pytest.raises(AssetError, match="bytes as written; 1048576 are allowed"):
+        save(asset, tmp_path / "b")
+    assert names(tmp_path) == ["a"]

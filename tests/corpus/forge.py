@@ -1,0 +1,145 @@
+"""Write ZIP files field by field, so that every one of them can lie."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from typing import Any
+
+ALIGNMENT = 64
+PADDING_ID = 0xD935
+
+Fields = dict[str, Any]
+
+
+@dataclass
+class Entry:
+    """One member. `both`, `local` and `central` override header fields: both headers, or one alone.
+
+    Fields are version, flags, method, time, date, crc, packed, size, name (bytes) and extra (bytes); the
+    central header also has made_by, comment (bytes), disk, internal, attributes and offset.
+    """
+
+    name: str
+    data: bytes
+    both: Fields = field(default_factory=dict)
+    local: Fields = field(default_factory=dict)
+    central: Fields = field(default_factory=dict)
+    before: bytes = b""
+    """Bytes between the member before and the local header."""
+    after: bytes = b""
+    """Bytes behind the data, for instance a data descriptor."""
+    aligned: bool = True
+    listed_only: bool = False
+    """Has a central header, but no local header and no data of its own."""
+
+    def fields(self) -> Fields:
+        """Return what both headers say if nothing is overridden."""
+        return {
+            "version": 20,
+            "flags": 0,
+            "method": 0,
+            "time": 0,
+            "date": 0x21,
+            "crc": zlib.crc32(self.data),
+            "packed": len(self.data),
+            "size": len(self.data),
+            "name": self.name.encode(),
+            "extra": b"",
+            **self.both,
+        }
+
+
+def forge(
+    entries: list[Entry],
+    *,
+    before_directory: bytes = b"",
+    end: Fields | None = None,
+    end64: Fields | None = None,
+    suffix: bytes = b"",
+) -> bytes:
+    """Return a ZIP of `entries`.
+
+    Parameters
+    ----------
+    entries : list of Entry
+    before_directory : bytes
+        Put between the last member and the central directory.
+    end, end64 : dict, optional
+        Fields of the end record (disk, first_disk, here, count, length, start, comment) to override; a ZIP64
+        end record and locator are written if `end64` is given (also: record_size, at, disks).
+    suffix : bytes
+        Put behind everything.
+    """
+    out = bytearray()
+    offsets = []
+    for entry in entries:
+        out += entry.before
+        offsets.append(len(out))
+        if not entry.listed_only:
+            out += local_header(entry, len(out)) + entry.data + entry.after
+    out += before_directory
+    start = len(out)
+    for entry, offset in zip(entries, offsets, strict=True):
+        out += central_header(entry, offset)
+    length = len(out) - start
+    plain = {"disk": 0, "first_disk": 0, "here": len(entries), "count": len(entries)}
+    plain |= {"length": length, "start": start, "comment": b""}
+    if end64 is not None:
+        out += end64_records({**plain, "record_size": 44, "at": len(out), "disks": 1, **end64})
+    out += end_record({**plain, **(end or {})})
+    return bytes(out + suffix)
+
+
+def local_header(entry: Entry, at: int) -> bytes:
+    """Return the local header of an entry that starts at byte `at`."""
+    f = {**entry.fields(), **entry.local}
+    if entry.aligned and "extra" not in {**entry.both, **entry.local}:
+        f["extra"] = padding(at + 30 + len(f["name"]))
+    numbers = [f[key] for key in ("version", "flags", "method", "time", "date", "crc", "packed", "size")]
+    signature = f.get("signature", b"PK\x03\x04")
+    header = struct.pack("<4s5H3I2H", signature, *numbers, len(f["name"]), len(f["extra"]))
+    return bytes(header + f["name"] + f["extra"])
+
+
+def central_header(entry: Entry, offset: int) -> bytes:
+    """Return the central header of an entry whose local header is at byte `offset`."""
+    more = {"made_by": 20, "comment": b"", "disk": 0, "internal": 0, "attributes": 0, "offset": offset}
+    f = {**entry.fields(), **more, **entry.central}
+    numbers = [f[key] for key in ("made_by", "version", "flags", "method", "time", "date")]
+    numbers += [f["crc"], f["packed"], f["size"], len(f["name"]), len(f["extra"]), len(f["comment"])]
+    numbers += [f[key] for key in ("disk", "internal", "attributes", "offset")]
+    header = struct.pack("<4s6H3I5H2I", f.get("signature", b"PK\x01\x02"), *numbers)
+    return bytes(header + f["name"] + f["extra"] + f["comment"])
+
+
+def end_record(f: Fields) -> bytes:
+    """Return an end record with the fields `f`."""
+    numbers = [f[key] for key in ("disk", "first_disk", "here", "count", "length", "start")]
+    return bytes(struct.pack("<4s4H2IH", b"PK\x05\x06", *numbers, len(f["comment"])) + f["comment"])
+
+
+def end64_records(f: Fields) -> bytes:
+    """Return a ZIP64 end record and its locator with the fields `f`."""
+    numbers = [f[key] for key in ("disk", "first_disk", "here", "count", "length", "start")]
+    record = struct.pack("<4sQ2H2I4Q", b"PK\x06\x06", f["record_size"], 45, 45, *numbers)
+    return record + struct.pack("<4sIQI", b"PK\x06\x07", 0, f["at"], f["disks"])
+
+
+def padding(start: int) -> bytes:
+    """Return an extra field that moves data from byte `start` to the next multiple of 64."""
+    missing = -start % ALIGNMENT
+    if 0 < missing < 4:
+        missing += ALIGNMENT
+    return extra(PADDING_ID, bytes(missing - 4)) if missing else b""
+
+
+def extra(kind: int, data: bytes) -> bytes:
+    """Return one record of an extra field."""
+    return struct.pack("<2H", kind, len(data)) + data
+
+
+def zip64(*values: int) -> bytes:
+    """Return a ZIP64 extra record with `values`."""
+    return extra(1, struct.pack(f"<{len(values)}Q", *values))

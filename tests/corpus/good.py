@@ -1,0 +1,145 @@
+"""Three small good assets, and their parts, which the bad ones are made from."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset import Asset, Description, build_asset
+from msb.asset.build import as_bytes
+from msb.asset.manifest import Source, SourceFile, StoredSetting
+from tests.corpus.forge import Entry, forge
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SHA_OF_NOTHING = hashlib.sha256().hexdigest()
+REMOVE = object()
+"""As the new value of a key: the key goes."""
+
+
+def mesh() -> Asset:
+    """Return a tetrahedron with uint8 vertex colours: V = 4, F = 4."""
+    return build_asset(
+        {
+            "positions": np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], np.float32),
+            "indices": np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.uint32),
+            "color": np.arange(12, dtype=np.uint8).reshape(4, 3),
+        },
+        {"color": "vertex"},
+    )
+
+
+def soup() -> Asset:
+    """Return two splats of degree 1 with logits and log-sigmas per face: V = 6, F = 2."""
+    rng = np.random.default_rng(1)
+    return build_asset(
+        {
+            "positions": rng.normal(size=(6, 3)).astype(np.float32),
+            "indices": np.arange(6, dtype=np.uint32).reshape(2, 3),
+            "f_dc": rng.normal(size=(2, 3)).astype(np.float32),
+            "f_rest": rng.normal(size=(2, 9)).astype(np.float32),
+            "opacity": np.array([2.0, -np.inf], np.float32),
+            "sigma": np.array([-3.0, 0.5], np.float32),
+        },
+        dict.fromkeys(("f_dc", "f_rest", "opacity", "sigma"), "face"),
+        Description(
+            method="triangle_splatting",
+            sh_degree=1,
+            coverage={"kernel": "incentre_window"},
+            opacity={"encoding": "logit"},
+            appearance={"kind": "spherical_harmonics", "f_rest_order": "coefficient_major"},
+            compositing={"kind": "front_to_back"},
+            settings={
+                "sh_degree": StoredSetting(1, "checkpoint"),
+                "view_dir": StoredSetting("centroid", "flag"),
+            },
+            source=Source((SourceFile("point_cloud_state_dict.pt", SHA_OF_NOTHING, 0),)),
+        ),
+    )
+
+
+def decoder() -> Asset:
+    """Return two faces with lattice features and a global decoder: V = 4, F = 2."""
+    rng = np.random.default_rng(2)
+    return build_asset(
+        {
+            "positions": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32),
+            "indices": np.array([[0, 1, 2], [2, 1, 3]], np.uint32),
+            "features.alpha": rng.integers(0, 256, (2, 3, 1), dtype=np.uint8),
+            "features.color": rng.normal(size=(2, 3, 7)).astype(np.float32),
+            "decoder.w0": rng.normal(size=(3, 4)).astype(np.float32),
+            "decoder.b0": rng.normal(size=3).astype(np.float32),
+        },
+        {
+            "features.alpha": "face",
+            "features.color": "face",
+            "decoder.w0": "global",
+            "decoder.b0": "global",
+        },
+        Description(
+            method="diffsoup",
+            opacity={"encoding": "feature"},
+            appearance={"kind": "neural_decoder", "lattice_level": 1},
+            compositing={"kind": "binary_z_buffer"},
+            settings={"z_near": StoredSetting(0.25, "config"), "layout": StoredSetting("colmap", "default")},
+        ),
+    )
+
+
+@dataclass
+class Parts:
+    """An asset in pieces that can be spoilt one by one."""
+
+    manifest: dict[str, Any]
+    files: dict[str, bytes]
+
+    def text(self) -> bytes:
+        """Return the manifest as the writer would write it, whatever is in it."""
+        return (json.dumps(self.manifest, indent=2) + "\n").encode()
+
+    def change(self, pointer: str, value: Any) -> Parts:
+        """Set (or `REMOVE`) what the JSON pointer names, and return self."""
+        *path, last = pointer[1:].split("/")
+        target = self.manifest
+        for key in path:
+            target = target[int(key) if isinstance(target, list) else key]
+        if value is REMOVE:
+            del target[last]
+        else:
+            target[int(last) if isinstance(target, list) else last] = value
+        return self
+
+    def set_array(self, name: str, array: np.ndarray) -> Parts:
+        """Replace the values of a buffer, its hash and its shape included, and return self."""
+        spec, data = self.manifest["buffers"][name], array.tobytes()
+        spec.update(byte_length=len(data), shape=list(array.shape), sha256=hashlib.sha256(data).hexdigest())
+        self.files[spec["file"]] = data
+        return self
+
+    def entries(self, manifest: bytes | None = None) -> list[Entry]:
+        """Return the members of the packed form, the manifest first."""
+        text = self.text() if manifest is None else manifest
+        return [Entry("manifest.json", text), *(Entry(name, data) for name, data in self.files.items())]
+
+    def write_packed(self, path: Path, manifest: bytes | None = None) -> None:
+        """Write a single file, optionally with another manifest."""
+        path.write_bytes(forge(self.entries(manifest)))
+
+    def write_folder(self, path: Path, manifest: bytes | None = None) -> None:
+        """Write a folder, optionally with another manifest."""
+        (path / "buffers").mkdir(parents=True)
+        (path / "manifest.json").write_bytes(self.text() if manifest is None else manifest)
+        for name, data in self.files.items():
+            (path / name).write_bytes(data)
+
+
+def parts(asset: Asset) -> Parts:
+    """Return the pieces of an asset in memory."""
+    files = {spec.file: bytes(as_bytes(asset.buffers[name])) for name, spec in asset.manifest.buffers.items()}
+    return Parts(copy.deepcopy(asset.manifest.to_dict()), files)
