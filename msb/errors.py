@@ -256,6 +256,10 @@ CODES: dict[str, Code] = {
                 "A coordinate is not finite or does not fit the output's number format.",
                 "Repair the mesh first; msb-audit names the vertices.",
             ),
+            "OUTPUT_FORMAT_LIMIT": (
+                "The output's format cannot hold this mesh.",
+                "Choose another format; PLY holds any mesh.",
+            ),
         },
     ),
     **_codes(

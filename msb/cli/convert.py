@@ -89,7 +89,7 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
     from msb.atomic import new_file
     from msb.cli.inputs import ASSET_SUFFIX, is_asset
     from msb.meshes import MESH_SUFFIXES, read_mesh, write_mesh
-    from msb.meshes.assets import check_indices, mesh_from_asset, with_vertex_colors
+    from msb.meshes.assets import mesh_from_asset, with_vertex_colors
     from msb.meshes.transform import turned_upright, with_linear_colors
 
     suffix = target.suffix.lower()
@@ -103,8 +103,6 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
             mesh = mesh_from_asset(load(source))
         else:
             mesh = read_mesh(source)
-    with about(source):
-        check_indices(mesh)
     if mesh.face_colors is not None and mesh.vertex_colors is None and suffix not in _FACE_COLOR_SUFFIXES:
         mesh = with_vertex_colors(mesh)
         output.note(f"{target}: {suffix} has no face colours, so every face gets vertices of its own")
@@ -112,5 +110,6 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
         output.note(f"{target}: .stl has no colours; they are left out")
     mesh = turned_upright(mesh, up) if up else mesh
     mesh = with_linear_colors(mesh) if color == "linear" else mesh
-    with output.progress(f"writing {target.name}"), new_file(target) as file:
+    # What is wrong with coordinates and indices is wrong in the source.
+    with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
         write_mesh(mesh, file, suffix=suffix)

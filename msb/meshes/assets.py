@@ -8,8 +8,9 @@ import numpy as np
 
 from msb.asset import Asset, Description, build_asset
 from msb.asset.manifest import Source
-from msb.errors import AssetError, MeshError, Unsupported
+from msb.errors import AssetError, Unsupported
 from msb.meshes.mesh import Mesh
+from msb.meshes.writing import check_indices
 from msb.methods import METHODS
 
 if TYPE_CHECKING:
@@ -85,24 +86,6 @@ def mesh_from_asset(asset: Asset) -> Mesh:
         return Mesh(vertices, faces, None, values)
     corners = np.arange(faces.size, dtype=np.int64).reshape(-1, 3)
     return Mesh(vertices[faces.reshape(-1)], corners, values, None)
-
-
-def check_indices(mesh: Mesh) -> None:
-    """Refuse a mesh that uses a vertex it does not have.
-
-    Raises
-    ------
-    MeshError
-        `MESH_INDEX_OUT_OF_RANGE`, naming the first such face.
-    """
-    outside = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
-    if outside.any():
-        row = int(np.argmax(outside))
-        raise MeshError(
-            "MESH_INDEX_OUT_OF_RANGE",
-            f"face {row} is {tuple(map(int, mesh.faces[row]))}; there are {len(mesh.vertices)} vertices",
-            pointer=f"faces[{row}]",
-        )
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:

@@ -78,4 +78,4 @@ def _by_size(analysis: Analysis) -> NDArray[Any]:
     rank = np.zeros(components.count + 1, components.face_component.dtype)
     rank[order] = np.arange(components.count)
     rank[-1] = -1  # what NONE, an index of -1, looks up
-    return rank[components.face_component]
+    return np.asarray(rank[components.face_component])

@@ -1,0 +1,11 @@
+"""Foreign mesh formats <-> arrays: PLY, OBJ, OFF, STL and GLB, read exactly as stored.
+
+docs/meshes.md says what each reader keeps, what each writer writes, and which libraries were tried.
+"""
+
+from __future__ import annotations
+
+from msb.meshes.files import MESH_SUFFIXES, read_mesh, write_mesh
+from msb.meshes.mesh import Mesh
+
+__all__ = ["MESH_SUFFIXES", "Mesh", "read_mesh", "write_mesh"]

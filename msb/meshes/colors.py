@@ -1,0 +1,38 @@
+"""Colour values of mesh files -> uint8, or float32 in [0, 1]."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
+    """Bring colours of any number type to one of the two types a `Mesh` holds.
+
+    Parameters
+    ----------
+    values : (N, 3) or (N, 4) of any integer or float type
+        uint8 stays as it is. uint16 is divided by 65535. Other integers mean 0..255 and are clamped to that.
+        Floats mean [0, 1] and are clamped to that, as glTF prescribes, unless they are the 0..255 some
+        programs write: whole numbers, at least one above 1 and none above 255. NaN becomes 0.
+
+    Returns
+    -------
+    colors : (N, 3) or (N, 4) uint8 or float32
+        In the machine's byte order.
+    """
+    if values.dtype.kind == "f":
+        values = np.nan_to_num(values, nan=0.0)
+        bytes_as_floats = (values == np.floor(values)).all() and (values >= 0).all()
+        if values.size and bytes_as_floats and 1 < values.max() <= 255:
+            return values.astype(np.uint8)
+        values = np.clip(values, 0, 1)
+    elif values.dtype == np.uint16:
+        values = values / 65535
+    else:
+        return values.clip(0, 255).astype(np.uint8)
+    return values.astype(np.float32)

@@ -1,0 +1,137 @@
+"""The formats by suffix, and the way from a path to arrays and back."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+
+from msb.errors import InputError, MeshFileError, OutputError
+from msb.meshes import glb, obj, off, ply, stl
+from msb.meshes.source import Source
+from msb.meshes.writing import check_writable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.meshes.mesh import Mesh
+
+
+class _Format(NamedTuple):
+    """How one format is read and written."""
+
+    read: Callable[[Source], Mesh]
+    write: Callable[[Mesh, BinaryIO], None]
+
+
+_FORMATS = {
+    ".ply": _Format(ply.read, ply.write),
+    ".obj": _Format(obj.read, obj.write),
+    ".off": _Format(off.read, off.write),
+    ".stl": _Format(stl.read, stl.write),
+    ".glb": _Format(glb.read, glb.write),
+}
+
+MESH_SUFFIXES = tuple(_FORMATS)
+"""The suffixes of the files `read_mesh` and `write_mesh` know, in lower case."""
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+    """Read a mesh file exactly as stored: nothing is merged, split, dropped, reordered or repaired.
+
+    Parameters
+    ----------
+    path : str or Path
+        A regular file; the suffix, in any case, says the format.
+
+    Returns
+    -------
+    mesh : Mesh
+        Polygons are cut into fans around their first corner; docs/meshes.md has the rules of each format.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE (not a regular file, or no permission) or FILE_NOT_RECOGNISED.
+    MeshFileError
+        The content is not a valid file of its format: one of the MESH_FILE_ codes.
+
+    Notes
+    -----
+    The file is untrusted. Declared sizes are checked against the file's before memory is taken, no path in
+    it is opened, and time and memory are linear in its size.
+    """
+    name = os.fspath(path)
+    data = _read_bytes(name)
+    source = Source(name, data)
+    chosen = _format(name, Path(name).suffix)
+    if not data:
+        raise source.error("MESH_FILE_HEADER", "the file is empty")
+    try:
+        return chosen.read(source)
+    except MemoryError:
+        message = f"this machine has not enough memory for a file of {len(data)} bytes"
+        raise source.error("MESH_FILE_TOO_LARGE", message, value=len(data)) from None
+
+
+def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix: str) -> None:
+    """Write a mesh; the same mesh gives the same bytes.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        What to write. Every vertex row and face is kept, in order, as far as the format has them.
+    target : str, Path or binary file
+        Where to write. A path is overwritten; whoever wants no half-written file gives a temporary name.
+    suffix : str
+        One of `MESH_SUFFIXES`, in any case: the format.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_RECOGNISED: no such format.
+    OutputError
+        OUTPUT_COORDINATES: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT:
+        the format cannot hold this mesh. OUTPUT_UNWRITABLE: the target cannot be written.
+    MeshError
+        MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
+    """
+    name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
+    chosen = _format(str(name), suffix)
+    check_writable(mesh)
+    try:
+        if isinstance(target, str | os.PathLike):
+            with Path(target).open("wb") as stream:
+                chosen.write(mesh, stream)
+        else:
+            chosen.write(mesh, target)
+    except OSError as error:
+        message = f"it cannot be written: {error.strerror or error}"
+        raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error
+
+
+def _format(name: str, suffix: str) -> _Format:
+    """Return the format of `suffix`."""
+    found = _FORMATS.get(suffix.lower())
+    if found is None:
+        known = " ".join(MESH_SUFFIXES)
+        message = f"'{suffix}' is not the suffix of a mesh file; {known} are read and written"
+        raise InputError("FILE_NOT_RECOGNISED", message, file=name, value=suffix)
+    return found
+
+
+def _read_bytes(name: str) -> bytes:
+    """Return the content of the regular file `name`; a pipe or device is never opened."""
+    try:
+        if not stat.S_ISREG(Path(name).stat().st_mode):
+            message = "it is not a regular file, and only those are read as meshes"
+            raise InputError("FILE_UNREADABLE", message, file=name)
+        return Path(name).read_bytes()
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        raise InputError("FILE_NOT_FOUND", "there is no such file", file=name) from None
+    except OSError as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=name) from None
+    except MemoryError:
+        message = "this machine has not enough memory for the file"
+        raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None

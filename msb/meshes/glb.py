@@ -1,0 +1,329 @@
+"""GLB: glTF 2.0 in one binary file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from msb.errors import OutputError, shorten
+from msb.meshes.colors import stored_colors
+from msb.meshes.gltf import CHUNK, HEADER, Accessor, Document, accessor, open_document
+from msb.meshes.gltf_nodes import IDENTITY, placed_meshes
+from msb.meshes.mesh import Mesh
+from msb.meshes.polygons import fan_triangulate
+from msb.meshes.writing import as_float32
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.meshes.source import Source
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MODES = 7
+
+_HARMLESS = (
+    "KHR_materials_",
+    "KHR_texture_",
+    "KHR_lights_",
+    "KHR_mesh_quantization",
+    "EXT_texture_",
+    "MSFT_texture_",
+)
+"""How extensions begin that a file may require of us: they change no geometry, or we read what they add."""
+
+MAX_BYTES_PER_BYTE = 64
+MAX_EXTRA_BYTES = 1 << 28
+_PRIMITIVE_BYTES = 1 << 10
+"""What a file may grow to: 64 bytes of arrays per byte of file, and 256 MiB.
+
+One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit.
+Each primitive counts a KiB beside its arrays, so that the limit bounds the number of steps too."""
+
+
+@dataclass(frozen=True)
+class _Primitive:
+    """One drawable part of a mesh: V vertices and F triangles."""
+
+    pointer: str
+    mode: int
+    positions: Accessor
+    indices: Accessor | None
+    colors: Accessor | None
+
+    @property
+    def corners(self) -> int:
+        """The number of corners drawn."""
+        return self.positions.count if self.indices is None else self.indices.count
+
+    @property
+    def bytes(self) -> int:
+        """At most how many bytes the arrays of this part take in a `Mesh`."""
+        triangles = self.corners // 3 if self.mode == _TRIANGLES else self.corners
+        colors = 0 if self.colors is None else self.colors.width * 4
+        return self.positions.count * (24 + colors) + triangles * 24 + _PRIMITIVE_BYTES
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A primitive's arrays: (V, 3) floats, (F, 3) vertex numbers of its own, (V, 3 | 4) colours."""
+
+    vertices: NDArray[Any]
+    faces: NDArray[np.int64]
+    colors: NDArray[Any] | None
+
+
+def read(source: Source) -> Mesh:
+    """Read the triangles of the default scene, primitive after primitive, in ascending order of nodes.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Returns
+    -------
+    mesh : Mesh
+        Vertices are float32 as long as no node moves any, else float64. Every primitive brings its own
+        vertices; where only some have colours, the others are white, as the format defines. An index
+        outside its primitive stays outside the whole mesh.
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TRAILING, MESH_FILE_NUMBER, MESH_FILE_FACE,
+        MESH_FILE_INDEX, MESH_FILE_UNSUPPORTED or MESH_FILE_TOO_LARGE.
+    """
+    document = open_document(source)
+    _refuse_extensions(document)
+    placed = list(placed_meshes(document))
+    primitives = {mesh: _primitives(document, mesh) for mesh in {mesh for mesh, _ in placed}}
+    sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
+    _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
+    if not any(primitives.values()) and document.root.get("meshes"):
+        text = "the scene shows no mesh with triangles, although the file has meshes"
+        raise source.error("MESH_FILE_HEADER", text)
+    parts = {mesh: [_read_part(each) for each in primitives[mesh]] for mesh in primitives}
+    return _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
+
+
+def write(mesh: Mesh, stream: BinaryIO) -> None:
+    """Write one unlit, two-sided mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Checked by the caller. Positions become float32. uint8 colours are padded to four components,
+        since glTF aligns elements to four bytes; float32 colours stay as they are. Face colours are lost.
+    stream : binary file
+        Where to write.
+
+    Raises
+    ------
+    OutputError
+        OUTPUT_COORDINATES: a coordinate is too large for float32. OUTPUT_FORMAT_LIMIT: there are no faces, or
+        the file would exceed the 4 GiB a GLB can have.
+    """
+    if not len(mesh.faces):
+        raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")
+    positions = as_float32(mesh.vertices, "GLB")
+    arrays: list[tuple[NDArray[Any], str]] = [
+        (positions.astype("<f4", copy=False), "POSITION"),
+        (mesh.faces.ravel().astype("<u4"), "indices"),
+    ]
+    if mesh.vertex_colors is not None:
+        arrays.append((_aligned_colors(mesh.vertex_colors), "COLOR_0"))
+    text = json.dumps(_description(arrays, positions), separators=(",", ":")).encode("ascii")
+    text += b" " * (-len(text) % 4)
+    size = sum(array.nbytes for array, _ in arrays)
+    total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + size
+    if total >= 2**32:
+        raise OutputError(
+            "OUTPUT_FORMAT_LIMIT", f"a GLB has at most 4 GiB, this one would have {total} bytes"
+        )
+    stream.write(HEADER.pack(b"glTF", 2, total) + CHUNK.pack(len(text), b"JSON") + text)
+    stream.write(CHUNK.pack(size, b"BIN\0"))
+    for array, _ in arrays:
+        stream.write(np.ascontiguousarray(array).data)
+
+
+def _aligned_colors(colors: NDArray[Any]) -> NDArray[Any]:
+    """Return colours (V, 3 | 4) whose rows take a multiple of four bytes."""
+    if colors.dtype == np.uint8 and colors.shape[1] == 3:
+        return _with_alpha(colors)
+    return colors.astype(colors.dtype.newbyteorder("<"), copy=False)
+
+
+def _with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
+    """Return colours (N, 3 | 4) as (N, 4); what had no alpha is opaque."""
+    if colors.shape[1] == 4:
+        return colors
+    opaque = 255 if colors.dtype == np.uint8 else 1
+    alpha = np.full((len(colors), 1), opaque, dtype=colors.dtype)
+    return np.concatenate((colors, alpha), axis=1)
+
+
+def _description(arrays: list[tuple[NDArray[Any], str]], positions: NDArray[np.float32]) -> dict[str, Any]:
+    """Return the JSON for `arrays`, which lie in the binary chunk one after the other."""
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    start = 0
+    for array, role in arrays:
+        target = 34963 if role == "indices" else 34962
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": array.nbytes, "target": target})
+        component = {"f4": 5126, "u4": 5125, "u1": 5121}[array.dtype.str[1:]]
+        kind = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
+        entry = {"bufferView": len(accessors), "componentType": component, "count": len(array), "type": kind}
+        if array.dtype == np.uint8:
+            entry["normalized"] = True
+        accessors.append(entry)
+        start += array.nbytes
+    accessors[0] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    attributes = {role: number for number, (_, role) in enumerate(arrays) if role != "indices"}
+    primitive = {"attributes": attributes, "indices": 1, "material": 0, "mode": _TRIANGLES}
+    unlit = "KHR_materials_unlit"
+    plain = {"baseColorFactor": [1, 1, 1, 1], "metallicFactor": 0, "roughnessFactor": 1}
+    return {
+        "asset": {"version": "2.0", "generator": "MeshSplatBench"},
+        "extensionsUsed": [unlit],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "materials": [{"pbrMetallicRoughness": plain, "extensions": {unlit: {}}, "doubleSided": True}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": start}],
+    }
+
+
+def _refuse_extensions(document: Document) -> None:
+    """Refuse a file that requires what we do not know: its accessors may hold nothing without that."""
+    for name in document.array(document.root, "extensionsRequired", ""):
+        if not str(name).startswith(_HARMLESS):
+            text = f"the file requires extension {shorten(str(name))}, which is not read; export without it"
+            raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text, value=name)
+
+
+def _primitives(document: Document, mesh: int) -> list[_Primitive]:
+    """Return the parts of mesh number `mesh` that have triangles."""
+    owner, pointer = document.entry("meshes", mesh)
+    found = []
+    for number, entry in enumerate(document.array(owner, "primitives", pointer)):
+        where = f"{pointer}/primitives/{number}"
+        if not isinstance(entry, dict):
+            raise document.error("MESH_FILE_HEADER", where, "a primitive is an object")
+        if document.integer(entry, "mode", where, default=_TRIANGLES, below=_MODES) >= _TRIANGLES:
+            found.append(_primitive(document, entry, where))
+    return found
+
+
+def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> _Primitive:
+    """Return the description of a primitive; its arrays are known to be there."""
+    attributes = document.object(entry, "attributes", pointer)
+    where = f"{pointer}/attributes"
+    number = document.integer(attributes, "POSITION", where)
+    packed = "KHR_draco_mesh_compression"
+    only_packed = "bufferView" not in document.entry("accessors", number)[0]
+    if only_packed and packed in document.object(entry, "extensions", pointer):
+        text = f"its arrays exist only compressed ({packed}), which is not read; export without it"
+        raise document.error("MESH_FILE_UNSUPPORTED", pointer, text, value=packed)
+    positions = accessor(document, number, kinds="VEC3", components="i1 u1 i2 u2 f4")
+    indices = colors = None
+    if "indices" in entry:
+        number = document.integer(entry, "indices", pointer)
+        indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4")
+    if "COLOR_0" in attributes:
+        number = document.integer(attributes, "COLOR_0", where)
+        colors = accessor(document, number, kinds="VEC3 VEC4", components="u1 u2 f4")
+        if colors.count != positions.count:
+            text = f"there are {colors.count} colours for {positions.count} vertices"
+            raise document.error("MESH_FILE_HEADER", f"{where}/COLOR_0", text)
+    mode = document.integer(entry, "mode", pointer, default=_TRIANGLES)
+    made = _Primitive(pointer, mode, positions, indices, colors)
+    if mode == _TRIANGLES and made.corners % 3:
+        text = f"{made.corners} corners are no whole number of triangles"
+        raise document.error("MESH_FILE_FACE", pointer, text, value=made.corners)
+    return made
+
+
+def _check_total(document: Document, total: int) -> None:
+    """Refuse arrays of `total` bytes if the file is too small for so many."""
+    limit = MAX_BYTES_PER_BYTE * len(document.source.data) + MAX_EXTRA_BYTES
+    if total > limit:
+        text = (
+            f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"
+        )
+        raise document.source.error("MESH_FILE_TOO_LARGE", text, value=total, limit=limit)
+
+
+def _read_part(primitive: _Primitive) -> _Part:
+    """Return the arrays of `primitive`."""
+    vertices = primitive.positions.read()
+    if vertices.dtype.kind == "f":
+        vertices = vertices.astype(np.float32)
+    elif primitive.positions.normalized:
+        vertices = np.maximum(vertices / np.iinfo(vertices.dtype).max, -1)
+    else:
+        vertices = vertices.astype(np.float64)
+    if primitive.indices is None:
+        corners = np.arange(primitive.positions.count)
+    else:
+        corners = primitive.indices.read()[:, 0].astype(np.int64)
+    colors = None if primitive.colors is None else stored_colors(primitive.colors.read())
+    return _Part(vertices, _triangles(corners, primitive.mode), colors)
+
+
+def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """Return the triangles (F, 3) drawn with `corners` (C,)."""
+    if mode == _TRIANGLES:
+        return corners.reshape(-1, 3)
+    if mode == _FAN:
+        return fan_triangulate(corners, np.array([len(corners)]))[0]
+    first = np.arange(max(len(corners) - 2, 0))
+    odd = first % 2
+    return np.stack((corners[first], corners[first + 1 + odd], corners[first + 2 - odd]), axis=1)
+
+
+def _moved(part: _Part, matrix: NDArray[np.float64]) -> _Part:
+    """Return `part` with the transform (4, 4) applied; the identity changes nothing, not even the type."""
+    if np.array_equal(matrix, IDENTITY):
+        return part
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = part.vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return _Part(vertices, part.faces, part.colors)
+
+
+def _join(parts: list[_Part]) -> Mesh:
+    """Return the mesh of all parts, one after the other."""
+    if not parts:
+        return Mesh(np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.int64))
+    total = sum(len(part.vertices) for part in parts)
+    faces, base = [], 0
+    for part in parts:
+        own = len(part.vertices)
+        # An index beyond its own part must not come to name a vertex of the next one.
+        faces.append(np.where(part.faces < own, part.faces + base, part.faces - own + total))
+        base += own
+    colors = None
+    if any(part.colors is not None for part in parts):
+        colors = _join_colors(parts)
+    return Mesh(np.concatenate([part.vertices for part in parts]), np.concatenate(faces), colors)
+
+
+def _join_colors(parts: list[_Part]) -> NDArray[Any]:
+    """Return the colours (V, 3 | 4) of all parts in the widest type and width among them."""
+    found = [part.colors for part in parts if part.colors is not None]
+    as_bytes = all(colors.dtype == np.uint8 for colors in found)
+    wide = any(colors.shape[1] == 4 for colors in found)
+    joined = []
+    for part in parts:
+        colors = part.colors
+        if colors is None:
+            colors = np.full((len(part.vertices), 3), 255, dtype=np.uint8)
+        if not as_bytes and colors.dtype == np.uint8:
+            colors = (colors / 255).astype(np.float32)
+        joined.append(_with_alpha(colors) if wide else colors)
+    return np.concatenate(joined)

@@ -1,0 +1,324 @@
+"""The container of a GLB file, its JSON, and the arrays ("accessors") in its binary chunk."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from msb.errors import MeshFileError, shorten
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.meshes.source import Source
+
+HEADER = struct.Struct("<4sII")
+CHUNK = struct.Struct("<I4s")
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""Component types of glTF 2.0 -> NumPy types."""
+
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+"""Accessor types -> components an element; matrices hold no geometry."""
+
+MAX_JSON_BYTES = 1 << 24
+"""16 MiB, a scene of some 100,000 nodes; parsed it takes at most some 400 MB."""
+
+MAX_JSON_DEPTH = 64
+"""glTF itself nests about ten deep; extras may add some."""
+
+_NESTING = np.zeros(256, dtype=np.int8)
+_NESTING[list(b"[{")] = 1
+_NESTING[list(b"]}")] = -1
+
+
+@dataclass(frozen=True)
+class Document:
+    """A GLB file: its JSON object and its binary chunk.
+
+    Parameters
+    ----------
+    source : Source
+        The file, for messages.
+    root : dict
+        The JSON.
+    binary : memoryview
+        The bytes of the binary chunk; none where there is no such chunk.
+    """
+
+    source: Source
+    root: dict[str, Any]
+    binary: memoryview
+
+    def error(self, code: str, pointer: str, message: str, **about: Any) -> MeshFileError:
+        """Return the error about the place with JSON pointer `pointer`."""
+        return self.source.error(code, message, pointer=pointer, **about)
+
+    def integer(
+        self, owner: dict[str, Any], key: str, pointer: str, *, default: int | None = None, below: int = 2**63
+    ) -> int:
+        """Return `owner[key]`, an integer from 0 to `below` - 1; without a default it is required."""
+        value = owner.get(key, default)
+        if type(value) is not int or not 0 <= value < below:
+            text = f"'{key}' is {shorten(str(value))}, not an integer from 0 to {below - 1}"
+            raise self.error("MESH_FILE_HEADER", f"{pointer}/{key}", text, value=value)
+        return value
+
+    def numbers(
+        self, owner: dict[str, Any], key: str, pointer: str, default: tuple[float, ...]
+    ) -> NDArray[np.float64]:
+        """Return `owner[key]`, as many finite numbers as `default` has, (N,)."""
+        value = owner.get(key, default)
+        ok = isinstance(value, list | tuple) and len(value) == len(default)
+        if not ok or not all(type(each) in (int, float) and _is_finite(each) for each in value):
+            text = f"'{key}' is not an array of {len(default)} finite numbers"
+            raise self.error("MESH_FILE_NUMBER", f"{pointer}/{key}", text)
+        return np.array(value, dtype=np.float64)
+
+    def array(self, owner: dict[str, Any], key: str, pointer: str) -> list[Any]:
+        """Return the JSON array `owner[key]`; absent is empty."""
+        value = owner.get(key, [])
+        if not isinstance(value, list):
+            raise self.error("MESH_FILE_HEADER", f"{pointer}/{key}", f"'{key}' is not an array")
+        return value
+
+    def object(self, owner: dict[str, Any], key: str, pointer: str) -> dict[str, Any]:
+        """Return the JSON object `owner[key]`; absent is empty."""
+        value = owner.get(key, {})
+        if not isinstance(value, dict):
+            raise self.error("MESH_FILE_HEADER", f"{pointer}/{key}", f"'{key}' is not an object")
+        return value
+
+    def entry(self, table: str, index: int) -> tuple[dict[str, Any], str]:
+        """Return entry `index` of a top-level array such as "meshes", and its JSON pointer."""
+        pointer = f"/{table}/{index}"
+        entries = self.array(self.root, table, "")
+        if index >= len(entries) or not isinstance(entries[index], dict):
+            text = f"there is no such object; '{table}' has {len(entries)} entries"
+            raise self.error("MESH_FILE_HEADER", pointer, text, value=index, limit=len(entries))
+        return entries[index], pointer
+
+
+@dataclass(frozen=True)
+class Accessor:
+    """A checked description of an array: reading it cannot fail for want of bytes.
+
+    `start` is the byte in the binary chunk, None for zeros; `stride` the bytes from one element to the next;
+    `sparse` the accessors of the positions and values that replace some elements.
+    """
+
+    document: Document
+    pointer: str
+    count: int
+    width: int
+    dtype: np.dtype[Any]
+    normalized: bool
+    start: int | None
+    stride: int
+    sparse: tuple[Accessor, Accessor] | None = None
+
+    def read(self) -> NDArray[Any]:
+        """Return the values: (count, width), of `dtype`."""
+        values: NDArray[Any]
+        if self.start is None or not self.count:
+            values = np.zeros((self.count, self.width), dtype=self.dtype)
+        else:
+            strides = (self.stride, self.dtype.itemsize)
+            shape = (self.count, self.width)
+            values = np.ndarray(shape, self.dtype, self.document.binary, self.start, strides).copy()
+        if self.sparse is not None:
+            places = self.sparse[0].read()[:, 0].astype(np.int64)
+            if places.size and places.max() >= self.count:
+                text = f"a sparse index is {places.max()}, but the accessor has {self.count} elements"
+                raise self.document.error("MESH_FILE_INDEX", f"{self.pointer}/sparse", text)
+            values[places] = self.sparse[1].read()
+        return values
+
+
+def open_document(source: Source) -> Document:
+    """Take a GLB file apart and parse its JSON.
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TRAILING, MESH_FILE_UNSUPPORTED (version) or
+        MESH_FILE_TOO_LARGE.
+    """
+    data = source.data
+    if not data.startswith(b"glTF"):
+        raise source.not_a("GLB", "it does not begin with 'glTF'")
+    if len(data) < HEADER.size:
+        raise source.error("MESH_FILE_TRUNCATED", f"the file ends within its header of {HEADER.size} bytes")
+    _, version, length = HEADER.unpack_from(data)
+    if version != 2:
+        text = f"version {version} is not read; 2 is"
+        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer="byte 4", value=version)
+    if length > len(data):
+        text = f"the header says {length} bytes, the file has {len(data)}"
+        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 8", value=len(data), limit=length)
+    if length < len(data):
+        text = f"{len(data) - length} bytes follow the {length} bytes the header announces"
+        raise source.error("MESH_FILE_TRAILING", text, pointer=f"byte {length}", limit=length)
+    chunks = _chunks(source)
+    if not chunks or chunks[0][0] != b"JSON":
+        raise source.error("MESH_FILE_HEADER", "the first chunk is not JSON", pointer="byte 16")
+    binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else memoryview(b"")
+    return Document(source, _parse_json(source, bytes(chunks[0][1])), binary)
+
+
+def accessor(document: Document, index: int, *, kinds: str, components: str) -> Accessor:
+    """Describe accessor `index` after checking that its bytes are there.
+
+    Parameters
+    ----------
+    document : Document
+        The file.
+    index : int
+        The accessor's number.
+    kinds : str
+        The allowed types, such as "VEC3 VEC4".
+    components : str
+        The allowed component types as NumPy types, such as "u1 u2 f4".
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_TRUNCATED or MESH_FILE_UNSUPPORTED.
+    """
+    entry, pointer = document.entry("accessors", index)
+    kind = entry.get("type")
+    if not isinstance(kind, str) or kind not in kinds.split():
+        text = f"'type' is {shorten(str(kind))}; {kinds.replace(' ', ' or ')} is right here"
+        raise document.error("MESH_FILE_HEADER", f"{pointer}/type", text)
+    width = WIDTHS[kind]
+    count = document.integer(entry, "count", pointer)
+    dtype = _component(document, entry, pointer, components)
+    sparse = document.object(entry, "sparse", pointer)
+    start, stride = None, 0
+    if "bufferView" in entry:
+        start, stride = _placed(document, entry, pointer, count, dtype.itemsize * width)
+    elif not sparse:
+        text = "the accessor has no 'bufferView', so it has no values"
+        raise document.error("MESH_FILE_HEADER", pointer, text)
+    normalized = entry.get("normalized") is True
+    plain = Accessor(document, pointer, count, width, dtype, normalized, start, stride)
+    if not sparse:
+        return plain
+    pair = _sparse(document, sparse, f"{pointer}/sparse", plain)
+    return Accessor(document, pointer, count, width, dtype, normalized, start, stride, pair)
+
+
+def _sparse(
+    document: Document, entry: dict[str, Any], pointer: str, base: Accessor
+) -> tuple[Accessor, Accessor]:
+    """Return the accessors of the indices and the values that `entry` puts into `base`."""
+    count = document.integer(entry, "count", pointer, below=base.count + 1)
+    indices = document.object(entry, "indices", pointer)
+    values = document.object(entry, "values", pointer)
+    kind = _component(document, indices, f"{pointer}/indices", "u1 u2 u4")
+    start, stride = _placed(document, indices, f"{pointer}/indices", count, kind.itemsize)
+    first = Accessor(document, f"{pointer}/indices", count, 1, kind, False, start, stride)
+    size = base.dtype.itemsize * base.width
+    start, stride = _placed(document, values, f"{pointer}/values", count, size)
+    return first, Accessor(document, f"{pointer}/values", count, base.width, base.dtype, False, start, stride)
+
+
+def _component(document: Document, owner: dict[str, Any], pointer: str, allowed: str) -> np.dtype[Any]:
+    """Return the type of `owner["componentType"]`, one of the NumPy types `allowed`."""
+    number = document.integer(owner, "componentType", pointer)
+    name = COMPONENTS.get(number, "")
+    if name[1:] not in allowed.split():
+        right = ", ".join(str(key) for key, each in COMPONENTS.items() if each[1:] in allowed.split())
+        text = f"'componentType' {number} is not allowed here; one of {right} is"
+        raise document.error("MESH_FILE_HEADER", f"{pointer}/componentType", text, value=number)
+    return np.dtype(name)
+
+
+def _placed(
+    document: Document, owner: dict[str, Any], pointer: str, count: int, size: int
+) -> tuple[int, int]:
+    """Return start and stride, in the binary chunk, of `count` elements of `size` bytes each."""
+    view, view_pointer = document.entry("bufferViews", document.integer(owner, "bufferView", pointer))
+    buffer, buffer_pointer = document.entry("buffers", document.integer(view, "buffer", view_pointer))
+    if "uri" in buffer:
+        text = "buffers in other files are not read; save a GLB that holds its own"
+        raise document.error("MESH_FILE_UNSUPPORTED", f"{buffer_pointer}/uri", text)
+    if buffer_pointer != "/buffers/0":
+        text = "only the first buffer can lie in the binary chunk, and this one names no other place"
+        raise document.error("MESH_FILE_HEADER", buffer_pointer, text)
+    view_start = document.integer(view, "byteOffset", view_pointer, default=0)
+    view_size = document.integer(view, "byteLength", view_pointer)
+    if view_start + view_size > len(document.binary):
+        text = f"it ends at byte {view_start + view_size} of a binary chunk of {len(document.binary)} bytes"
+        raise document.error("MESH_FILE_TRUNCATED", view_pointer, text, limit=len(document.binary))
+    stride = document.integer(view, "byteStride", view_pointer, default=size)
+    if stride < size:
+        text = f"'byteStride' is {stride}, less than the {size} bytes of an element"
+        raise document.error("MESH_FILE_HEADER", f"{view_pointer}/byteStride", text, value=stride)
+    start = document.integer(owner, "byteOffset", pointer, default=0)
+    if count and start + stride * (count - 1) + size > view_size:
+        text = f"{count} elements of {size} bytes do not fit the {view_size} bytes of {view_pointer}"
+        raise document.error("MESH_FILE_TRUNCATED", pointer, text, value=count)
+    return view_start + start, stride
+
+
+def _chunks(source: Source) -> list[tuple[bytes, memoryview]]:
+    """Return type and content of the first two chunks; later ones are of extensions."""
+    chunks: list[tuple[bytes, memoryview]] = []
+    at = HEADER.size
+    while at < len(source.data) and len(chunks) < 2:
+        if at + CHUNK.size > len(source.data):
+            text = "the file ends within the header of a chunk"
+            raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {at}")
+        size, kind = CHUNK.unpack_from(source.data, at)
+        begin = at + CHUNK.size
+        if begin + size > len(source.data):
+            text = f"a chunk declares {size} bytes, but {len(source.data) - begin} are left"
+            raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {at}", value=size)
+        chunks.append((kind, memoryview(source.data)[begin : begin + size]))
+        at = begin + size
+    return chunks
+
+
+def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
+    """Return the JSON object in `text`."""
+    if len(text) > MAX_JSON_BYTES:
+        message = f"the JSON has {len(text)} bytes, more than {MAX_JSON_BYTES}"
+        raise source.error("MESH_FILE_TOO_LARGE", message, value=len(text), limit=MAX_JSON_BYTES)
+    depth = _nesting(text)
+    if depth > MAX_JSON_DEPTH:
+        message = f"the JSON nests {depth} deep, more than {MAX_JSON_DEPTH}"
+        raise source.error("MESH_FILE_TOO_LARGE", message, value=depth, limit=MAX_JSON_DEPTH)
+    try:
+        root = json.loads(text.decode("utf-8"), parse_constant=_refuse_constant)
+    except ValueError as error:
+        message = f"the JSON cannot be read: {shorten(str(error))}"
+        raise source.error("MESH_FILE_HEADER", message) from None
+    if not isinstance(root, dict):
+        raise source.error("MESH_FILE_HEADER", "the JSON is not an object")
+    return root
+
+
+def _nesting(text: bytes) -> int:
+    """Return how deep objects and arrays nest in JSON; brackets within strings do not count."""
+    unescaped = text.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
+    marks = np.frombuffer(unescaped, dtype=np.uint8)
+    outside = np.cumsum(marks == ord('"'), dtype=np.int32) % 2 == 0
+    return int(np.cumsum(_NESTING[marks] * outside, dtype=np.int32).max(initial=0))
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    message = f"{name} is not JSON"
+    raise ValueError(message)
+
+
+def _is_finite(value: float) -> bool:
+    """Return whether `value` is finite as float64; a long integer may not be."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False

@@ -1,0 +1,60 @@
+"""What a mesh file holds, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MeshError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """The triangles of one file: every vertex row and every face, in the file's order.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float32 or float64
+        Positions in the file's units and precision; unreferenced and non-finite rows included.
+    faces : (F, 3) int64
+        Vertex numbers. They may be negative or at least V if the file says so: the audit reports that.
+    vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
+        None where the file has none.
+    face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
+        One row per triangle, that is per row of `faces`.
+
+    Raises
+    ------
+    MeshError
+        MESH_ARRAY: an array has another shape or type.
+    """
+
+    vertices: NDArray[Any]
+    faces: NDArray[np.int64]
+    vertex_colors: NDArray[Any] | None = None
+    face_colors: NDArray[Any] | None = None
+
+    def __post_init__(self) -> None:
+        _check("vertices", self.vertices, None, (3,), (np.float32, np.float64))
+        _check("faces", self.faces, None, (3,), (np.int64,))
+        if self.vertex_colors is not None:
+            _check("vertex_colors", self.vertex_colors, len(self.vertices), (3, 4), (np.uint8, np.float32))
+        if self.face_colors is not None:
+            _check("face_colors", self.face_colors, len(self.faces), (3, 4), (np.uint8, np.float32))
+
+
+def _check(
+    name: str, array: NDArray[Any], rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
+) -> None:
+    """Raise MESH_ARRAY unless `array` is (rows, one of widths) of one of `types`; rows None is any number."""
+    ok = array.ndim == 2 and array.shape[1] in widths and array.dtype in types and rows in (None, len(array))
+    if not ok:
+        shape = f"({'N' if rows is None else rows}, {' or '.join(map(str, widths))})"
+        kinds = " or ".join(np.dtype(kind).name for kind in types)
+        text = f"{name} is {array.shape} {array.dtype}, not {shape} {kinds}"
+        raise MeshError("MESH_ARRAY", text)

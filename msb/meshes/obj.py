@@ -1,0 +1,153 @@
+"""Wavefront OBJ: polygon meshes as text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from msb.meshes.colors import stored_colors
+from msb.meshes.mesh import Mesh
+from msb.meshes.polygons import fan_triangulate
+from msb.meshes.source import Source
+from msb.meshes.text import Words, first_not_whole, word_blocks
+from msb.meshes.writing import write_rows
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_COLOR_WIDTHS = {6: 3, 7: 4}
+"""Numbers on a `v` line -> how many of them, the last ones, are a colour."""
+
+_UNSUPPORTED = (b"surf", b"call", b"csh")
+"""Free-form surfaces, which are no polygons; other files and shell commands, which we never open or run."""
+
+
+@dataclass
+class _Parts:
+    """What the blocks of a file gave so far."""
+
+    vertex_count: int = 0
+    vertices: list[NDArray[np.float64]] = field(default_factory=list)
+    colors: list[NDArray[np.float64]] = field(default_factory=list)
+    color_widths: set[int] = field(default_factory=set)
+    corners: list[NDArray[np.int64]] = field(default_factory=list)
+    counts: list[NDArray[np.int64]] = field(default_factory=list)
+
+
+def read(source: Source) -> Mesh:
+    """Read `v` and `f` lines; everything else, texture and normal indices included, is ignored.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Returns
+    -------
+    mesh : Mesh
+        Vertices are float64. Colours come from `v x y z r g b [a]`, if every `v` line has them.
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER: no `v` line. MESH_FILE_NUMBER: a number cannot be read, or a `v` line has too few
+        or too many. MESH_FILE_INDEX: index 0, or a relative index before the first vertex.
+        MESH_FILE_UNSUPPORTED: free-form surfaces, `call` or `csh`.
+    """
+    text = source.as_text("OBJ")
+    if b"\\" in text.data:
+        joined = text.data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+        text = Source(source.path, joined, lines=text.data)
+    parts = _Parts()
+    for words in word_blocks(text, comments=True):
+        _refuse_unsupported(words)
+        is_vertex = words.lines_beginning(b"v")
+        _add_faces(parts, words, is_vertex)
+        _add_vertices(parts, words, is_vertex)
+    if not parts.vertex_count:
+        raise source.not_a("OBJ", "it has no 'v x y z' line")
+    faces, _ = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
+    colors = None
+    if parts.color_widths in ({3}, {4}):
+        colors = stored_colors(np.concatenate(parts.colors))
+    return Mesh(np.concatenate(parts.vertices), faces, colors)
+
+
+def write(mesh: Mesh, stream: BinaryIO) -> None:
+    """Write `v` and `f` lines; float32 and float64 coordinates read back as exactly the same number.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Checked by the caller. Colours are written after the coordinates, as 0..1 with nine digits.
+    stream : binary file
+        Where to write.
+    """
+    columns, form = mesh.vertices, "v %r %r %r"
+    if mesh.vertex_colors is not None:
+        colors: NDArray[Any] = mesh.vertex_colors
+        if colors.dtype == np.uint8:
+            colors = colors / 255
+        columns = np.column_stack((columns, colors))
+        form += " %.9g" * colors.shape[1]
+    write_rows(stream, form, columns)
+    write_rows(stream, "f %d %d %d", mesh.faces + 1)
+
+
+def _refuse_unsupported(words: Words) -> None:
+    for keyword in _UNSUPPORTED:
+        lines = np.flatnonzero(words.lines_beginning(keyword))
+        if lines.size:
+            name = keyword.decode()
+            text = f"'{name}' is not read; only polygons ('f' lines) in this one file are"
+            raise words.line_error("MESH_FILE_UNSUPPORTED", int(lines[0]), text, value=name)
+
+
+def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
+    """Append the vertices of the `is_vertex` (L,) lines."""
+    widths = words.count[is_vertex] - 1
+    wrong = np.flatnonzero((widths < 3) | (widths > 7) | (widths == 5))
+    if wrong.size:
+        line = int(np.flatnonzero(is_vertex)[wrong[0]])
+        text = f"'v' has {widths[wrong[0]]} numbers; x y z, x y z w, x y z r g b or x y z r g b a is right"
+        raise words.line_error("MESH_FILE_NUMBER", line, text, value=int(widths[wrong[0]]))
+    values = words.numbers(words.arguments(is_vertex))
+    first = np.cumsum(widths) - widths
+    parts.vertices.append(values[first[:, None] + np.arange(3)])
+    parts.vertex_count += len(widths)
+    found = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
+    parts.color_widths |= found
+    if found in ({3}, {4}):
+        parts.colors.append(values.reshape(len(widths), -1)[:, 3:])
+
+
+def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
+    """Append the polygons of the `f` and `fo` lines; `is_vertex` (L,) says where vertices come between."""
+    is_face = words.lines_beginning(b"f") | words.lines_beginning(b"fo")
+    counts = words.count[is_face] - 1
+    values = words.without_suffix(b"/").numbers(words.arguments(is_face))
+    bad = first_not_whole(values)
+    if bad is not None:
+        text = f"index {values[bad]!s} is not a whole number of at most 2**53"
+        raise words.line_error("MESH_FILE_NUMBER", _line_of(is_face, counts, bad), text)
+    index = values.astype(np.int64)
+    corners = index - 1
+    if (index < 0).any():
+        above = (parts.vertex_count + np.cumsum(is_vertex))[is_face]
+        corners = np.where(index < 0, np.repeat(above, counts) + index, corners)
+    wrong = np.flatnonzero((index == 0) | (corners < 0))
+    if wrong.size:
+        value = int(index[wrong[0]])
+        text = f"index {value} is not allowed: indices begin with 1, or with -1 for the vertex just above"
+        line = _line_of(is_face, counts, int(wrong[0]))
+        raise words.line_error("MESH_FILE_INDEX", line, text, value=value)
+    parts.corners.append(corners)
+    parts.counts.append(counts)
+
+
+def _line_of(is_face: NDArray[np.bool_], counts: NDArray[np.int64], corner: int) -> int:
+    """Return the line of corner number `corner`; the face lines (L,) hold `counts` corners each."""
+    face = np.searchsorted(np.cumsum(counts), corner, side="right")
+    return int(np.flatnonzero(is_face)[face])

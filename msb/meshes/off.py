@@ -1,0 +1,194 @@
+"""OFF: the Object File Format of Geomview, as text, with its colour, normal and texture variants."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from msb.errors import shorten
+from msb.meshes.colors import stored_colors
+from msb.meshes.mesh import Mesh
+from msb.meshes.polygons import fan_triangulate, steps
+from msb.meshes.text import Table, read_table
+from msb.meshes.writing import write_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from msb.meshes.source import Source
+
+_KEYWORD = re.compile(rb"((?:ST|[CN4n]){0,5})OFF(.*)")
+_BINARY = re.compile(rb"\s*+\w{0,6}OFF[ \t]+BINARY", re.IGNORECASE)
+_PREFIXES = re.compile(r"ST|C|N|4|n")
+_COUNTS = re.compile(rb"\s*(\d{1,18})\s+(\d{1,18})(?:\s+[+-]?\d+)?\s*")
+_LINE = re.compile(rb"[^\n]*\n?")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the first lines say; `body` is the byte after them."""
+
+    prefixes: frozenset[str]
+    vertices: int
+    faces: int
+    body: int
+
+
+def read(source: Source) -> Mesh:
+    """Read an OFF file with any of the prefixes ST, C and N.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Returns
+    -------
+    mesh : Mesh
+        Vertices are float64. A COFF file without vertex colours is one that has them on its faces (the
+        dialect of Triangle-Splatting's exporter). Face colours are kept where every face has as many.
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_UNSUPPORTED (binary, 4OFF and nOFF), MESH_FILE_TRUNCATED,
+        MESH_FILE_TRAILING, MESH_FILE_NUMBER or MESH_FILE_FACE.
+    """
+    if _BINARY.match(source.data):
+        raise source.error("MESH_FILE_UNSUPPORTED", "OFF BINARY is not read; save it as text", value="BINARY")
+    text = source.as_text("OFF")
+    header = _read_header(text)
+    room = len(text.data) - header.body + 1
+    if header.vertices * len("0 0 0\n") + header.faces * len("0\n") > room:
+        declared = f"{header.vertices} vertices and {header.faces} faces"
+        raise source.error("MESH_FILE_TRUNCATED", f"it declares {declared}, more than the file has bytes for")
+    table = read_table(text, header.body, comments=True)
+    rows, wanted = len(table.byte), header.vertices + header.faces
+    if rows < wanted:
+        missing = f"it declares {header.vertices} vertices and {header.faces} faces, but has {rows} lines"
+        raise source.error("MESH_FILE_TRUNCATED", missing, value=rows, limit=wanted)
+    if rows > wanted:
+        raise table.row_error("MESH_FILE_TRAILING", wanted, "there is more after the last face")
+    vertices, vertex_colors = _vertices(table, header)
+    faces, face_colors = _faces(table, header)
+    return Mesh(vertices, faces, vertex_colors, face_colors)
+
+
+def write(mesh: Mesh, stream: BinaryIO) -> None:
+    """Write OFF, or COFF where vertices have colours; face colours follow the indices.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Checked by the caller. Coordinates read back as exactly the same number. uint8 colours are written
+        as integers, float32 colours as decimals.
+    stream : binary file
+        Where to write.
+    """
+    keyword = "OFF" if mesh.vertex_colors is None else "COFF"
+    stream.write(f"{keyword}\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode("ascii"))
+    write_rows(stream, *_with_colors("%r %r %r", mesh.vertices, mesh.vertex_colors))
+    write_rows(stream, *_with_colors("3 %d %d %d", mesh.faces, mesh.face_colors))
+
+
+def _with_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
+    """Return the line format and the columns with the colours appended."""
+    if colors is None:
+        return form, columns
+    each = " %d" if colors.dtype == np.uint8 else " %r"
+    return form + each * colors.shape[1], np.column_stack((columns, colors))
+
+
+def _lines(data: bytes) -> Iterator[tuple[bytes, int]]:
+    """Yield each line that is not blank, without its comment, and the byte after the line."""
+    for line in _LINE.finditer(data):
+        content = line[0].partition(b"#")[0].strip()
+        if content:
+            yield content, line.end()
+
+
+def _read_header(text: Source) -> _Header:
+    """Read the keyword and the counts, which stand on the same line or on the next one."""
+    lines = _lines(text.data)
+    content, end = next(lines, (b"", 0))
+    prefixes, words = _read_keyword(text, content)
+    if not words:
+        words, end = next(lines, (b"", end))
+    if not words:
+        raise text.error("MESH_FILE_TRUNCATED", "the file ends before the counts of vertices and faces")
+    counts = _COUNTS.fullmatch(words)
+    if counts is None:
+        shown = shorten(words.decode("latin-1"))
+        message = f"the counts are '{shown}'; 'VERTICES FACES EDGES', none negative, is right"
+        raise text.line_error("MESH_FILE_HEADER", end - 1, message, value=shown)
+    return _Header(prefixes, int(counts[1]), int(counts[2]), end)
+
+
+def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
+    """Return the prefixes of "OFF" in the first line with content, and what follows it there."""
+    keyword = _KEYWORD.fullmatch(content)
+    if keyword is None:
+        raise text.not_a("OFF", "it does not begin with OFF, COFF, NOFF or STOFF")
+    prefixes = frozenset(_PREFIXES.findall(keyword[1].decode("ascii")))
+    if prefixes & {"4", "n"}:
+        name = keyword[1].decode("ascii") + "OFF"
+        message = f"{name} has vertices of other than three dimensions; only three are read"
+        raise text.error("MESH_FILE_UNSUPPORTED", message, value=name)
+    return prefixes, keyword[2].strip()
+
+
+def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
+    """Return the vertices (V, 3) and their colours; the order is x y z, normal, colour, texture."""
+    V = header.vertices
+    begin = table.row[:V]
+    widths = np.diff(table.row[: V + 1])
+    plain = 3 + 3 * ("N" in header.prefixes) + 2 * ("ST" in header.prefixes)
+    allowed = (plain, plain + 3, plain + 4) if "C" in header.prefixes else (plain,)
+    width = int(widths[0]) if V else plain
+    wrong = np.flatnonzero(widths != (width if width in allowed else -1))
+    if wrong.size:
+        found = int(widths[wrong[0]])
+        right = " or ".join(str(count) for count in allowed)
+        message = f"a vertex has {found} numbers; {right}, the same for all vertices, is right here"
+        raise table.row_error("MESH_FILE_NUMBER", int(wrong[0]), message, value=found)
+    vertices = table.values[begin[:, None] + np.arange(3)]
+    if width == plain:
+        return vertices, None
+    color_begin = begin + 3 + 3 * ("N" in header.prefixes)
+    return vertices, _colors(table, color_begin[:, None] + np.arange(width - plain))
+
+
+def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[Any] | None]:
+    """Return the triangles (F, 3) and their colours, from lines `n i1 ... in [colour]`."""
+    begin = table.row[header.vertices : -1]
+    counts = table.integers(begin, "the number of corners")
+    extra = np.diff(table.row[header.vertices :]) - 1 - counts
+    wrong = np.flatnonzero((counts < 0) | ~np.isin(extra, (0, 1, 3, 4)))
+    if wrong.size:
+        face = int(wrong[0])
+        message = (
+            f"face {face} announces {counts[face]} corners; {counts[face] + extra[face]} numbers follow."
+        )
+        message += " The corners, then 0, 1, 3 or 4 numbers of a colour, is right"
+        raise table.row_error("MESH_FILE_FACE", header.vertices + face, message)
+    corners = table.integers(np.repeat(begin + 1, counts) + steps(counts), "an index")
+    faces, polygon = fan_triangulate(corners, counts)
+    drawn = counts >= 3
+    width = int(extra[drawn][0]) if drawn.any() else 0
+    if width < 3 or (extra[drawn] != width).any():
+        return faces, None
+    places = (begin + 1 + counts)[polygon]
+    return faces, _colors(table, places[:, None] + np.arange(width))
+
+
+def _colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the colours at `places` (N, 3 | 4); Geomview's rule: integers are 0..255, decimals 0..1."""
+    values = table.values[places]
+    if table.has_fraction[places].any():
+        return stored_colors(values)
+    return np.clip(values, 0, 255).astype(np.uint8)

@@ -1,0 +1,167 @@
+"""PLY: the Stanford polygon format, as text and in both binary byte orders."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from msb.meshes.colors import stored_colors
+from msb.meshes.mesh import Mesh
+from msb.meshes.ply_body import Body, Rows, open_body
+from msb.meshes.ply_header import TYPES, Element, Header, read_header
+from msb.meshes.polygons import fan_triangulate
+from msb.meshes.writing import ROWS_AT_A_TIME
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.meshes.source import Source
+
+_INDEX_NAMES = ("vertex_indices", "vertex_index")
+_COLOR_NAMES = (
+    ("red", "green", "blue", "alpha"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"),
+)
+_MAX_INT = 2**31 - 1
+
+
+def read(source: Source) -> Mesh:
+    """Read the vertex and face elements; other elements and properties are stepped over.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Returns
+    -------
+    mesh : Mesh
+        Vertices are float32 where a binary file stores x, y and z as float, else float64: text keeps the
+        digits it has, whatever type the header names.
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_UNSUPPORTED (triangle strips), MESH_FILE_TRUNCATED, MESH_FILE_TRAILING,
+        MESH_FILE_NUMBER or MESH_FILE_FACE.
+    """
+    header = read_header(source)
+    _check_elements(source, header)
+    body = open_body(source, header)
+    rows = {element.name: body.next_rows(element) for element in header.elements}
+    body.finish()
+    vertices = rows["vertex"]
+    vertex_colors = _colors(vertices, body)
+    if "face" not in rows or not rows["face"].element.count:
+        return Mesh(_positions(vertices, body), np.zeros((0, 3), dtype=np.int64), vertex_colors)
+    faces = rows["face"]
+    counts, corners = body.indices(faces, _index_name(faces.element))
+    triangles, polygon = fan_triangulate(corners, counts)
+    face_colors = _colors(faces, body)
+    if face_colors is not None:
+        face_colors = face_colors[polygon]
+    return Mesh(_positions(vertices, body), triangles, vertex_colors, face_colors)
+
+
+def write(mesh: Mesh, stream: BinaryIO) -> None:
+    """Write binary little-endian PLY with the vertices' and colours' own types.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Checked by the caller. Indices are `int`, which every reader knows, unless V needs `uint`.
+    stream : binary file
+        Where to write.
+    """
+    coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
+    index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"
+    lines = ["ply", "format binary_little_endian 1.0", "comment written by MeshSplatBench"]
+    lines += [f"element vertex {len(mesh.vertices)}"]
+    lines += [f"property {coordinate} {axis}" for axis in "xyz"]
+    lines += _color_lines(mesh.vertex_colors)
+    lines += [f"element face {len(mesh.faces)}", f"property list uchar {index} vertex_indices"]
+    lines += _color_lines(mesh.face_colors)
+    lines += ["end_header\n"]
+    stream.write("\n".join(lines).encode("ascii"))
+    _write_records(stream, None, mesh.vertices, "<" + TYPES[coordinate], mesh.vertex_colors)
+    _write_records(stream, 3, mesh.faces, "<" + TYPES[index], mesh.face_colors)
+
+
+def _color_lines(colors: NDArray[Any] | None) -> list[str]:
+    """Return the header lines of colours (N, 3 | 4)."""
+    if colors is None:
+        return []
+    kind = "uchar" if colors.dtype == np.uint8 else "float"
+    return [f"property {kind} {name}" for name in _COLOR_NAMES[0][: colors.shape[1]]]
+
+
+def _write_records(
+    stream: BinaryIO, count: int | None, values: NDArray[Any], kind: str, colors: NDArray[Any] | None
+) -> None:
+    """Write a row for each of `values` (N, 3): the list count if any, the values, the colours."""
+    fields: list[tuple[Any, ...]] = [("values", kind, 3)]
+    if count is not None:
+        fields.insert(0, ("count", "u1"))
+    if colors is not None:
+        fields.append(("colors", colors.dtype.newbyteorder("<"), colors.shape[1]))
+    for start in range(0, len(values), ROWS_AT_A_TIME):
+        part = slice(start, start + ROWS_AT_A_TIME)
+        records = np.zeros(len(values[part]), dtype=fields)
+        records["values"] = values[part]
+        if count is not None:
+            records["count"] = count
+        if colors is not None:
+            records["colors"] = colors[part]
+        stream.write(records.tobytes())
+
+
+def _check_elements(source: Source, header: Header) -> None:
+    """Check that the header describes a mesh."""
+    elements = {element.name: element for element in header.elements}
+    strips = elements.get("tristrips")
+    if strips is not None and strips.count:
+        text = "element 'tristrips' (triangle strips) is not read; save triangles instead"
+        raise source.error("MESH_FILE_UNSUPPORTED", text, value="tristrips")
+    if "vertex" not in elements:
+        raise source.error("MESH_FILE_HEADER", "the header has no element 'vertex'")
+    for axis in "xyz":
+        found = elements["vertex"].find(axis)
+        if found is None or found.count_type:
+            text = f"element 'vertex' has no property '{axis}' that is one number"
+            raise source.error("MESH_FILE_HEADER", text)
+    face = elements.get("face")
+    if face is not None and face.count and not _index_name(face):
+        text = "element 'face' has no list of integers 'vertex_indices' or 'vertex_index'"
+        raise source.error("MESH_FILE_HEADER", text)
+
+
+def _index_name(face: Element) -> str:
+    """Return the name of the list of corners, or ""."""
+    for name in _INDEX_NAMES:
+        found = face.find(name)
+        if found is not None and found.count_type and np.dtype(found.type).kind in "iu":
+            return name
+    return ""
+
+
+def _positions(rows: Rows, body: Body) -> NDArray[Any]:
+    """Return x, y, z (V, 3) in the file's precision."""
+    columns = [body.column(rows, axis) for axis in "xyz"]
+    single = all(column.dtype == np.float32 for column in columns)
+    return np.stack(columns, axis=1, dtype=np.float32 if single else np.float64)
+
+
+def _colors(rows: Rows, body: Body) -> NDArray[Any] | None:
+    """Return the colours (N, 3 | 4) of the element's rows, or None."""
+    for names in _COLOR_NAMES:
+        found = [rows.element.find(name) for name in names]
+        if any(each is None or each.count_type for each in found[:3]):
+            continue
+        width = 3 if found[3] is None or found[3].count_type else 4
+        values = np.stack([body.column(rows, name) for name in names[:width]], axis=1)
+        declared = np.result_type(*(each.type for each in found[:width] if each))
+        if values.dtype.kind == "f" and declared.kind != "f":
+            values = np.clip(np.nan_to_num(values), 0, np.iinfo(declared).max).astype(declared)
+        return stored_colors(values)
+    return None

@@ -1,0 +1,194 @@
+"""The header of a PLY file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from msb.errors import shorten
+
+if TYPE_CHECKING:
+    from msb.meshes.source import Source
+
+TYPES = {
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
+"""Both styles of type names -> NumPy type without byte order."""
+
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+"""Format names -> NumPy byte order; text has none."""
+
+MAX_HEADER_BYTES = 1 << 20
+"""Real headers have some thousand bytes; the limit bounds the work on one that never ends."""
+
+_COUNT = re.compile(r"\d{1,18}")
+
+
+@dataclass(frozen=True)
+class Property:
+    """A property: `type` is a value of `TYPES`; `count_type` too for a list, "" for a single number."""
+
+    name: str
+    type: str
+    count_type: str = ""
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element: `count` rows, each with one value or list for every property, in order."""
+
+    name: str
+    count: int
+    properties: list[Property] = field(default_factory=list)
+
+    @cached_property
+    def _by_name(self) -> dict[str, Property]:
+        return {each.name: each for each in self.properties}
+
+    def find(self, name: str) -> Property | None:
+        """Return the property called `name`, if there is one."""
+        return self._by_name.get(name)
+
+    def __str__(self) -> str:
+        return f"element '{shorten(self.name)}'"
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the header says; `body` is the byte after it and `order` a value of `FORMATS`."""
+
+    order: str
+    elements: list[Element]
+    body: int
+
+
+def read_header(source: Source) -> Header:
+    """Read the lines from "ply" to "end_header".
+
+    Parameters
+    ----------
+    source : Source
+        The file. The line end after "ply", LF, CRLF or CR, is that of the whole header.
+
+    Returns
+    -------
+    header : Header
+        Elements and the names of an element's properties are unique.
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TOO_LARGE or MESH_FILE_UNSUPPORTED.
+    """
+    lines, body = _split_lines(source)
+    order: str | None = None
+    elements: list[Element] = []
+    for number, line in enumerate(lines, start=2):
+        where = f"line {number}"
+        words = line.split()
+        match words:
+            case [] | ["comment", *_] | ["obj_info", *_]:
+                pass
+            case ["format", name, version] if order is None and not elements:
+                order = _read_format(source, where, name, version)
+            case ["element", name, count]:
+                elements.append(_read_element(source, where, name, count))
+            case ["property", *rest] if elements:
+                elements[-1].properties.append(_read_property(source, where, rest))
+            case _:
+                text = f"'{shorten(line)}' is not a header line, or stands in the wrong place"
+                raise source.error("MESH_FILE_HEADER", text, pointer=where)
+    if order is None:
+        text = "the header has no line 'format ascii 1.0' or 'format binary_little_endian 1.0'"
+        raise source.error("MESH_FILE_HEADER", text)
+    twice = _first_repeated([element.name for element in elements])
+    if twice is not None:
+        raise source.error("MESH_FILE_HEADER", f"{Element(twice, 0)} is declared twice", value=twice)
+    for element in elements:
+        twice = _first_repeated([each.name for each in element.properties])
+        if twice is not None:
+            text = f"property '{shorten(twice)}' of {element} is declared twice"
+            raise source.error("MESH_FILE_HEADER", text, value=twice)
+    return Header(order, elements, body)
+
+
+def _split_lines(source: Source) -> tuple[list[str], int]:
+    """Return the lines between "ply" and "end_header", and the byte after the latter's line end."""
+    data = source.data
+    if not data.startswith((b"ply\n", b"ply\r")):
+        raise source.not_a("PLY", "it does not begin with a line 'ply'")
+    line_end = b"\r\n" if data.startswith(b"ply\r\n") else data[3:4]
+    last = re.compile(line_end + rb"[ \t]*end_header[ \t\r]*?" + line_end)
+    head = data[: MAX_HEADER_BYTES + 1]
+    found = last.search(head)
+    if found is None and len(data) > MAX_HEADER_BYTES:
+        text = f"'end_header' does not come within {MAX_HEADER_BYTES} bytes"
+        raise source.error("MESH_FILE_TOO_LARGE", text, limit=MAX_HEADER_BYTES)
+    if found is None:
+        raise source.error("MESH_FILE_TRUNCATED", "the file ends before 'end_header'")
+    text = head[3 : found.start()].decode("latin-1")
+    return text.split(line_end.decode())[1:], found.end()
+
+
+def _read_format(source: Source, where: str, name: str, version: str) -> str:
+    if name not in FORMATS:
+        text = f"format '{shorten(name)}' is unknown; {', '.join(FORMATS)} are read"
+        raise source.error("MESH_FILE_HEADER", text, pointer=where, value=name)
+    if version != "1.0":
+        text = f"version '{shorten(version)}' is not read; only 1.0 exists"
+        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=where, value=version)
+    return FORMATS[name]
+
+
+def _read_element(source: Source, where: str, name: str, count: str) -> Element:
+    if not _COUNT.fullmatch(count):
+        text = f"element '{shorten(name)}' has the count '{shorten(count)}', not a whole number"
+        raise source.error("MESH_FILE_HEADER", text, pointer=where, value=count)
+    return Element(name, int(count))
+
+
+def _read_property(source: Source, where: str, words: list[str]) -> Property:
+    """Return the property that `words`, those after "property", declare."""
+    match words:
+        case ["list", count_type, kind, name]:
+            names = [count_type, kind]
+        case [kind, name]:
+            names = [kind]
+        case _:
+            text = "'property TYPE NAME' or 'property list TYPE TYPE NAME' is right"
+            raise source.error("MESH_FILE_HEADER", text, pointer=where)
+    for each in names:
+        if each not in TYPES:
+            text = f"'{shorten(each)}' is not a type; {', '.join(TYPES)} are"
+            raise source.error("MESH_FILE_HEADER", text, pointer=where, value=each)
+    if len(names) == 2 and TYPES[names[0]].startswith("f"):
+        text = f"the count of list '{shorten(name)}' is {names[0]}; an integer type is right"
+        raise source.error("MESH_FILE_HEADER", text, pointer=where, value=names[0])
+    return Property(name, TYPES[names[-1]], TYPES[names[0]] if len(names) == 2 else "")
+
+
+def _first_repeated(names: list[str]) -> str | None:
+    """Return the first name that stands there a second time, or None."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None

@@ -1,0 +1,47 @@
+"""Polygons -> triangles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def fan_triangulate(
+    corners: NDArray[np.int64], counts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cut every polygon into the fan (0, 1, 2), (0, 2, 3), ... around its first corner.
+
+    Parameters
+    ----------
+    corners : (C,) int64
+        The vertex numbers of all polygons, one polygon after the other.
+    counts : (N,) int64
+        The number of corners of each polygon; they sum to C. Fewer than three give no triangle.
+
+    Returns
+    -------
+    faces : (F, 3) int64
+        The triangles, in the order of the polygons.
+    polygon : (F,) int64
+        The polygon of each triangle.
+    """
+    if np.all(counts == 3):
+        return corners.reshape(-1, 3), np.arange(len(counts))
+    triangles = np.maximum(counts - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), triangles)
+    first = (np.cumsum(counts) - counts)[polygon]
+    second = first + 1 + steps(triangles)
+    faces = np.zeros((len(polygon), 3), dtype=np.int64)
+    for column, place in enumerate((first, second, second + 1)):
+        faces[:, column] = corners[place]
+    return faces, polygon
+
+
+def steps(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return 0, 1, ..., n - 1 for each n of `counts` (N,), one after the other."""
+    total = int(counts.sum())
+    return np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)

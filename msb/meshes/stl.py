@@ -1,0 +1,148 @@
+"""STL: triangles one by one, binary or as text. Three vertex rows per face, nothing merged."""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from msb.meshes.mesh import Mesh
+from msb.meshes.source import Source
+from msb.meshes.text import Words, word_blocks
+from msb.meshes.writing import as_float32
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_HEADER_BYTES = 84
+_FACE_BYTES = 50
+_MAX_FACES = 2**32 - 1
+
+_LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
+"""How the lines of one face begin, in this order."""
+
+_KEYWORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet", b"solid", b"endsolid")
+_CODES = {keyword: code for code, keyword in enumerate(_KEYWORDS, start=1)}
+_FACE_CODES = [_CODES[keyword] for keyword in _LINES]
+
+
+def read(source: Source) -> Mesh:
+    """Read a binary or text STL file; solids follow each other, normals and attributes are ignored.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+
+    Returns
+    -------
+    mesh : Mesh
+        Vertices are float32, also those of text; V = 3F and the faces are 0, 1, 2, ....
+
+    Raises
+    ------
+    MeshFileError
+        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TRAILING, MESH_FILE_NUMBER or MESH_FILE_FACE.
+    """
+    data = source.data
+    declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
+    size = _HEADER_BYTES + _FACE_BYTES * declared
+    if len(data) == size:
+        return _soup(_read_binary(data, declared))
+    if source.looks_like() == "STL" and b"\0" not in data:
+        return _soup(_read_text(source.as_text("STL")))
+    if len(data) < _HEADER_BYTES or source.looks_like() not in ("STL", None):
+        text = f"it has {len(data)} bytes; binary has at least {_HEADER_BYTES}, text begins with 'solid'"
+        raise source.not_a("STL", text)
+    if len(data) < size:
+        text = f"it declares {declared} faces, which take {size} bytes; it has {len(data)} bytes"
+        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 80", value=len(data), limit=size)
+    text = f"it declares {declared} faces, which end at byte {size}; it has {len(data)} bytes"
+    raise source.error("MESH_FILE_TRAILING", text, pointer="byte 80", value=len(data), limit=size)
+
+
+def write(mesh: Mesh, stream: BinaryIO) -> None:
+    """Write binary STL: float32 corners of every face and their normals, no colours.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Checked by the caller. Vertices no face uses are lost: the format has no vertices.
+    stream : binary file
+        Where to write.
+
+    Raises
+    ------
+    OutputError
+        OUTPUT_COORDINATES: a coordinate is too large for float32.
+    """
+    import trimesh
+
+    vertices = as_float32(mesh.vertices, "STL").astype(np.float64)
+    stream.write(trimesh.exchange.stl.export_stl(trimesh.Trimesh(vertices, mesh.faces, process=False)))
+
+
+def _soup(corners: NDArray[np.float32]) -> Mesh:
+    """Return the mesh of `corners` (3F, 3), three in a row to a face."""
+    return Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+
+def _read_binary(data: bytes, faces: int) -> NDArray[np.float32]:
+    """Return the corners (3F, 3) of a binary file whose size is right."""
+    if not faces:
+        return np.zeros((0, 3), dtype=np.float32)
+    import trimesh
+
+    loaded = trimesh.exchange.stl.load_stl_binary(io.BytesIO(data))
+    corners: NDArray[Any] = loaded["vertices"]
+    return corners.astype(np.float32)
+
+
+def _read_text(text: Source) -> NDArray[np.float32]:
+    """Return the corners (3F, 3) of a text file, which begins with "solid"."""
+    corners, codes, places = [np.zeros((0, 3))], [], []
+    for words in word_blocks(Source(text.path, text.data.lower())):
+        code = _codes(words)
+        corners.append(_vertices(words, code == _CODES[b"vertex"]))
+        codes.append(code)
+        places.append(words.base + words.start[words.first])
+    _check_order(text, np.concatenate(codes), np.concatenate(places))
+    with np.errstate(over="ignore"):
+        return np.concatenate(corners).astype(np.float32)
+
+
+def _codes(words: Words) -> NDArray[np.uint8]:
+    """Return the number of the keyword each line (L,) begins with."""
+    codes = np.zeros(len(words.first), dtype=np.uint8)
+    for keyword, code in _CODES.items():
+        codes[words.lines_beginning(keyword)] = code
+    return codes
+
+
+def _vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the coordinates (N, 3) of the N `is_vertex` (L,) lines."""
+    wrong = np.flatnonzero(is_vertex & (words.count != 4))
+    if wrong.size:
+        found = int(words.count[wrong[0]]) - 1
+        text = f"'vertex' has {found} numbers; three are right"
+        raise words.line_error("MESH_FILE_NUMBER", int(wrong[0]), text, value=found)
+    return words.numbers(words.arguments(is_vertex)).reshape(-1, 3)
+
+
+def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int64]) -> None:
+    """Check that the lines (L,) are whole faces, with "solid" and "endsolid" only between them."""
+    between = codes >= _CODES[b"solid"]
+    in_faces = np.flatnonzero(~between)
+    expected = np.resize(_FACE_CODES, len(in_faces))
+    wrong = in_faces[codes[in_faces] != expected]
+    inside = np.flatnonzero(between & (np.cumsum(~between) % len(_LINES) != 0))
+    if wrong.size or inside.size:
+        line = int(min(wrong[:1].tolist() + inside[:1].tolist()))
+        keyword = _LINES[int(np.count_nonzero(~between[:line])) % len(_LINES)].decode()
+        message = f"a line that begins with '{keyword}' is right here; a face is the lines "
+        message += ", ".join(each.decode() for each in _LINES)
+        raise text.line_error("MESH_FILE_FACE", int(places[line]), message)
+    if codes[-1] != _CODES[b"endsolid"]:
+        raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")

@@ -1,0 +1,94 @@
+"""What every writer needs: checks before the first byte, and rows of text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from msb.errors import MeshError, OutputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.meshes.mesh import Mesh
+
+ROWS_AT_A_TIME = 1 << 16
+"""Rows formatted and written at a time, so that a writer needs little memory beside the mesh."""
+
+
+def check_writable(mesh: Mesh) -> None:
+    """Check what no format can carry to another program.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh about to be written.
+
+    Raises
+    ------
+    OutputError
+        OUTPUT_COORDINATES: a coordinate is NaN or infinite.
+    MeshError
+        MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
+    """
+    _require_finite(mesh.vertices, "is not finite")
+    check_indices(mesh)
+
+
+def check_indices(mesh: Mesh) -> None:
+    """Refuse a mesh that uses a vertex it does not have.
+
+    Raises
+    ------
+    MeshError
+        MESH_INDEX_OUT_OF_RANGE, naming the first such face.
+    """
+    wrong = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
+    if wrong.any():
+        face = int(np.argmax(wrong))
+        row = mesh.faces[face].tolist()
+        text = f"face {face} is {row}; there are {len(mesh.vertices)} vertices"
+        raise MeshError("MESH_INDEX_OUT_OF_RANGE", text, pointer=f"faces[{face}]", value=row)
+
+
+def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
+    """Return `vertices` (V, 3) as float32, the precision of format `name`.
+
+    Raises
+    ------
+    OutputError
+        OUTPUT_COORDINATES: a coordinate is too large for float32.
+    """
+    with np.errstate(over="ignore"):
+        narrow = vertices.astype(np.float32, copy=False)
+    _require_finite(narrow, f"does not fit float32, which is what {name} holds")
+    return narrow
+
+
+def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
+    """Write each row of `columns` (N, K) as one line of text.
+
+    Parameters
+    ----------
+    stream : binary file
+        Where to write.
+    form : str
+        The line, with K conversions of the % operator. "%r" writes the shortest decimal that reads back as
+        the same float64, so a float32 too is exact in a file that is read as float64.
+    columns : (N, K) numbers
+        The values.
+    """
+    line = form + "\n"
+    for start in range(0, len(columns), ROWS_AT_A_TIME):
+        rows = columns[start : start + ROWS_AT_A_TIME]
+        stream.write((line * len(rows) % tuple(rows.ravel().tolist())).encode("ascii"))
+
+
+def _require_finite(vertices: NDArray[Any], problem: str) -> None:
+    """Raise OUTPUT_COORDINATES for the first row of `vertices` (V, 3) that is not finite."""
+    wrong = ~np.isfinite(vertices).all(axis=1)
+    if wrong.any():
+        vertex = int(np.argmax(wrong))
+        text = f"vertex {vertex} {problem}"
+        raise OutputError("OUTPUT_COORDINATES", text, pointer=f"vertices[{vertex}]")

@@ -1,0 +1,268 @@
+"""Mesh files that are not valid: name -> suffix, content, code, and a piece of the message."""
+
+from __future__ import annotations
+
+from .bad_glbs import BAD_GLBS
+from .builders import (
+    OBJ_SQUARE,
+    OFF_SQUARE,
+    SQUARE,
+    XYZ,
+    off,
+    ply,
+    ply_floats,
+    ply_square,
+    ply_text,
+    stl_binary,
+    stl_facet,
+    stl_text,
+)
+
+Bad = tuple[str, bytes, str, str]
+LITTLE = "binary_little_endian"
+VERTICES = ["element vertex 4", *XYZ]
+BODY = ply_floats(SQUARE)
+TEXT = OFF_SQUARE + b"3 0 1 2\n3 0 2 3\n"
+
+
+def header(old: str, new: str, content: bytes | None = None) -> bytes:
+    """Return a PLY file with one change in its header."""
+    content = ply_text(TEXT) if content is None else content
+    assert old.encode("ascii") in content
+    return content.replace(old.encode("ascii"), new.encode("latin-1"), 1)
+
+
+_PLY: dict[str, tuple[bytes, str, str]] = {
+    "empty": (b"", "HEADER", "the file is empty"),
+    "garbage": (b"\x80\x02garbage", "HEADER", "it does not begin with a line 'ply'"),
+    "first line": (b"plywood\n", "HEADER", "it does not begin with a line 'ply'"),
+    "no end_header": (header("end_header", "end_heade"), "TRUNCATED", "ends before 'end_header'"),
+    "endless header": (b"ply\n" + b"comment x\n" * 200_000, "TOO_LARGE", "within 1048576 bytes"),
+    "no format": (header("format ascii 1.0\n", ""), "HEADER", "no line 'format ascii 1.0'"),
+    "two formats": (header("element vertex", "format ascii 1.0\nelement vertex"), "HEADER", "wrong place"),
+    "unknown format": (header("ascii", "utf8"), "HEADER", "line 2: format 'utf8' is unknown"),
+    "version": (header("1.0", "2.0"), "UNSUPPORTED", "version '2.0'"),
+    "keyword": (header("property float x", "propperty float x"), "HEADER", "line 4: 'propperty float x'"),
+    "type": (header("float x", "half x"), "HEADER", "line 4: 'half' is not a type"),
+    "property words": (header("float x", "float x y"), "HEADER", "'property TYPE NAME'"),
+    "float list count": (
+        header("list uchar", "list float"),
+        "HEADER",
+        "count of list 'vertex_indices' is float",
+    ),
+    "float indices": (header("uchar int", "uchar float"), "HEADER", "no list of integers 'vertex_indices'"),
+    "indices no list": (header("list uchar int", "int"), "HEADER", "no list of integers 'vertex_indices'"),
+    "x is a list": (header("float x", "list uchar float x"), "HEADER", "no property 'x' that is one number"),
+    "no z": (header("property float z\n", ""), "HEADER", "no property 'z'"),
+    "no vertex": (header("element vertex", "element vertices"), "HEADER", "no element 'vertex'"),
+    "two x": (header("float y", "float x"), "HEADER", "property 'x' of element 'vertex' is declared twice"),
+    "two vertex": (header("element face", "element vertex"), "HEADER", "element 'vertex' is declared twice"),
+    "property first": (header("element vertex 4\n", ""), "HEADER", "line 3: 'property float x'"),
+    "negative count": (header("vertex 4", "vertex -4"), "HEADER", "count '-4', not a whole number"),
+    "long count": (header("vertex 4", "vertex " + "9" * 5000), "HEADER", "not a whole number"),
+    "strips": (
+        ply(LITTLE, [*VERTICES, "element tristrips 1", "property list int int vertex_indices"], BODY),
+        "UNSUPPORTED",
+        "'tristrips'",
+    ),
+    "text vertices missing": (ply_text(OFF_SQUARE), "TRUNCATED", "declares 6 rows, but 4 lines follow"),
+    "text huge count": (header("vertex 4", "vertex 1000000000000"), "TRUNCATED", "1000000000002 rows"),
+    "text short row": (ply_text(TEXT.replace(b"1 1 0", b"1 1")), "NUMBER", "row 2 of element 'vertex' has 2"),
+    "text long row": (
+        ply_text(TEXT.replace(b"1 1 0", b"1 1 0 0")),
+        "NUMBER",
+        "line 12: row 2 of element 'vertex'",
+    ),
+    "text word": (ply_text(TEXT.replace(b"1 1 0", b"1 one 0")), "NUMBER", "line 12: 'one' is not a number"),
+    "text hexadecimal": (ply_text(TEXT.replace(b"1 1 0", b"1 0x1 0")), "NUMBER", "'0x1' is not a number"),
+    "text glued": (ply_text(TEXT.replace(b"1 1 0", b"1 1-0")), "NUMBER", "'1-0' is not a number"),
+    "text comma": (ply_text(TEXT.replace(b"1 1 0", b"1,5 1 0")), "NUMBER", "'1,5' is not a number"),
+    "text face short": (
+        ply_text(TEXT.replace(b"3 0 2 3", b"4 0 2 3")),
+        "FACE",
+        "line 15: row 1 of element 'face'",
+    ),
+    "text face long": (ply_text(TEXT.replace(b"3 0 2 3", b"2 0 2 3")), "FACE", "row 1 of element 'face'"),
+    "text face huge": (ply_text(TEXT.replace(b"3 0 2 3", b"1e18 0 2 3")), "FACE", "row 1 of element 'face'"),
+    "text face negative": (
+        ply_text(TEXT.replace(b"3 0 2 3", b"-3 0 2 3")),
+        "FACE",
+        "row 1 of element 'face'",
+    ),
+    "text face nan": (ply_text(TEXT.replace(b"3 0 2 3", b"nan 0 2 3")), "FACE", "row 1 of element 'face'"),
+    "text index fraction": (
+        ply_text(TEXT.replace(b"3 0 2 3", b"3 0 2.5 3")),
+        "NUMBER",
+        "line 15: an index is 2.5",
+    ),
+    "text index nan": (ply_text(TEXT.replace(b"3 0 2 3", b"3 0 nan 3")), "NUMBER", "an index is nan"),
+    "text index huge": (ply_text(TEXT.replace(b"3 0 2 3", b"3 0 1e99 3")), "NUMBER", "an index is 1e+99"),
+    "text trailing": (ply_text(TEXT + b"\n7\n"), "TRAILING", "line 17: there is more"),
+    "text nul": (ply_text(TEXT + b"\0"), "HEADER", "is NUL"),
+    "binary short": (ply_square()[:-1], "TRUNCATED", "within row 1 of the 2 rows of element 'face'"),
+    "binary no faces": (
+        ply_square()[:-26],
+        "TRUNCATED",
+        "element 'face' declares 2 rows of at least 1 bytes",
+    ),
+    "binary huge count": (
+        header("vertex 4", "vertex 1000000000000", ply_square()),
+        "TRUNCATED",
+        "declares 1000000000000 rows of at least 12 bytes",
+    ),
+    "binary huge list": (
+        ply(
+            LITTLE,
+            [*VERTICES, "element face 1", "property list int int vertex_index"],
+            BODY + b"\xff\xff\xff\x7f",
+        ),
+        "TRUNCATED",
+        "within row 0",
+    ),
+    "binary negative list": (
+        ply(LITTLE, [*VERTICES, "element face 1", "property list int int vertex_index"], BODY + b"\xff" * 4),
+        "FACE",
+        "row 0 of element 'face' has a list of -1 values",
+    ),
+    "binary list in vertex": (
+        ply(
+            LITTLE, ["element vertex 2", *XYZ, "property list uchar uchar t"], b"\1" * 13 + b"\1" + b"\2" * 13
+        ),
+        "TRUNCATED",
+        "within row 1 of the 2 rows of element 'vertex'",
+    ),
+    "binary trailing": (ply_square() + b"more", "TRAILING", "4 bytes follow the last declared row"),
+    "huge name": (
+        ply(LITTLE, [*VERTICES, f"element {'x' * 100_000} 1", "property int a"], BODY),
+        "TRUNCATED",
+        "xxx...' declares 1 rows",
+    ),
+    "zero-size rows": (
+        ply(LITTLE, ["element ghost 1000000000000", "element vertex 1000000", *XYZ], b""),
+        "TRUNCATED",
+        "1000000 rows of at least 12 bytes",
+    ),
+}
+
+_OBJ: dict[str, tuple[bytes, str, str]] = {
+    "empty": (b"", "HEADER", "the file is empty"),
+    "garbage": (b"\x80\x02garbage\n", "HEADER", "it has no 'v x y z' line"),
+    "binary": (b"v 0 0 0\n\0\1\2", "HEADER", "byte 8 is NUL"),
+    "html": (b"<html><body>404</body></html>\n", "HEADER", "it has no 'v x y z' line"),
+    "only faces": (b"f 1 2 3\n", "HEADER", "it has no 'v x y z' line"),
+    "two numbers": (b"v 0 0 0\nv 1 1\n", "NUMBER", "line 2: 'v' has 2 numbers"),
+    "five numbers": (b"v 0 0 0 1 1\n", "NUMBER", "'v' has 5 numbers"),
+    "eight numbers": (b"v 0 0 0 1 1 1 1 1\n", "NUMBER", "'v' has 8 numbers"),
+    "no numbers": (b"v\n", "NUMBER", "'v' has 0 numbers"),
+    "word": (b"# c\nv 0 zero 0\n", "NUMBER", "line 2: 'zero' is not a number"),
+    "underscore": (b"v 1_0 0 0\n", "NUMBER", "'1_0' is not a number"),
+    "escape": (b"v 1 \x1b[31m 0\n", "NUMBER", "'\\x1b[31m' is not a number"),
+    "long word": (b"v 0 0 " + b"x" * 10000 + b"\n", "NUMBER", "xxx...' is not a number"),
+    "index 0": (OBJ_SQUARE + b"f 1 2 3\nf 0 2 3\n", "INDEX", "line 6: index 0 is not allowed"),
+    "index before the first": (b"v 0 0 0\nf -1 -1 -2\n", "INDEX", "line 2: index -2 is not allowed"),
+    "index fraction": (OBJ_SQUARE + b"f 1 2.5 3\n", "NUMBER", "line 5: index 2.5 is not"),
+    "index nan": (OBJ_SQUARE + b"f 1 nan 3\n", "NUMBER", "index nan is not"),
+    "index huge": (OBJ_SQUARE + b"f 1 99999999999999999999 3\n", "NUMBER", "index 1e+20 is not"),
+    "index missing": (OBJ_SQUARE + b"f 1 /2 3\n", "NUMBER", "line 5: '' is not a number"),
+    "index word": (OBJ_SQUARE + b"f 1 two 3\n", "NUMBER", "line 5: 'two' is not a number"),
+    "after a continuation": (OBJ_SQUARE + b"f 1 2 \\\n x\n", "NUMBER", "line 6: 'x' is not a number"),
+    "surface": (OBJ_SQUARE + b"surf 0 1 0 1 1 2 3 4\n", "UNSUPPORTED", "line 5: 'surf' is not read"),
+    "call": (b"call /etc/passwd\n" + OBJ_SQUARE, "UNSUPPORTED", "line 1: 'call' is not read"),
+    "shell": (OBJ_SQUARE + b"csh rm -rf x\n", "UNSUPPORTED", "'csh' is not read"),
+}
+
+_OFF: dict[str, tuple[bytes, str, str]] = {
+    "empty": (b"", "HEADER", "the file is empty"),
+    "garbage": (b"4 2 0\n" + OFF_SQUARE, "HEADER", "does not begin with OFF"),
+    "only comments": (b"# OFF\n\n", "HEADER", "does not begin with OFF"),
+    "binary": (b"OFF BINARY\n\0\0\0\4", "UNSUPPORTED", "OFF BINARY is not read"),
+    "4OFF": (b"4OFF\n1 0 0\n0 0 0 1\n", "UNSUPPORTED", "4OFF has vertices of other than three dimensions"),
+    "STCN4nOFF": (b"STCN4nOFF\n3\n1 0 0\n", "UNSUPPORTED", "STCN4nOFF has"),
+    "nothing after OFF": (b"OFF\n# \n", "TRUNCATED", "ends before the counts"),
+    "counts": (b"OFF\nfour 2 0\n", "HEADER", "line 2: the counts are 'four 2 0'"),
+    "one count": (b"OFF 4\n" + OFF_SQUARE, "HEADER", "line 1: the counts are '4'"),
+    "negative counts": (b"OFF\n4 -2 0\n", "HEADER", "the counts are '4 -2 0'"),
+    "huge vertices": (b"OFF\n1000000000000 0 0\n0 0 0\n", "TRUNCATED", "1000000000000 vertices and 0 faces"),
+    "huge faces": (b"OFF\n1 999999999999 0\n0 0 0\n", "TRUNCATED", "1 vertices and 999999999999 faces"),
+    "line missing": (off(b"OFF\n4 2 0", OFF_SQUARE, b"3 0 1 2    \n"), "TRUNCATED", "but has 5 lines"),
+    "line more": (off(b"OFF\n4 1 0", OFF_SQUARE, b"3 0 1 2\n3 0 2 3\n"), "TRAILING", "line 8: there is more"),
+    "short vertex": (
+        off(b"OFF\n1 0 0", b"0  0   \n"),
+        "NUMBER",
+        "line 3: a vertex has 2 numbers; 3, the same",
+    ),
+    "colors without C": (
+        off(b"OFF\n1 0 0", b"0 0 0 1 1 1\n"),
+        "NUMBER",
+        "a vertex has 6 numbers; 3, the same",
+    ),
+    "normals without N": (
+        off(b"COFF\n1 0 0", b"0 0 0 1 1\n"),
+        "NUMBER",
+        "a vertex has 5 numbers; 3 or 6 or 7",
+    ),
+    "uneven vertices": (off(b"COFF\n2 0 0", b"0 0 0\n0 0 0 1 1 1\n"), "NUMBER", "line 4: a vertex has 6"),
+    "word": (off(b"OFF\n1 0 0", b"0 o 0\n"), "NUMBER", "line 3: 'o' is not a number"),
+    "few corners": (off(b"OFF\n1 1 0", b"0 0 0\n", b"3 0 0\n"), "FACE", "line 4: face 0 announces 3 corners"),
+    "five extra": (off(b"OFF\n1 1 0", b"0 0 0\n", b"1 0 1 2 3 4 5\n"), "FACE", "6 numbers follow"),
+    "two extra": (off(b"OFF\n1 1 0", b"0 0 0\n", b"1 0 1 2\n"), "FACE", "3 numbers follow"),
+    "negative corners": (off(b"OFF\n1 1 0", b"0 0 0\n", b"-1 0 0\n"), "FACE", "announces -1 corners"),
+    "huge corners": (
+        off(b"OFF\n1 1 0", b"0 0 0\n", b"1000000000 0\n"),
+        "FACE",
+        "announces 1000000000 corners",
+    ),
+    "fraction of corners": (
+        off(b"OFF\n1 1 0", b"0 0 0\n", b"2.5 0 0\n"),
+        "NUMBER",
+        "number of corners is 2.5",
+    ),
+    "index fraction": (off(b"OFF\n1 1 0", b"0 0 0\n", b"3 0 0.5 0\n"), "NUMBER", "line 4: an index is 0.5"),
+}
+
+_STL: dict[str, tuple[bytes, str, str]] = {
+    "empty": (b"", "HEADER", "the file is empty"),
+    "garbage": (b"\x80\x02garbage", "HEADER", "it has 9 bytes; binary has at least 84"),
+    "short": (
+        stl_binary([SQUARE[:3]])[:-1],
+        "TRUNCATED",
+        "declares 1 faces, which take 134 bytes; it has 133",
+    ),
+    "short solid": (stl_binary([SQUARE[:3]], header=b"solid")[:-1], "TRUNCATED", "which take 134 bytes"),
+    "huge count": (stl_binary([SQUARE[:3]], count=2**32 - 1), "TRUNCATED", "declares 4294967295 faces"),
+    "trailing": (stl_binary([SQUARE[:3]]) + b"\0", "TRAILING", "end at byte 134; it has 135 bytes"),
+    "count 0 with faces": (stl_binary([SQUARE[:3]], count=0), "TRAILING", "end at byte 84"),
+    "no endsolid": (b"solid x\n" + stl_facet(), "TRUNCATED", "line 8: the file ends without 'endsolid'"),
+    "only solid": (b"solid", "TRUNCATED", "ends without 'endsolid'"),
+    "cut in a face": (b"solid x\n" + stl_facet()[:-17], "TRUNCATED", "ends without 'endsolid'"),
+    "word": (stl_text(stl_facet(("0 0 0", "1 x 0", "0 1 0"))), "NUMBER", "line 5: 'x' is not a number"),
+    "two numbers": (
+        stl_text(stl_facet(("0 0 0", "1 0", "0 1 0"))),
+        "NUMBER",
+        "line 5: 'vertex' has 2 numbers",
+    ),
+    "four corners": (
+        stl_text(stl_facet(("0 0 0",) * 4)),
+        "FACE",
+        "line 7: a line that begins with 'endloop'",
+    ),
+    "two corners": (stl_text(stl_facet(("0 0 0",) * 2)), "FACE", "line 6: a line that begins with 'vertex'"),
+    "no loop": (
+        stl_text(stl_facet().replace(b"outer loop\n", b"")),
+        "FACE",
+        "line 3: a line that begins with 'outer'",
+    ),
+    "end in a face": (stl_text(stl_facet()[:-9]), "FACE", "line 8: a line that begins with 'endfacet'"),
+    "unknown line": (
+        stl_text(stl_facet(), b"color 1 0 0\n"),
+        "FACE",
+        "line 9: a line that begins with 'facet'",
+    ),
+}
+
+BAD: dict[str, Bad] = {
+    f"{suffix[1:]}: {name}": (suffix, content, f"MESH_FILE_{code}", message)
+    for suffix, table in ((".ply", _PLY), (".obj", _OBJ), (".off", _OFF), (".stl", _STL), (".glb", BAD_GLBS))
+    for name, (content, code, message) in table.items()
+}
+"""All of them."""

@@ -1,0 +1,157 @@
+"""Small mesh files made in memory, in every format, and the square most of them hold."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+"""Four vertices; with `SQUARE_FACES` they are a square of two triangles."""
+
+SQUARE_FACES = [[0, 1, 2], [0, 2, 3]]
+
+XYZ = ("property float x", "property float y", "property float z")
+CORNERS = "property list uchar int vertex_indices"
+OBJ_SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+OFF_SQUARE = b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+
+
+def ply(form: str, lines: Iterable[str], body: bytes) -> bytes:
+    """Return a PLY file with the header `lines` between "format" and "end_header"."""
+    head = ["ply", f"format {form} 1.0", *lines, "end_header", ""]
+    return "\n".join(head).encode("latin-1") + body
+
+
+def ply_floats(rows: Sequence[Sequence[float]], order: str = "<") -> bytes:
+    """Return rows of float32."""
+    return np.array(rows, dtype=f"{order}f4").tobytes()
+
+
+def ply_faces(faces: Iterable[Sequence[int]], order: str = "<") -> bytes:
+    """Return lists of int with uchar counts."""
+    return b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in faces)
+
+
+def ply_square(faces: Sequence[Sequence[int]] = SQUARE_FACES, order: str = "<") -> bytes:
+    """Return the square as binary PLY, with other faces if wanted."""
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    lines = ["element vertex 4", *XYZ, f"element face {len(faces)}", CORNERS]
+    return ply(name, lines, ply_floats(SQUARE, order) + ply_faces(faces, order))
+
+
+def ply_text(body: bytes, faces: int = 2, vertices: int = 4) -> bytes:
+    """Return a PLY file with a text body."""
+    return ply("ascii", [f"element vertex {vertices}", *XYZ, f"element face {faces}", CORNERS], body)
+
+
+def off(header: bytes, *blocks: bytes) -> bytes:
+    """Return an OFF file."""
+    return header + b"\n" + b"".join(blocks)
+
+
+def stl_binary(
+    triangles: Sequence[Any], count: int | None = None, header: bytes = b"made by a test"
+) -> bytes:
+    """Return binary STL; `count` is what the header declares."""
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(each).tolist(), 0) for each in triangles)
+    declared = len(triangles) if count is None else count
+    return header.ljust(80, b"\0") + struct.pack("<I", declared) + body
+
+
+def stl_facet(corners: Sequence[str] = ("0 0 0", "1 0 0", "0 1 0")) -> bytes:
+    """Return one face of a text STL."""
+    lines = ["facet normal 0 0 1", "outer loop", *(f"vertex {each}" for each in corners)]
+    return ("\n".join([*lines, "endloop", "endfacet", ""])).encode("ascii")
+
+
+def stl_text(*facets: bytes, name: bytes = b"part") -> bytes:
+    """Return a text STL of one solid."""
+    return b"solid " + name + b"\n" + b"".join(facets) + b"endsolid " + name + b"\n"
+
+
+class Glb:
+    """A GLB under construction: `root` is its JSON, which a test may change before `bytes`."""
+
+    def __init__(self) -> None:
+        self.binary = b""
+        self.root: dict[str, Any] = {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": []}],
+            "accessors": [],
+            "bufferViews": [],
+            "buffers": [{}],
+        }
+
+    def view(self, data: bytes, **more: Any) -> int:
+        """Append bytes to the binary chunk; return the number of the view on them."""
+        entry = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data), **more}
+        self.root["bufferViews"].append(entry)
+        self.binary += data + b"\0" * (-len(data) % 4)
+        self.root["buffers"][0]["byteLength"] = len(self.binary)
+        return len(self.root["bufferViews"]) - 1
+
+    def accessor(self, values: Any, dtype: str, kind: str, **more: Any) -> int:
+        """Append an array; return the number of its accessor."""
+        component = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}[dtype]
+        array = np.array(values, dtype=f"<{dtype}")
+        entry = {"bufferView": self.view(array.tobytes()), "componentType": component, "type": kind}
+        self.root["accessors"].append({**entry, "count": len(array), **more})
+        return len(self.root["accessors"]) - 1
+
+    def primitive(self, position: int, indices: int | None = None, mesh: int = 0, **more: Any) -> None:
+        """Append a primitive to a mesh."""
+        attributes = {"POSITION": position, **more.pop("attributes", {})}
+        entry = {"attributes": attributes, **more}
+        if indices is not None:
+            entry["indices"] = indices
+        meshes = self.root["meshes"]
+        meshes.extend({"primitives": []} for _ in range(mesh + 1 - len(meshes)))
+        meshes[mesh]["primitives"].append(entry)
+
+    def bytes(self) -> bytes:
+        """Return the file."""
+        return glb_file(json.dumps(self.root).encode("utf-8"), self.binary)
+
+
+def glb_square(
+    mode: int | None = None, indices: Sequence[int] = (0, 1, 2, 0, 2, 3), dtype: str = "u2"
+) -> Glb:
+    """Return the square as one primitive."""
+    made = Glb()
+    position = made.accessor(SQUARE, "f4", "VEC3")
+    made.primitive(
+        position, made.accessor(indices, dtype, "SCALAR"), **({} if mode is None else {"mode": mode})
+    )
+    return made
+
+
+def glb_file(text: bytes, binary: bytes = b"", version: int = 2) -> bytes:
+    """Return a GLB with these two chunks."""
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    if binary:
+        chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return struct.pack("<4sII", b"glTF", version, 12 + len(chunks)) + chunks
+
+
+SMALL = {
+    ".ply": ply_square(),
+    ".PLY": ply_text(OFF_SQUARE + b"3 0 1 2\n4 0 1 2 3\n"),
+    ".obj": OBJ_SQUARE + b"vt 0 0\nf 1/1 2/1 3/1\nf -4 -2 -1\n",
+    ".off": off(
+        b"COFF", b"4 2 0\n", OFF_SQUARE.replace(b"\n", b" 255 0 0 255\n"), b"3 0 1 2\n3 0 2 3 0.5 0 0\n"
+    ),
+    ".stl": stl_binary([SQUARE[:3], SQUARE[1:]]),
+    ".STL": stl_text(stl_facet(), stl_facet()),
+    ".glb": glb_square().bytes(),
+}
+"""One small valid file for each reader; the suffixes in capitals are the text forms."""

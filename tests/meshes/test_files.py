@@ -1,0 +1,104 @@
+"""From a path to a mesh: what is opened, by which name, and what a `Mesh` is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.errors import InputError, MeshError, MeshFileError
+from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh
+
+from .builders import SMALL, SQUARE, SQUARE_FACES
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_the_suffix_says_the_format_in_any_case(tmp_path: Path) -> None:
+    for suffix in MESH_SUFFIXES:
+        for name in (f"a{suffix}", f"b{suffix.upper()}", f"c.d{suffix.title()}"):
+            (tmp_path / name).write_bytes(SMALL[suffix])
+            assert len(read_mesh(tmp_path / name).faces) == 2
+            assert len(read_mesh(str(tmp_path / name)).faces) == 2
+
+
+@pytest.mark.parametrize("name", ["mesh", "mesh.txt", ".ply", "mesh.ply.gz", "mesh."])
+def test_other_suffixes_are_not_recognised(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(SMALL[".ply"])
+    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*is not the suffix of a mesh file") as caught:
+        read_mesh(tmp_path / name)
+    assert caught.value.file == str(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["absent.ply", "absent/mesh.ply", "file/mesh.ply", "nul\0.ply"])
+def test_missing_files(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"FILE_NOT_FOUND: .*: there is no such file"):
+        read_mesh(f"{tmp_path}/{name}")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_folders_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
+    (tmp_path / "folder.ply").mkdir()
+    os.mkfifo(tmp_path / "pipe.ply")
+    (tmp_path / "device.ply").symlink_to("/dev/zero")
+    for name in ("folder.ply", "pipe.ply", "device.ply"):
+        with pytest.raises(InputError, match=r"FILE_UNREADABLE: .*: it is not a regular file"):
+            read_mesh(tmp_path / name)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")
+def test_files_without_permission(tmp_path: Path) -> None:
+    (tmp_path / "mesh.ply").write_bytes(SMALL[".ply"])
+    (tmp_path / "mesh.ply").chmod(0)
+    with pytest.raises(InputError, match=r"FILE_UNREADABLE: .*: it cannot be read"):
+        read_mesh(tmp_path / "mesh.ply")
+
+
+def test_a_link_to_a_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "target").write_bytes(SMALL[".ply"])
+    (tmp_path / "link.ply").symlink_to(tmp_path / "target")
+    assert read_mesh(tmp_path / "link.ply").faces.tolist() == SQUARE_FACES
+
+
+CONTENTS = {".ply": "PLY", ".off": "OFF", ".STL": "STL", ".glb": "GLB"}
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content: str) -> None:
+    if suffix == content.lower():
+        return
+    path = tmp_path / f"mesh{suffix}"
+    path.write_bytes(SMALL[content])
+    with pytest.raises(MeshFileError, match=f"MESH_FILE_HEADER: .*begins like {CONTENTS[content]}"):
+        read_mesh(path)
+
+
+def test_import_loads_no_mesh_library() -> None:
+    code = "import sys, msb.meshes; sys.exit('trimesh' in sys.modules or 'scipy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_mesh_is_what_it_says() -> None:
+    vertices, faces = np.array(SQUARE), np.array(SQUARE_FACES)
+    assert (
+        Mesh(vertices, faces, np.zeros((4, 3), np.uint8), np.ones((2, 4), np.float32)).face_colors is not None
+    )
+    for wrong in (
+        (vertices[:, :2], faces),
+        (vertices.astype(np.int64), faces),
+        (vertices, faces.astype(np.int32)),
+        (vertices, faces.ravel()),
+        (vertices, faces, np.zeros((3, 3), np.uint8)),
+        (vertices, faces, np.zeros((4, 2), np.uint8)),
+        (vertices, faces, np.zeros((4, 3))),
+        (vertices, faces, None, np.zeros((4, 3), np.uint8)),
+    ):
+        with pytest.raises(MeshError, match=r"MESH_ARRAY: (vertices|faces|vertex_colors|face_colors) is "):
+            Mesh(*wrong)

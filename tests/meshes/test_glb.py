@@ -1,0 +1,250 @@
+"""GLB as stored: accessors, primitives in node order, node transforms, colours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from .builders import SQUARE, SQUARE_FACES, Glb, glb_square
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.meshes import Mesh
+
+    Read = Callable[[bytes, str], Mesh]
+
+MOVED = [[x + 10, y, z] for x, y, z in SQUARE]
+SECOND = [[a + 4, b + 4, c + 4] for a, b, c in SQUARE_FACES]
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
+def test_square(read: Read, dtype: str) -> None:
+    mesh = read(glb_square(dtype=dtype).bytes(), ".glb")
+    assert mesh.vertices.dtype == np.float32
+    assert mesh.vertices.tolist() == SQUARE
+    assert mesh.faces.dtype == np.int64
+    assert mesh.faces.tolist() == SQUARE_FACES
+    assert mesh.vertex_colors is None
+
+
+@pytest.mark.parametrize(
+    ("mode", "indices", "faces"),
+    [
+        (4, [0, 1, 2, 0, 2, 3], SQUARE_FACES),
+        (5, [0, 1, 3, 2], [[0, 1, 3], [1, 2, 3]]),
+        (5, [0, 1, 2, 3, 0], [[0, 1, 2], [1, 3, 2], [2, 3, 0]]),
+        (5, [0, 1], []),
+        (6, [0, 1, 2, 3], SQUARE_FACES),
+        (6, [3, 2, 1, 0], [[3, 2, 1], [3, 1, 0]]),
+        (6, [], []),
+    ],
+)
+def test_triangles_strips_and_fans(read: Read, mode: int, indices: list[int], faces: list[list[int]]) -> None:
+    assert read(glb_square(mode, indices).bytes(), ".glb").faces.tolist() == faces
+
+
+@pytest.mark.parametrize("mode", [0, 1, 2, 3])
+def test_points_and_lines_are_ignored(read: Read, mode: int) -> None:
+    made = glb_square()
+    made.primitive(made.accessor(MOVED, "f4", "VEC3"), mode=mode)
+    assert read(made.bytes(), ".glb").vertices.tolist() == SQUARE
+
+
+def test_without_indices_three_vertices_make_a_face(read: Read) -> None:
+    made = Glb()
+    made.primitive(made.accessor([*SQUARE[:3], *SQUARE[:3]], "f4", "VEC3"))
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.vertices.shape == (6, 3)
+    assert mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_unused_and_repeated_vertices_are_kept(read: Read) -> None:
+    made = Glb()
+    rows = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9]]
+    faces = [[0, 2, 3], [1, 3, 2], [0, 2, 3], [2, 2, 3]]
+    made.primitive(made.accessor(rows, "f4", "VEC3"), made.accessor(np.ravel(faces), "u4", "SCALAR"))
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.vertices.tolist() == rows
+    assert mesh.faces.tolist() == faces
+
+
+def test_interleaved_vertices(read: Read) -> None:
+    made = glb_square()
+    rows = np.zeros(4, dtype=[("normal", "<f4", 3), ("position", "<f4", 3), ("color", "u1", 4)])
+    rows["position"] = MOVED
+    rows["color"] = [1, 2, 3, 4]
+    view = made.view(rows.tobytes(), byteStride=28)
+    made.root["accessors"][0] |= {"bufferView": view, "byteOffset": 12}
+    color = {"bufferView": view, "byteOffset": 24, "componentType": 5121, "count": 4, "type": "VEC4"}
+    made.root["accessors"].append(color)
+    made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.vertices.tolist() == MOVED
+    assert mesh.vertex_colors is not None
+    assert mesh.vertex_colors.tolist() == [[1, 2, 3, 4]] * 4
+
+
+@pytest.mark.parametrize("has_base", [True, False])
+def test_sparse_accessors_are_applied(read: Read, has_base: bool) -> None:
+    made = glb_square()
+    sparse = {
+        "count": 2,
+        "indices": {"bufferView": made.view(np.array([1, 3], "<u2").tobytes()), "componentType": 5123},
+        "values": {"bufferView": made.view(np.array([[7, 7, 7], [8, 8, 8]], "<f4").tobytes())},
+    }
+    made.root["accessors"][0]["sparse"] = sparse
+    if not has_base:
+        del made.root["accessors"][0]["bufferView"]
+    base = SQUARE if has_base else [[0.0, 0.0, 0.0]] * 4
+    vertices = read(made.bytes(), ".glb").vertices.tolist()
+    assert vertices == [base[0], [7, 7, 7], base[2], [8, 8, 8]]
+
+
+@pytest.mark.parametrize(
+    ("dtype", "normalized", "stored", "expected"),
+    [
+        ("i2", False, [-5, 0, 7], [-5, 0, 7]),
+        ("i2", True, [-32768, 0, 32767], [-1, 0, 1]),
+        ("u1", True, [255, 0, 51], [1, 0, 0.2]),
+    ],
+)
+def test_quantized_positions(
+    read: Read, dtype: str, normalized: bool, stored: list[int], expected: list[float]
+) -> None:
+    made = Glb()
+    made.primitive(made.accessor([stored] * 3, dtype, "VEC3", normalized=normalized))
+    made.root["extensionsRequired"] = ["KHR_mesh_quantization"]
+    # Rows of three bytes or shorts are not aligned as the format wants it; readers need not care.
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.vertices.dtype == np.float64
+    np.testing.assert_allclose(mesh.vertices, [expected] * 3, rtol=1e-15)
+
+
+def two_nodes(nodes: list[dict[str, Any]], roots: list[int] | None = None) -> bytes:
+    """Return a file with the square as mesh 0, and these nodes; roots None means no scenes."""
+    made = glb_square()
+    made.root["nodes"] = nodes
+    if roots is None:
+        del made.root["scene"], made.root["scenes"]
+    else:
+        made.root["scenes"] = [{"nodes": roots}]
+    return made.bytes()
+
+
+@pytest.mark.parametrize("roots", [[0, 1], [1, 0], None])
+def test_nodes_are_taken_in_ascending_order(read: Read, roots: list[int] | None) -> None:
+    mesh = read(two_nodes([{"mesh": 0, "translation": [10, 0, 0]}, {"mesh": 0}], roots), ".glb")
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.vertices.tolist() == MOVED + SQUARE
+    assert mesh.faces.tolist() == SQUARE_FACES + SECOND
+
+
+def test_a_child_before_its_parent_keeps_the_order_of_numbers(read: Read) -> None:
+    nodes = [{"mesh": 0}, {"translation": [10, 0, 0], "children": [0]}, {"mesh": 0}]
+    assert read(two_nodes(nodes, [1, 2]), ".glb").vertices.tolist() == MOVED + SQUARE
+
+
+def test_only_the_default_scene_is_shown(read: Read) -> None:
+    made = glb_square()
+    made.root["nodes"] = [{"mesh": 0, "translation": [10, 0, 0]}, {"mesh": 0}]
+    made.root["scenes"] = [{"nodes": [0]}, {"nodes": [1]}]
+    assert read(made.bytes(), ".glb").vertices.tolist() == MOVED
+    made.root["scene"] = 1
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.vertices.tolist() == SQUARE
+    assert mesh.vertices.dtype == np.float32
+
+
+HALF = 0.5**0.5
+
+
+@pytest.mark.parametrize(
+    ("node", "expected"),
+    [
+        ({"translation": [1, 2, 3]}, [2, 2, 3]),
+        ({"scale": [2, 3, 4]}, [2, 0, 0]),
+        ({"rotation": [0, 0, HALF, HALF]}, [0, 1, 0]),
+        ({"rotation": [0, 0, 1, 1]}, [0, 1, 0]),
+        ({"rotation": [0, HALF, 0, HALF]}, [0, 0, -1]),
+        ({"translation": [1, 2, 3], "rotation": [0, 0, HALF, HALF], "scale": [5, 1, 1]}, [1, 7, 3]),
+        ({"matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1]}, [4, 6, 6]),
+    ],
+)
+def test_transform_of_the_x_axis(read: Read, node: dict[str, Any], expected: list[float]) -> None:
+    mesh = read(two_nodes([{"mesh": 0, **node}], [0]), ".glb")
+    np.testing.assert_allclose(mesh.vertices[1], expected, atol=1e-15)
+
+
+def test_transforms_multiply_from_the_root_down(read: Read) -> None:
+    nodes = [
+        {"translation": [1, 0, 0], "children": [1]},
+        {"rotation": [0, 0, HALF, HALF], "children": [2]},
+        {"scale": [3, 1, 1], "mesh": 0},
+    ]
+    np.testing.assert_allclose(read(two_nodes(nodes, [0]), ".glb").vertices[1], [1, 3, 0], atol=1e-15)
+
+
+def test_the_identity_keeps_float32(read: Read) -> None:
+    node = {"mesh": 0, "translation": [0, 0, 0], "matrix": np.eye(4).ravel().tolist()}
+    assert read(two_nodes([node], [0]), ".glb").vertices.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("dtype", "values", "expected"),
+    [
+        ("u1", [255, 0, 7, 9], np.uint8([255, 0, 7, 9])),
+        ("u1", [255, 0, 7], np.uint8([255, 0, 7])),
+        ("u2", [65535, 0, 13107], np.float32([1, 0, 0.2])),
+        ("f4", [1, 0.5, 0], np.float32([1, 0.5, 0])),
+        ("f4", [1.5, -0.5, 0, 1], np.float32([1, 0, 0, 1])),
+    ],
+)
+@pytest.mark.parametrize("normalized", [True, False])
+def test_colors(read: Read, dtype: str, values: list[float], expected: np.ndarray, normalized: bool) -> None:
+    made = glb_square()
+    color = made.accessor([values] * 4, dtype, f"VEC{len(values)}", normalized=normalized)
+    made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = color
+    colors = read(made.bytes(), ".glb").vertex_colors
+    assert colors is not None
+    assert colors.dtype == expected.dtype
+    assert colors.tolist() == [expected.tolist()] * 4
+
+
+def test_primitives_join_with_white_where_one_has_no_color(read: Read) -> None:
+    made = glb_square()
+    position = made.accessor(MOVED[:3], "f4", "VEC3")
+    made.primitive(position, attributes={"COLOR_0": made.accessor([[0, 0.5, 1, 0.25]] * 3, "f4", "VEC4")})
+    made.primitive(position, attributes={"COLOR_0": made.accessor([[255, 0, 51]] * 3, "u1", "VEC3")})
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.vertices.tolist() == SQUARE + MOVED[:3] * 2
+    assert mesh.faces.tolist() == [*SQUARE_FACES, [4, 5, 6], [7, 8, 9]]
+    expected = [[1, 1, 1, 1]] * 4 + [[0, 0.5, 1, 0.25]] * 3 + [[1, 0, 0.2, 1]] * 3
+    assert mesh.vertex_colors is not None
+    assert mesh.vertex_colors.dtype == np.float32
+    np.testing.assert_array_equal(mesh.vertex_colors, np.float32(expected))
+
+
+def test_an_index_outside_its_primitive_stays_outside_the_mesh(read: Read) -> None:
+    made = glb_square(indices=[0, 1, 2, 0, 2, 9])
+    assert read(made.bytes(), ".glb").faces.tolist() == [[0, 1, 2], [0, 2, 9]]
+    made.primitive(made.accessor(MOVED * 3, "f4", "VEC3"))
+    mesh = read(made.bytes(), ".glb")
+    # 9 is a vertex of the second primitive, which the first one cannot mean.
+    assert mesh.faces[1].tolist() == [0, 2, 9 - 4 + len(mesh.vertices)]
+
+
+def test_an_empty_scene_is_an_empty_mesh(read: Read) -> None:
+    made = Glb()
+    made.root |= {"scenes": [{}], "meshes": [], "nodes": []}
+    assert read(made.bytes(), ".glb").vertices.shape == (0, 3)
+
+
+def test_harmless_requirements_and_later_chunks(read: Read) -> None:
+    made = glb_square()
+    made.root["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_transform"]
+    content = bytearray(made.bytes() + b"\4\0\0\0XTRAdata")
+    content[8:12] = len(content).to_bytes(4, "little")
+    assert read(bytes(content), ".glb").faces.tolist() == SQUARE_FACES

@@ -1,0 +1,136 @@
+"""OBJ as stored: `v` lines are the vertices, first indices the corners."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.meshes import Mesh, text
+
+from .builders import OBJ_SQUARE, SQUARE, SQUARE_FACES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Read = Callable[[bytes, str], Mesh]
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        b"f 1 2 3\nf 1 3 4\n",
+        b"f 1/1 2/2 3/3\nf 1/9 3/8 4/7\n",
+        b"f 1//1 2//2 3//3\nf 1//4 3//5 4//6\n",
+        b"f 1/1/1 2/2/2 3/3/3\nf 1/2/3 3/2/1 4/1/2\n",
+        b"f 1// 2// 3//\nfo 1/ 3/ 4/\n",
+        b"f 1 2 3 4\n",
+        b"f -4 -3 -2\nf -4 -2 -1",
+        b"\tf  1\t2 3 \r\nf 1 3 4 # the rest\r\n",
+        b"f 1 2 \\\n3\nf \\\r\n1 3 4\n",
+        b"g f 1 2 4\nusemtl v 1\nf 1 2 3\nl 1 2\np 1\ns 1\nvp 1 2\no v\nf 1 3 4\n",
+        b"f 1 2 3\nf 1 2\nf 1\nf\nf 1 3 4\n",
+        b"#f 9 9 9\n # v 1\nmtllib /etc/passwd\nf 1 2 3\nunknown \xff\xfe words\nf 1 3 4\n",
+    ],
+)
+def test_ways_to_write_the_square(read: Read, faces: bytes) -> None:
+    mesh = read(OBJ_SQUARE + faces, ".obj")
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.vertices.tolist() == SQUARE
+    assert mesh.faces.tolist() == SQUARE_FACES
+
+
+def test_negative_indices_count_from_the_line_they_stand_on(read: Read) -> None:
+    content = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 9 9 9\nf -3 -2 1\n"
+    assert read(content, ".obj").faces.tolist() == [[0, 1, 2], [1, 2, 0]]
+
+
+def test_an_index_beyond_the_vertices_is_kept(read: Read) -> None:
+    assert read(OBJ_SQUARE + b"f 1 2 9\nf 1 2 1000000000000\n", ".obj").faces.tolist() == [
+        [0, 1, 8],
+        [0, 1, 999999999999],
+    ]
+
+
+def test_faces_may_come_before_their_vertices(read: Read) -> None:
+    assert read(b"f 1 2 3\n" + OBJ_SQUARE, ".obj").faces.tolist() == [[0, 1, 2]]
+
+
+def test_nothing_is_merged_split_or_dropped(read: Read) -> None:
+    content = b"v 0 0 0\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nvt 0 0\nvt 1 1\n"
+    content += b"f 1/1 3/1 4/1\nf 2/2 4/1 3/2\nf 1/2 3/2 4/2\nf 3 3 4\n"
+    mesh = read(content, ".obj")
+    assert len(mesh.vertices) == 5
+    assert mesh.faces.tolist() == [[0, 2, 3], [1, 3, 2], [0, 2, 3], [2, 2, 3]]
+
+
+def test_materials_do_not_reorder_faces(read: Read) -> None:
+    content = OBJ_SQUARE + b"usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\nusemtl a\nf 2 3 4\n"
+    assert read(content, ".obj").faces.tolist() == [*SQUARE_FACES, [1, 2, 3]]
+
+
+def test_all_digits_and_special_numbers(read: Read) -> None:
+    mesh = read(b"v 0.123456789012345 -1.e-5 +.5E+2\nv nan inf -INF 1\nv 1e999 0 0\n", ".obj")
+    expected = [[0.123456789012345, -1e-5, 50], [np.nan, np.inf, -np.inf], [np.inf, 0, 0]]
+    np.testing.assert_array_equal(mesh.vertices, expected)
+
+
+@pytest.mark.parametrize(
+    ("tail", "expected"),
+    [
+        (b" 1 0.5 0", np.float32([1, 0.5, 0])),
+        (b" 1 0.5 0 0.25", np.float32([1, 0.5, 0, 0.25])),
+        (b" 255 0 7", np.uint8([255, 0, 7])),
+        (b" 1 0 0", np.float32([1, 0, 0])),
+        (b" 1", None),
+    ],
+)
+def test_vertex_colors(read: Read, tail: bytes, expected: np.ndarray | None) -> None:
+    mesh = read(OBJ_SQUARE.replace(b"\n", tail + b"\n"), ".obj")
+    assert mesh.vertices.tolist() == SQUARE
+    if expected is None:
+        assert mesh.vertex_colors is None
+    else:
+        assert mesh.vertex_colors is not None
+        assert mesh.vertex_colors.dtype == expected.dtype
+        assert mesh.vertex_colors.tolist() == [expected.tolist()] * 4
+
+
+def test_colors_of_some_vertices_only_are_left_out(read: Read) -> None:
+    assert read(OBJ_SQUARE + b"v 2 2 2 1 0 0\n", ".obj").vertex_colors is None
+
+
+def random_obj(seed: int) -> tuple[str, list[list[float]], list[list[int]]]:
+    """Return an OBJ text, and its vertices and triangles found line by line."""
+    rng = random.Random(seed)
+    lines, vertices, faces = ["v 0 0 0"], [[0.0, 0.0, 0.0]], []
+    for _ in range(60):
+        kind = rng.choice(["v", "v", "f", "f", "vt", "#", "", "g"])
+        if kind == "v":
+            vertices.append([rng.uniform(-1e3, 1e3), rng.random(), float(rng.randint(-5, 5))])
+            lines.append(f"v {' '.join(map(repr, vertices[-1]))}")
+        elif kind == "f":
+            corners = [rng.randrange(len(vertices)) for _ in range(rng.randint(1, 6))]
+            relative = rng.random() < 0.3
+            shown = [corner - len(vertices) if relative else corner + 1 for corner in corners]
+            lines.append(
+                " ".join(["f", *(f"{each}{rng.choice(['', '/7', '//3', '/1/-2'])}" for each in shown)])
+            )
+            faces += [[corners[0], *corners[at : at + 2]] for at in range(1, len(corners) - 1)]
+        else:
+            lines.append(f"{kind} 0.5 0.5")
+    return "\n".join(lines), vertices, faces
+
+
+@pytest.mark.parametrize("block", [1, 97, text.BLOCK_BYTES])
+def test_random_files_against_a_reader_of_single_lines(
+    read: Read, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(text, "BLOCK_BYTES", block)
+    for seed in range(40):
+        content, vertices, faces = random_obj(seed)
+        mesh = read(content.encode("ascii"), ".obj")
+        assert mesh.vertices.tolist() == vertices
+        assert mesh.faces.tolist() == faces

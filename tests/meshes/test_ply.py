@@ -1,0 +1,226 @@
+"""PLY as stored: types, lists, elements to step over, polygons, colours."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from .builders import (
+    CORNERS,
+    OFF_SQUARE,
+    SQUARE,
+    SQUARE_FACES,
+    XYZ,
+    ply,
+    ply_faces,
+    ply_floats,
+    ply_square,
+    ply_text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.meshes import Mesh
+
+    Read = Callable[[bytes, str], Mesh]
+
+LITTLE = "binary_little_endian"
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_binary_float_keeps_its_precision_in_both_byte_orders(read: Read, order: str) -> None:
+    mesh = read(ply_square(order=order), ".ply")
+    assert mesh.vertices.dtype == np.dtype(np.float32)
+    assert mesh.vertices.dtype.isnative
+    assert mesh.vertices.tolist() == SQUARE
+    assert mesh.faces.dtype == np.int64
+    assert mesh.faces.tolist() == SQUARE_FACES
+    assert mesh.vertex_colors is None
+    assert mesh.face_colors is None
+
+
+def test_double_stays_double(read: Read) -> None:
+    rows = np.array([[0.1, 1 / 3, 1e300]])
+    lines = ["element vertex 1", *(line.replace("float", "double") for line in XYZ)]
+    mesh = read(ply(LITTLE, lines, rows.astype("<f8").tobytes()), ".ply")
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.vertices.tolist() == rows.tolist()
+    assert mesh.faces.shape == (0, 3)
+
+
+def test_mixed_coordinate_types_become_the_widest(read: Read) -> None:
+    lines = ["element vertex 1", "property short x", "property double y", "property float z"]
+    mesh = read(ply(LITTLE, lines, struct.pack("<hdf", -3, 0.1, 0.5)), ".ply")
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.vertices.tolist() == [[-3, 0.1, 0.5]]
+
+
+def test_text_keeps_all_digits_even_of_properties_called_float(read: Read) -> None:
+    mesh = read(ply_text(b"0.123456789012345 -1e-300 nan\ninf 0 -inf\n1 1 1\n0 0 0\n", faces=0), ".ply")
+    assert mesh.vertices.dtype == np.float64
+    expected = [[0.123456789012345, -1e-300, np.nan], [np.inf, 0, -np.inf], [1, 1, 1], [0, 0, 0]]
+    np.testing.assert_array_equal(mesh.vertices, expected)
+
+
+@pytest.mark.parametrize("line_end", [b"\n", b"\r\n", b"\r"])
+def test_line_ends(read: Read, line_end: bytes) -> None:
+    content = ply_text(OFF_SQUARE + b"3 0 1 2\n3 0 2 3\n").replace(b"\n", line_end)
+    assert read(content, ".ply").faces.tolist() == SQUARE_FACES
+
+
+@pytest.mark.parametrize("line_end", [b"\r\n", b"\r"])
+def test_binary_body_after_another_line_end(read: Read, line_end: bytes) -> None:
+    lines = ["element vertex 1", *XYZ]
+    head = ply(LITTLE, lines, b"").replace(b"\n", line_end)
+    # The body begins with a line feed: it must not be taken for a part of the line end before it.
+    body = b"\n" + ply_floats([[1, 2, 3]])[1:]
+    mesh = read(head + body, ".ply")
+    assert mesh.vertices.tobytes() == body
+
+
+def test_comments_and_foreign_bytes_in_the_header(read: Read) -> None:
+    lines = ["comment na\xefve end_header", "obj_info x", "element vertex 1", *XYZ, "comment"]
+    assert read(ply("ascii", lines, b"1 2 3\n"), ".ply").vertices.tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("count", ["char", "uchar", "short", "ushort", "int", "uint", "int8", "uint32"])
+@pytest.mark.parametrize("index", ["uchar", "int16", "int", "uint", "uint8", "int32"])
+@pytest.mark.parametrize("name", ["vertex_index", "vertex_indices"])
+def test_every_integer_type_of_lists(read: Read, count: str, index: str, name: str) -> None:
+    kinds = {"char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h"}
+    kinds |= {"ushort": "H", "int": "i", "int32": "i", "uint": "I", "uint32": "I"}
+    rows = b"".join(struct.pack(f"<{kinds[count]}3{kinds[index]}", 3, *face) for face in SQUARE_FACES)
+    lines = ["element vertex 4", *XYZ, "element face 2", f"property list {count} {index} {name}"]
+    assert read(ply(LITTLE, lines, ply_floats(SQUARE) + rows), ".ply").faces.tolist() == SQUARE_FACES
+
+
+MIXED = [[0, 1, 2], [3, 2, 1, 0], [0, 1], [], [0, 1, 2, 3, 0], [2]]
+MIXED_FACES = [[0, 1, 2], [3, 2, 1], [3, 1, 0], [0, 1, 2], [0, 2, 3], [0, 3, 0]]
+"""The polygons cut into fans around their first corner; those with fewer than three corners are ignored."""
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_polygons_of_mixed_size(read: Read, order: str) -> None:
+    assert read(ply_square(MIXED, order), ".ply").faces.tolist() == MIXED_FACES
+
+
+def test_polygons_of_mixed_size_in_text(read: Read) -> None:
+    rows = "\n".join(" ".join(map(str, [len(face), *face])) for face in MIXED).encode("ascii")
+    assert read(ply_text(OFF_SQUARE + rows, faces=len(MIXED)), ".ply").faces.tolist() == MIXED_FACES
+
+
+def test_quads_of_one_size(read: Read) -> None:
+    mesh = read(ply_square([[0, 1, 2, 3], [3, 2, 1, 0]]), ".ply")
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 1], [3, 1, 0]]
+
+
+@pytest.mark.parametrize("face", [[0, 1, 9], [0, -1, 2], [2**31 - 1, -(2**31), 0]])
+def test_indices_outside_the_mesh_are_kept(read: Read, face: list[int]) -> None:
+    assert read(ply_square([face, [0, 1, 2]]), ".ply").faces.tolist() == [face, [0, 1, 2]]
+    text = OFF_SQUARE + " ".join(map(str, [3, *face])).encode("ascii")
+    assert read(ply_text(text, faces=1), ".ply").faces.tolist() == [face]
+
+
+ODD_HEADER = [
+    "element cloud 2",
+    "property list uchar short data",
+    "property uchar flag",
+    "element nothing 5",
+    "element vertex 4",
+    "property uchar before",
+    *XYZ,
+    "property list uchar uchar tags",
+    "property double after",
+    "element face 2",
+    "property float quality",
+    "property list ushort int other",
+    "property list uchar int vertex_indices",
+    "property uchar red",
+    "property uchar green",
+    "property uchar blue",
+    "element edge 1",
+    "property int a",
+]
+
+
+def test_other_elements_and_properties_are_stepped_over(read: Read) -> None:
+    body = struct.pack("<BhB BhhB", 1, 7, 0, 2, 8, 9, 0)
+    for number, row in enumerate(SQUARE):
+        body += struct.pack("<B3fB", 9, *row, number) + bytes(number) + struct.pack("<d", 0.5)
+    for face, color in zip(SQUARE_FACES, [[1, 2, 3], [4, 5, 6]], strict=True):
+        body += struct.pack("<fHiiB3i3B", 0.5, 2, 40, 50, 3, *face, *color)
+    mesh = read(ply(LITTLE, ODD_HEADER, body + struct.pack("<i", 1)), ".ply")
+    assert mesh.vertices.tolist() == SQUARE
+    assert mesh.vertices.dtype == np.float32
+    assert mesh.faces.tolist() == SQUARE_FACES
+    assert mesh.face_colors is not None
+    assert mesh.face_colors.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_other_elements_and_properties_in_text(read: Read) -> None:
+    rows = ["1 7 0", "2 8 9 0", "9 0 0 0 0 .5", "9 1 0 0 1 7 .5", "9 1 1 0 2 7 7 .5", "9 0 1 0 0 .5"]
+    rows += ["0.5 2 40 50 3 0 1 2 1 2 3", "", "0.5 0 3 0 2 3 4 5 6", "1"]
+    mesh = read(ply("ascii", ODD_HEADER, "\n".join(rows).encode("ascii")), ".ply")
+    assert mesh.vertices.tolist() == SQUARE
+    assert mesh.faces.tolist() == SQUARE_FACES
+    assert mesh.face_colors is not None
+    assert mesh.face_colors.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_faces_may_come_before_vertices(read: Read) -> None:
+    lines = ["element face 2", CORNERS, "element vertex 4", *XYZ]
+    content = ply(LITTLE, lines, ply_faces(SQUARE_FACES) + ply_floats(SQUARE))
+    assert read(content, ".ply").faces.tolist() == SQUARE_FACES
+
+
+@pytest.mark.parametrize(
+    ("kind", "stored", "expected"),
+    [
+        ("uchar", [255, 0, 7], np.uint8([255, 0, 7])),
+        ("float", [1.0, 0.0, 0.25], np.float32([1, 0, 0.25])),
+        ("double", [1.0, 0.0, 0.25], np.float32([1, 0, 0.25])),
+        ("float", [255.0, 0.0, 7.0], np.uint8([255, 0, 7])),
+        ("float", [1.5, -1.0, np.nan], np.float32([1, 0, 0])),
+        ("ushort", [65535, 0, 13107], np.float32([1, 0, 0.2])),
+        ("int", [300, -5, 7], np.uint8([255, 0, 7])),
+    ],
+)
+@pytest.mark.parametrize("prefix", ["", "diffuse_"])
+def test_colors(read: Read, kind: str, stored: list[float], expected: np.ndarray, prefix: str) -> None:
+    names = [f"property {kind} {prefix}{name}" for name in ("red", "green", "blue")]
+    dtype = {"uchar": "u1", "float": "<f4", "double": "<f8", "ushort": "<u2", "int": "<i4"}[kind]
+    lines = ["element vertex 1", *XYZ, *names]
+    binary = ply(LITTLE, lines, ply_floats([[0, 0, 0]]) + np.array(stored, dtype=dtype).tobytes())
+    text = ply("ascii", lines, f"0 0 0 {' '.join(map(str, stored))}\n".encode("ascii"))
+    for content in (binary, text):
+        colors = read(content, ".ply").vertex_colors
+        assert colors is not None
+        assert colors.dtype == expected.dtype
+        assert colors.tolist() == [expected.tolist()]
+
+
+def test_face_colors_follow_their_triangles(read: Read) -> None:
+    names = [f"property uchar {name}" for name in ("red", "green", "blue", "alpha")]
+    lines = ["element vertex 4", *XYZ, "element face 3", CORNERS, *names]
+    rows = [(4, 0, 1, 2, 3, 9, 8, 7, 6), (2, 0, 1, 1, 1, 1, 1), (3, 0, 1, 2, 5, 4, 3, 2)]
+    body = b"".join(struct.pack(f"<B{row[0]}i4B", *row) for row in rows)
+    mesh = read(ply(LITTLE, lines, ply_floats(SQUARE) + body), ".ply")
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+    assert mesh.face_colors is not None
+    assert mesh.face_colors.tolist() == [[9, 8, 7, 6], [9, 8, 7, 6], [5, 4, 3, 2]]
+
+
+def test_no_faces_and_no_vertices_are_fine(read: Read) -> None:
+    assert read(ply("ascii", ["element vertex 0", *XYZ], b""), ".ply").vertices.shape == (0, 3)
+    lines = ["element vertex 0", *XYZ, "element face 0", CORNERS]
+    mesh = read(ply(LITTLE, lines, b""), ".ply")
+    assert mesh.vertices.shape == mesh.faces.shape == (0, 3)
+    assert mesh.vertices.dtype == np.float32
+
+
+def test_blank_space_after_a_binary_body_is_tolerated(read: Read) -> None:
+    assert read(ply_square() + b"\r\n", ".ply").faces.tolist() == SQUARE_FACES
