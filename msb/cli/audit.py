@@ -185,8 +185,9 @@ class _Task:
 
         with self.output.progress(f"asking the peers about {mesh.path.name}"):
             check = cross_check(mesh.vertices, mesh.faces, found, analysis)
-        for peer, why in check.skipped.items():
-            self.output.note(f"{mesh.path}: {peer} skipped: {why}")
+        for what, why in check.skipped.items():
+            # A whole peer is worth a note; a single quantity that does not apply only if asked for more.
+            self.output.note(f"{mesh.path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(found, cross_check=check.to_rows())
 
     def print_one(self, found: Audit, *, first: bool) -> None:
@@ -199,7 +200,7 @@ class _Task:
             return
         if not first:
             console.print()
-        print_audit(found, console, paper=self.paper)
+        print_audit(found, console, paper=self.paper, verbose=self.output.verbose > 0)
 
     def failures(self, found: Audit, path: Path) -> list[MsbError]:
         """Return the gates that failed."""

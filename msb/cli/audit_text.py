@@ -38,19 +38,22 @@ _DEFECTS = (
 )
 _MARKS = {"good": ("OK", "green"), "limited": ("LIMITED", "yellow"), "bad": ("BAD", "red")}
 """Verdict level -> word and colour; the word alone says it."""
+_VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 _LABELS = {
     "nonmanifold_edges": "non-manifold edges",
     "nonmanifold_vertices": "non-manifold vertices",
 }
 
 
-def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
+def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose: bool = False) -> None:
     """Print the report of one audit.
 
     Parameters
     ----------
     paper : bool
         Add the paper's mean row of MeshSplatting under ours.
+    verbose : bool
+        Show every quantity the peers were asked for, not only those on which they differ.
     """
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
@@ -72,7 +75,7 @@ def print_audit(audit: Audit, console: Console, *, paper: bool) -> None:
     console.print()
     _print_defects(audit, console)
     if audit.cross_check is not None:
-        _print_cross_check(audit.cross_check, console)
+        _print_cross_check(audit.cross_check, console, every=verbose)
     console.print()
     print_verdict(audit, console, with_path=False)
 
@@ -132,15 +135,25 @@ def _where(noun: str, sample: Sample) -> str:
     return f"{noun} {name} at {place}"
 
 
-def _print_cross_check(rows: list[dict[str, Any]], console: Console) -> None:
-    marks = {"agrees": "= agrees", "differs_by_definition": "~ by definition", "disagrees": "! DISAGREES"}
-    table = plain_table("Peer", "Quantity", "Ours", "Theirs", "Verdict", right=(2, 3))
-    for row in rows:
-        verdict = marks[row["verdict"]]
-        table.add_row(row["peer"], row["quantity"], _value(row["ours"]), _value(row["theirs"]), verdict)
+def _print_cross_check(rows: list[dict[str, Any]], console: Console, *, every: bool) -> None:
+    """Print how many quantities each peer confirms, then those it does not (all of them if `every`)."""
     console.print()
+    summary = plain_table("Peer", "Agrees", "Differs by definition", "Disagrees", right=(1, 2, 3))
+    for peer in dict.fromkeys(row["peer"] for row in rows):
+        own = [row for row in rows if row["peer"] == peer]
+        counts = [sum(row["verdict"] == verdict for row in own) for verdict in _VERDICTS]
+        summary.add_row(f"{peer} {own[0]['version']}", *map(str, counts))
+    console.print(summary)
+    shown = [row for row in rows if every or row["verdict"] != "agrees"]
+    if not shown:
+        return
+    console.print()
+    table = plain_table("Peer", "Quantity", "Ours", "Theirs", "", right=(2, 3))
+    for row in shown:
+        values = (_value(row["ours"]), _value(row["theirs"]))
+        table.add_row(row["peer"], row["quantity"], *values, _VERDICTS[row["verdict"]])
     console.print(table)
-    reasons = {row["why"]: row["peer"] for row in rows if row["verdict"] != "agrees" and row["why"]}
+    reasons = {row["why"]: row["peer"] for row in shown if row["verdict"] != "agrees" and row["why"]}
     for why, peer in reasons.items():
         _print_line(f"[dim]{peer}: {_escape(why)}[/dim]", console)
 

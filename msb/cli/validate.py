@@ -21,6 +21,10 @@ EPILOG = epilog(
     "msb validate --explain TRIASSET_INDEX_OUT_OF_RANGE",
 )
 SCHEMA = "msb.validate/1"
+MAX_FINDINGS = 1000
+"""Of one asset in JSON: a hostile manifest of 1 MiB can earn 90 000 warnings."""
+SHOWN = 50
+"""Of one asset on the screen."""
 
 
 def validate(
@@ -76,7 +80,8 @@ def _run(paths: list[Path], output: Output) -> int:
                     "schema": SCHEMA,
                     "path": str(item),
                     "valid": errors == 0,
-                    "findings": [f.to_dict() for f in found],
+                    "findings": [f.to_dict() for f in found[:MAX_FINDINGS]],
+                    "truncated": len(found) > MAX_FINDINGS,
                 }
             )
             if output.prints_text:
@@ -84,6 +89,9 @@ def _run(paths: list[Path], output: Output) -> int:
     if reports:
         output.write_json(reports[0] if len(reports) == 1 else reports)
     return status
+
+
+_SEVERITIES = ("error", "warning", "info")
 
 
 def check(path: Path) -> list[Finding]:
@@ -94,14 +102,14 @@ def check(path: Path) -> list[Finding]:
     InputError
         If it does not exist, cannot be read or is not recognised.
     """
+    from msb.asset import validate as validate_asset
     from msb.cli.inputs import is_asset
 
     if not is_asset(path):
         return _check_mesh(path)
-    from msb.asset import validate as validate_asset
-
     result = validate_asset(path)
-    found = list(result.findings)
+    # Errors first: they must not drown in warnings.
+    found = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
     if result.asset is not None and result.valid:
         found += degenerate_findings(result.asset.buffers["positions"], result.asset.buffers["indices"])
     return found
@@ -156,10 +164,12 @@ def _print(path: Path, found: list[Finding], output: Output) -> None:
         return
     table = plain_table("Severity", "Code", "Finding")
     styles = {"error": "red", "warning": "yellow", "info": "dim"}
-    for item in found:
+    for item in found[:SHOWN]:
         where = f" (at {item.pointer})" if item.pointer else ""
         table.add_row(f"[{styles[item.severity]}]{item.severity}[/]", item.code, escape(item.message + where))
     console.print(table)
+    if len(found) > SHOWN:
+        console.print(f"... and {len(found) - SHOWN:,} more; --json lists up to {MAX_FINDINGS:,}")
 
 
 def _summary(counts: dict[str, int]) -> str:

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 MAX_VERTICES = 2**32 - 1
-MAX_FACES = (2**63 - 1) // 3
+"""A pair of vertex indices must fit into 64 bits."""
+MAX_FACES = (2**31 - 1) // 3
+"""Corners are numbered 3 f + k, and scipy labels connected components by int32."""
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -28,7 +30,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     Returns
     -------
     vertices : (V, 3) floating
-    faces : (F, 3) int32, or int64 where element numbers need it
+    faces : (F, 3) int32, or int64 where vertex indices need it
 
     Raises
     ------
@@ -40,21 +42,24 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     triangles = _numbers(faces, "faces", "iu")
     if points.dtype.kind != "f":
         points = points.astype(np.float64)
-    if len(points) > MAX_VERTICES:
-        text = f"there are {len(points)} vertices; at most {MAX_VERTICES} are supported"
-        raise MeshError("MESH_TOO_LARGE", text, value=len(points), limit=MAX_VERTICES)
+    for array, name, limit in ((points, "vertices", MAX_VERTICES), (triangles, "faces", MAX_FACES)):
+        if len(array) > limit:
+            text = f"there are {len(array)} {name}; at most {limit} are supported"
+            raise MeshError("MESH_TOO_LARGE", text, value=len(array), limit=limit)
     if triangles.size:
         _check_range(triangles, len(points))
-    small = max(len(points), 3 * len(triangles)) < 2**31
-    return points, np.ascontiguousarray(triangles, np.int32 if small else np.int64)
+    return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 
 
 def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
+    if np.ma.is_masked(values):
+        text = f"{name} is a masked array, and a masked row is neither kept nor dropped; decide first"
+        raise MeshError("MESH_ARRAY", text)
     try:
         array = np.asarray(values)
     except ValueError as error:
         raise MeshError("MESH_ARRAY", f"{name} is not an array: rows differ in length") from error
-    if array.size == 0 and array.ndim <= 2:
+    if array.shape in {(0,), (0, 3), (1, 0)}:  # [], no rows, and [[]]
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:
         text = f"{name} has shape {array.shape}; it must be (n, 3)"

@@ -29,7 +29,7 @@ NONE = -1
 
 @dataclass(frozen=True)
 class HalfEdgeMesh:
-    """A triangle mesh by its half-edges. Element numbers are int32, or int64 above 2^31 half-edges.
+    """A triangle mesh by its half-edges. Element numbers are int32, or int64 from 2^31 vertices on.
 
     Attributes
     ----------

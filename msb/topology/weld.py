@@ -31,7 +31,7 @@ def parse_weld(text: str | float) -> Weld:
         return "exact"
     try:
         distance = float(text)
-    except ValueError:
+    except (ValueError, TypeError, OverflowError):
         distance = math.nan
     if not (distance > 0 and math.isfinite(distance)):
         raise MeshError("WELD_DISTANCE", f'the weld is "{text}"; it must be exact or a positive length')
@@ -94,14 +94,19 @@ def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     """Return for each vertex the smallest vertex it is joined to by steps of at most `distance`."""
     from scipy.spatial import cKDTree
 
-    finite = np.flatnonzero(np.isfinite(vertices).all(axis=1))
+    with np.errstate(over="ignore"):
+        places = vertices.astype(np.float64)
+    finite = np.flatnonzero(np.isfinite(places).all(axis=1))
     labels = np.arange(len(vertices))
     if len(finite) == 0:
         return labels
     # Coincident vertices first: they alone could make the number of pairs quadratic.
-    points, group = np.unique(vertices[finite].astype(np.float64), axis=0, return_inverse=True)
-    tree = cKDTree(points)
-    pairs = (int(tree.count_neighbors(tree, distance)) - len(points)) // 2
+    points, group = np.unique(places[finite], axis=0, return_inverse=True)
+    # The tree squares distances: bring coordinates to at most 2, by a power of two, which rounds nothing.
+    scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
+    reach = min(distance / scale, 8.0)  # more than any distance then
+    tree = cKDTree(points / scale)
+    pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:
         raise MeshError(
             "WELD_TOO_WIDE",
@@ -110,7 +115,7 @@ def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
             value=distance,
             limit=MAX_PAIRS,
         )
-    near = tree.query_pairs(distance, output_type="ndarray")
+    near = tree.query_pairs(reach, output_type="ndarray")
     _, merged = label_components(len(points), near[:, 0], near[:, 1])
     cluster = merged[group.reshape(-1)]
     smallest = np.full(len(points), len(vertices))

@@ -206,7 +206,8 @@ def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> No
         assert data["vertex_nonmanifold_edge_endpoint"].tolist() == [0, 1]
         assert len(data["edge_boundary"]) == 6
         assert data["face_component"].tolist() == [0, 0, 0]
-    rows = list(csv.DictReader((tmp_path / "e.csv").open()))
+    with (tmp_path / "e.csv").open() as file:
+        rows = list(csv.DictReader(file))
     assert {"kind": "edge_nonmanifold", "element": "0", "component": "", "vertices": "0 1"}.items() <= next(
         row for row in rows if row["kind"] == "edge_nonmanifold"
     ).items()
@@ -218,10 +219,10 @@ def test_elements_as_vtk_reads_them(msb: Msb, book: Path, tmp_path: Path) -> Non
     pyvista = pytest.importorskip("pyvista", reason="extra view is not installed")
     assert msb("audit", "-q", "--elements", tmp_path / "e.vtp", book).status == 0
     mesh = pyvista.read(tmp_path / "e.vtp")
-    assert (mesh.n_points, mesh.n_verts, mesh.n_lines, mesh.n_faces_strict) == (5, 2, 7, 3)
+    assert (mesh.n_points, mesh.n_verts, mesh.n_lines, mesh.n_cells) == (5, 2, 7, 2 + 7 + 3)
     assert mesh.cell_data["kind"].tolist() == [5, 5, *[1] * 6, 2, 0, 0, 0]
     assert np.array_equal(mesh.points, BOOK[0])
-    assert mesh.regular_faces.tolist() == BOOK[1].tolist()
+    assert mesh.faces.reshape(-1, 4)[:, 1:].tolist() == BOOK[1].tolist()
 
 
 def test_elements_need_one_mesh_and_a_known_suffix(

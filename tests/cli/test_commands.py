@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -110,7 +111,23 @@ def test_validate_good_asset(msb: Msb, demo_asset: Path) -> None:
         "path": str(demo_asset),
         "valid": True,
         "findings": [],
+        "truncated": False,
     }
+
+
+def test_validate_shows_errors_first_and_not_endlessly(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    path = tmp_path / "many.triasset"
+    library.save(library.load(demo_asset), path, form="folder")
+    manifest = json.loads((path / "manifest.json").read_text())
+    manifest |= {f"key{number}": 0 for number in range(2000)} | {"sh_degree": 7}
+    (path / "manifest.json").write_text(json.dumps(manifest))
+    report = msb("validate", "--json", "-", path).json
+    assert report["truncated"]
+    assert len(report["findings"]) == 1000
+    assert report["findings"][0]["code"] == "TRIASSET_SH_DEGREE"
+    text = msb("validate", path).out
+    assert "1 error, 2000 warnings" in text
+    assert len(text.splitlines()) < 200
 
 
 def test_validate_reports_all_errors_with_code_and_pointer(

@@ -141,7 +141,9 @@ def test_coordinates_beyond_float32_are_refused_where_the_format_has_only_that(s
 def test_faces_that_use_no_vertex_are_refused(suffix: str, index: int) -> None:
     mesh = make(np.float32)
     mesh.faces[1, 2] = index
-    with pytest.raises(MeshError, match=r"MESH_INDEX_OUT_OF_RANGE: face 1 is \[3, 2, -?\d\]; there are 9 vertices"):
+    with pytest.raises(
+        MeshError, match=r"MESH_INDEX_OUT_OF_RANGE: face 1 is \[3, 2, -?\d\]; there are 9 vertices"
+    ):
         written(mesh, suffix)
 
 

@@ -1,0 +1,169 @@
+"""What five peer libraries say of the same mesh, and whether each agrees or differs by definition.
+
+The only part of MeshSplatBench that knows libigl, PyMeshLab, manifold3d, trimesh (as a judge) and NetworkX.
+`peers.py` asks them, each in a process of its own (`children.py`); `expected.py` knows from their
+definitions what they should say; here the two are compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Literal
+
+from msb.errors import UsageError
+from msb.topology.arrays import mesh_arrays
+from msb.topology.crosscheck.children import Reply, ask_peers
+from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts
+from msb.topology.crosscheck.peers import PEERS
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from msb.topology.analysis import Analysis
+    from msb.topology.audit import Audit
+    from msb.topology.crosscheck.peers import Answer
+
+__all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
+
+Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
+PATIENCE = 60.0
+"""Seconds a peer is given, and as many again for each million faces; libigl needs 12 for one."""
+INSTALL = 'pip install "meshsplatbench[crosscheck]"'
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of ours beside a peer's.
+
+    `why` says how the definitions differ on this mesh and by how much, or what was expected instead; it is
+    empty where the two agree. `call` is how the peer's number was obtained.
+    """
+
+    peer: str
+    version: str
+    quantity: str
+    ours: Answer
+    theirs: Answer
+    verdict: Verdict
+    why: str
+    call: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as JSON data."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """All comparisons.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    skipped : dict
+        Peer, or "PEER QUANTITY", that was not asked or did not answer -> why.
+    """
+
+    rows: tuple[Row, ...]
+    skipped: dict[str, str]
+
+    @property
+    def disagreements(self) -> tuple[Row, ...]:
+        """Rows that no difference of definition explains: a bug, in the peer or in us."""
+        return tuple(row for row in self.rows if row.verdict == "disagrees")
+
+    def to_rows(self) -> list[dict[str, Any]]:
+        """Return the rows as JSON data (audit: `cross_check`)."""
+        return [row.to_dict() for row in self.rows]
+
+
+def cross_check(
+    vertices: ArrayLike, faces: ArrayLike, report: Audit, analysis: Analysis, *, timeout: float | None = None
+) -> CrossCheck:
+    """Ask every installed peer about a mesh and compare with our audit of it.
+
+    Parameters
+    ----------
+    vertices : (V, 3) real numbers
+    faces : (F, 3) integers
+        The mesh exactly as it was audited.
+    report, analysis : Audit, Analysis
+        What `audit_arrays` made of it.
+    timeout : float, optional
+        Seconds each peer is given (default: a minute, and one more for each million faces); two work at a
+        time.
+
+    Returns
+    -------
+    CrossCheck
+
+    Raises
+    ------
+    UsageError
+        `EXTRA_MISSING` if no peer is installed but trimesh, which the core needs anyway.
+    MeshError
+        As `audit_arrays`: peers read out of bounds where an index is out of range, so none is asked then.
+    """
+    points, triangles = mesh_arrays(vertices, faces)
+    found = [peer for peer in PEERS if find_spec(PEERS[peer].module)]
+    if not set(found) - {"trimesh"}:  # trimesh comes with the core: without the extra it stands alone
+        text = f"the extra crosscheck is not installed; {INSTALL} installs {', '.join(PEERS)}"
+        raise UsageError("EXTRA_MISSING", text)
+    skipped = {peer: f"it is not installed; {INSTALL}" for peer in PEERS if peer not in found}
+    asked = []
+    for peer in found:
+        most = PEERS[peer].max_faces
+        if len(triangles) == 0:
+            skipped[peer] = "there are no faces to count, and some peers abort on none"
+        elif most is not None and len(triangles) > most:
+            skipped[peer] = f"it is asked about meshes of at most {most:,} faces; this has {len(triangles):,}"
+        else:
+            asked.append(peer)
+    if timeout is None:
+        timeout = PATIENCE * (1 + len(triangles) / 1e6)
+    replies = ask_peers(asked, points, triangles, timeout)
+    facts = Facts(report, analysis) if replies else None
+    rows: list[Row] = []
+    for peer in asked:
+        reply = replies[peer]
+        if isinstance(reply, str) or facts is None:
+            skipped[peer] = str(reply)
+            continue
+        compared, left_out = compare(peer, reply, facts)
+        rows += compared
+        skipped |= left_out
+    return CrossCheck(tuple(rows), skipped)
+
+
+def compare(peer: str, reply: Reply, facts: Facts) -> tuple[list[Row], dict[str, str]]:
+    """Return the rows of one peer, and what it left out."""
+    rows, left_out = [], {}
+    for expected in EXPECTED[peer](facts):
+        if expected.unfit:
+            left_out[f"{peer} {expected.quantity}"] = f"{expected.call}: {expected.unfit}"
+            continue
+        theirs = reply.answers.get(expected.answer)
+        if theirs is not None and expected.plus:
+            theirs += expected.plus
+        verdict, why = _judge(expected, theirs)
+        rows.append(
+            Row(peer, reply.version, expected.quantity, expected.ours, theirs, verdict, why, expected.call)
+        )
+    return rows, left_out
+
+
+def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
+    """Return the verdict on a peer's number and the reason."""
+    if _near(theirs, expected.ours, 0 if expected.why else expected.slack):
+        return "agrees", ""
+    if expected.why and _near(theirs, expected.theirs, expected.slack):
+        return "differs_by_definition", expected.why
+    reason = f" ({expected.why})" if expected.why else ""
+    return "disagrees", f"{expected.call} should give {expected.theirs}{reason}, and gives {theirs}"
+
+
+def _near(one: Answer, other: Answer, slack: float) -> bool:
+    if one is None or other is None:
+        return one is other
+    return abs(one - other) <= slack

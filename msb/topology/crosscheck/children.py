@@ -1,0 +1,138 @@
+"""Ask each peer in a child process of its own, two at a time; a crash or a hang costs that peer alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import msb
+from msb.errors import shorten
+from msb.topology.crosscheck.peers import PEERS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.topology.crosscheck.peers import Answers
+
+AT_ONCE = 2
+"""Child processes: the peers use one core each and a multiple of the mesh's memory."""
+_POLL = 0.02
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What a peer said: its version and its answers."""
+
+    version: str
+    answers: Answers
+
+
+def ask_peers(
+    names: Sequence[str], vertices: NDArray[Any], faces: NDArray[Any], timeout: float
+) -> dict[str, Reply | str]:
+    """Return each peer's reply about a mesh, or in one sentence why there is none.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of `PEERS`.
+    vertices : (V, 3) floating
+    faces : (F, 3) integers
+        At least one row, no index out of range.
+    timeout : float
+        Seconds each peer is given.
+    """
+    replies: dict[str, Reply | str] = {}
+    running: dict[str, tuple[subprocess.Popen[bytes], float]] = {}
+    waiting = list(names)
+    with tempfile.TemporaryDirectory(prefix="msb-crosscheck-") as name:
+        folder = Path(name)
+        np.save(folder / "vertices.npy", np.ascontiguousarray(vertices, np.float64))
+        np.save(folder / "faces.npy", np.ascontiguousarray(faces, np.int64))
+        try:
+            while waiting or running:
+                while waiting and len(running) < AT_ONCE:
+                    peer = waiting.pop(0)
+                    running[peer] = (_start(peer, folder), time.monotonic() + timeout)
+                for peer, (child, deadline) in list(running.items()):
+                    if child.poll() is not None:
+                        replies[peer] = _reply(peer, folder, child.returncode)
+                    elif time.monotonic() > deadline:
+                        replies[peer] = f"it did not answer within {timeout:g} s"
+                    else:
+                        continue
+                    _end(running.pop(peer)[0])
+                time.sleep(_POLL)
+        finally:
+            for child, _ in running.values():
+                _end(child)
+    return replies
+
+
+def command(peer: str, folder: Path) -> list[str]:
+    """Return the command line of the child that asks `peer` about the mesh in `folder`."""
+    # -P: a file in the current folder that is named like a module must not be run in its stead.
+    return [sys.executable, "-P", "-m", "msb.topology.crosscheck", peer, str(folder)]
+
+
+def _start(peer: str, folder: Path) -> subprocess.Popen[bytes]:
+    root = str(Path(msb.__file__).resolve().parent.parent)
+    path = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
+    with (folder / f"{peer}.err").open("wb") as errors:
+        return subprocess.Popen(
+            command(peer, folder),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,  # PyMeshLab prints
+            stderr=errors,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
+        )
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    if child.poll() is None:
+        child.kill()
+    child.wait()
+
+
+def _reply(peer: str, folder: Path, status: int) -> Reply | str:
+    if status < 0:
+        return f"it crashed ({_signal_name(-status)})"
+    try:
+        data = json.loads((folder / f"{peer}.json").read_text("utf-8"))
+        return Reply(data["version"], data["answers"])
+    except (OSError, ValueError, KeyError, TypeError):
+        lines = (folder / f"{peer}.err").read_text("utf-8", "replace").split("\n")
+        last = next((line for line in reversed(lines) if line.strip()), "")
+        return f"it ended with status {status}" + (f": {shorten(last.strip(), 200)}" if last else "")
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def serve(peer: str, folder: Path) -> None:
+    """Ask `peer` about the mesh in `folder` and leave its answers there: what a child process does."""
+    from importlib.metadata import version
+
+    chosen = PEERS[peer]
+    vertices = np.load(folder / "vertices.npy", allow_pickle=False)
+    faces = np.load(folder / "faces.npy", allow_pickle=False)
+    reply = {"version": version(chosen.distribution), "answers": chosen.ask(vertices, faces)}
+    partial = folder / f"{peer}.partial"
+    partial.write_text(json.dumps(reply, allow_nan=False), "utf-8")
+    partial.rename(folder / f"{peer}.json")

@@ -1,0 +1,271 @@
+"""What each peer should answer about a mesh, given where its definitions differ from ours.
+
+A prediction is our number plus a shift that follows from the mesh: so a wrong number of ours is a
+disagreement even where definitions differ. Almost every shift comes from repeated-index rows, which have no
+edges for us and three vertex pairs for most peers. docs/definitions.md has the table in words.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.topology.components import label_components
+from msb.topology.crosscheck.pairs import pair_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.topology.analysis import Analysis
+    from msb.topology.audit import Audit
+    from msb.topology.crosscheck.peers import Answer
+
+
+@dataclass(frozen=True)
+class Expected:
+    """One number of ours, what a peer should say instead, and why.
+
+    Attributes
+    ----------
+    quantity : str
+        Key of the audit's JSON.
+    call : str
+        How the peer's number is obtained.
+    answer : str
+        Name of the peer's answer (`peers.py`).
+    ours, theirs : number, flag or None
+        Our value, and the one that the peer's definition gives on this mesh.
+    why : str
+        The difference of definition; empty where the two coincide.
+    plus : int
+        Added to the peer's answer before comparing (derived rows).
+    slack : float
+        How far the answer may be from `theirs`: rounding of areas, or the bound of a documented quirk.
+    unfit : str
+        Why the peer's answer means nothing on this mesh; empty if it does mean something.
+    """
+
+    quantity: str
+    call: str
+    answer: str
+    ours: Answer
+    theirs: Answer
+    why: str
+    plus: int = 0
+    slack: float = 0
+    unfit: str = ""
+
+
+class Facts:
+    """Where the definitions of the peers and ours part on one mesh."""
+
+    def __init__(self, report: Audit, analysis: Analysis) -> None:
+        self.report = report
+        self.counts = report.counts
+        self.analysis = analysis
+        mesh = analysis.mesh
+        self.repeated = int(np.count_nonzero(mesh.repeated_index))
+        self.shift: Mapping[str, int] = defaultdict(int)
+        self.with_all_rows: Mapping[str, int] = {}
+        if self.repeated:
+            proper = pair_numbers(mesh.faces[~mesh.repeated_index])
+            self.with_all_rows = pair_numbers(mesh.faces)
+            self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
+
+    def same(self, quantity: str, call: str, shift: str | None = None, answer: str = "") -> Expected:
+        """Expect our count, shifted by what the peer makes of repeated-index rows."""
+        ours = getattr(self.counts, quantity)
+        by = self.shift[shift] if shift else 0
+        return Expected(quantity, call, answer or quantity, ours, ours + by, self.rows_kept(by))
+
+    def rows_kept(self, by: int) -> str:
+        """Say in words that the peer counts repeated-index rows, if that changes a number at all."""
+        if by == 0:
+            return ""
+        return f"it keeps the vertex pairs and corners of {self.rows}, which we leave out"
+
+    @property
+    def rows(self) -> str:
+        """The repeated-index rows in words."""
+        return some(self.repeated, "repeated-index row")
+
+    def area(self, call: str) -> Expected:
+        """Expect our area, or none: one non-finite corner makes a peer's sum NaN."""
+        ours = self.report.metrics.total_area
+        if self.counts.nonfinite_faces:
+            bad = some(self.counts.nonfinite_faces, "face")
+            why = f"its sum is not finite because of {bad} that we count as 0"
+            return Expected("total_area", call, "total_area", ours, None, why)
+        points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
+        with np.errstate(over="ignore"):
+            extent = float(np.ptp(points, axis=0).max())
+        # Sums agree to 1e-9 (specification 1.2); slivers may cancel down to the rounding of their sides.
+        slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
+        return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
+
+    def loops(self, call: str, unfit: str = "") -> Expected:
+        """Expect our loops, on meshes for which the peer defines them."""
+        if self.repeated:
+            unfit = "it is not made for meshes with repeated-index rows"
+        elif self.counts.nonmanifold_vertices:
+            unfit = "it is defined on manifold meshes only"
+        return replace(self.same("boundary_loops", call), unfit=unfit)
+
+    def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
+        """Expect V - E + F with another V, and with the pairs of repeated-index rows among E."""
+        ours = self.report.metrics.euler_characteristic
+        fewer = vertices - self.counts.vertices
+        parts = [f"it counts the vertices {which}, {vertices} of {self.counts.vertices}"] if fewer else []
+        if self.shift[edges]:
+            parts.append(self.rows_kept(-self.shift[edges]))
+        theirs = ours + fewer - self.shift[edges]
+        return Expected("euler_characteristic", call, "euler_characteristic", ours, theirs, "; ".join(parts))
+
+
+def expect_libigl(facts: Facts) -> list[Expected]:
+    """Return what libigl should say."""
+    highest = int(facts.analysis.mesh.faces.max()) + 1
+    pairs = "igl.unique_edge_map"
+    rows = [
+        facts.same("edges", "igl.edges", "igl_edges"),
+        facts.same("boundary_edges", "igl.boundary_facets", "single"),
+        facts.same("manifold_edges", pairs, "double"),
+        facts.same("nonmanifold_edges", pairs, "crowded"),
+        facts.same("max_edge_faces", pairs, "most"),
+        facts.same("nonmanifold_edge_endpoints", pairs, "endpoints"),
+        facts.same("multifan_vertices", "igl.is_vertex_manifold on used vertices", "multifan"),
+        facts.same("nonmanifold_vertices", f"is_vertex_manifold or endpoint in {pairs}", "strict"),
+        facts.same("components", "igl.facet_components", "components"),
+        facts.same("largest_component_faces", "igl.facet_components", "largest"),
+        facts.euler("igl.euler_characteristic", highest, "up to the largest index used", "igl_edges"),
+        facts.area("igl.doublearea"),
+    ]
+    winding = "" if facts.report.winding_consistent else "it follows the winding, which is inconsistent"
+    return [*rows, facts.loops("igl.boundary_loop_all", winding)]
+
+
+def expect_pymeshlab(facts: Facts) -> list[Expected]:
+    """Return what PyMeshLab's get_topological_measures should say."""
+    ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
+    faces = facts.analysis.mesh.faces
+    vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
+    # How it counts the corners of a repeated-index row cannot be told in advance; other vertices are safe.
+    quirk = f"; it may say anything of the {vague} vertices of {facts.rows}" if vague else ""
+    crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
+    again = "it may count an edge again for each such row there" if facts.repeated else ""
+    skips = f"it skips {some(endpoints, 'endpoint')} of non-manifold edges" if endpoints else ""
+    rows = [
+        facts.same("vertices", "vertices_number"),
+        facts.same("faces", "faces_number"),
+        facts.same("unreferenced_vertices", "unreferenced_vertices", "unused"),
+        facts.same("edges", "edges_number", "pairs"),
+        facts.same("boundary_edges", "boundary_edges", "single"),
+        replace(crowded, why="; ".join(filter(None, [crowded.why, again])), slack=facts.repeated),
+        Expected(
+            "nonmanifold_vertices", "non_two_manifold_vertices", "off_edge_vertices",
+            ours, ours - endpoints, (skips + quirk).removeprefix("; "), slack=vague,
+        ),
+        Expected(
+            "nonmanifold_vertices", "non_two_manifold_vertices + our edge endpoints", "off_edge_vertices",
+            ours, ours, quirk.removeprefix("; "), plus=endpoints, slack=vague,
+        ),
+        facts.same("components", "connected_components_number", "components"),
+    ]  # fmt: skip
+    return [*rows, facts.loops("number_holes")]
+
+
+def expect_trimesh(facts: Facts) -> list[Expected]:
+    """Return what trimesh should say."""
+    mesh, counts = facts.analysis.mesh, facts.counts
+    bodies, _ = label_components(
+        mesh.vertex_count, mesh.faces[:, :2].T.reshape(-1), mesh.faces[:, 1:].T.reshape(-1)
+    )
+    unique = "edges_unique_inverse"
+    used = counts.referenced_vertices + facts.shift["used"]
+    closed = counts.boundary_edges == counts.nonmanifold_edges == 0 < counts.edges
+    consistent = counts.inconsistent_winding_edges == 0
+    sees_closed, sees_consistent = closed, consistent
+    if facts.repeated:
+        every = facts.with_all_rows
+        sees_closed = every["single"] == every["crowded"] == 0
+        sees_consistent = every["inconsistent"] == 0
+    return [
+        facts.same("referenced_vertices", "referenced_vertices", "used"),
+        facts.same("edges", "edges_unique", "pairs"),
+        facts.same("boundary_edges", unique, "single"),
+        facts.same("manifold_edges", unique, "double"),
+        facts.same("nonmanifold_edges", unique, "crowded"),
+        facts.same("max_edge_faces", unique, "most"),
+        facts.same("components_manifold_edges", "face_adjacency", "two_face_components"),
+        Expected(
+            "components", "body_count", "bodies", counts.components, bodies,
+            "it joins through vertices, not edges, and counts each unreferenced vertex",
+        ),
+        facts.euler("euler_number", used, "that a face uses", "pairs"),
+        facts.area("area"),
+        _flag("winding_consistent", "is_winding_consistent", consistent, sees_consistent, facts),
+        _flag("closed", "is_watertight", closed, sees_closed, facts),
+    ]  # fmt: skip
+
+
+def _flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
+    """Expect a flag that only repeated-index rows can change."""
+    why = "" if ours == theirs else f"it keeps the vertex pairs of {facts.rows}"
+    return Expected(quantity, call, quantity, ours, theirs, why)
+
+
+def expect_manifold3d(facts: Facts) -> list[Expected]:
+    """Return whether manifold3d should accept the mesh.
+
+    It pairs half-edges that run in opposite directions, so an edge with two faces each way is fine to it;
+    and it wants four vertices and four faces.
+    """
+    counts, mesh = facts.counts, facts.analysis.mesh
+    ours = (
+        counts.boundary_edges == counts.nonmanifold_edges == counts.inconsistent_winding_edges == 0
+        < counts.edges
+    )  # fmt: skip
+    upwards = mesh.origin[mesh.edge_halfedges] < mesh.target[mesh.edge_halfedges]
+    surplus = np.bincount(
+        mesh.edge[mesh.edge_halfedges], weights=np.where(upwards, 1, -1), minlength=mesh.edge_count
+    )
+    theirs = not surplus.any() and counts.vertices >= 4 and counts.faces >= 4
+    why = ""
+    if theirs and not ours:
+        why = "it pairs opposite half-edges, so an edge with as many faces each way passes"
+    elif ours and not theirs:
+        why = "it refuses fewer than four vertices or faces"
+    return [Expected("closed_oriented", "status", "closed_oriented", ours, theirs, why)]
+
+
+def expect_networkx(facts: Facts) -> list[Expected]:
+    """Return what the graphs of our own definitions should give: the same."""
+    names = {
+        "edges": "vertex graph",
+        "nonmanifold_edges": "vertex graph, three faces and more",
+        "nonmanifold_edge_endpoints": "vertex graph, three faces and more",
+        "multifan_vertices": "vertex links in pieces",
+        "nonmanifold_vertices": "vertex links in pieces, or with a node of degree three and more",
+        "components": "face graph, all shared edges",
+        "largest_component_faces": "face graph, all shared edges",
+        "components_manifold_edges": "face graph, two-face edges",
+    }
+    return [facts.same(quantity, call) for quantity, call in names.items()]
+
+
+def some(count: int, noun: str) -> str:
+    """Return a count of things in words."""
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
+EXPECTED = {
+    "libigl": expect_libigl,
+    "PyMeshLab": expect_pymeshlab,
+    "manifold3d": expect_manifold3d,
+    "trimesh": expect_trimesh,
+    "NetworkX": expect_networkx,
+}
+"""Peer -> what to compare."""

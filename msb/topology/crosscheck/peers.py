@@ -1,0 +1,213 @@
+"""What each peer library is asked, and how; the only module that imports one.
+
+Every function here takes a mesh that has at least one face and no index out of range, and returns the
+peer's own answers under the names `expected.py` compares them by. It runs in a process of its own
+(`children.py`), because peers print, hang or crash on meshes an audit must survive. Versions these notes
+were made with: libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import NDArray
+
+Answer = bool | int | float | None
+Answers = dict[str, Answer]
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A library that is asked about a mesh.
+
+    Attributes
+    ----------
+    name : str
+        As in reports.
+    module, distribution : str
+        What is imported, and what is installed.
+    ask : callable
+        From (V, 3) float64 vertices and (F, 3) int64 faces to its answers.
+    max_faces : int or None
+        Above this it would take too long or too much memory to be asked.
+    """
+
+    name: str
+    module: str
+    distribution: str
+    ask: Callable[[NDArray[np.float64], NDArray[np.int64]], Answers]
+    max_faces: int | None = None
+
+
+def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
+    """Return libigl's counts."""
+    import igl
+
+    # It takes a vertex no face uses, below the largest index used, for a non-manifold one: leave them out.
+    used, compact = np.unique(faces, return_inverse=True)
+    multifan = used[~igl.is_vertex_manifold(compact.reshape(-1, 3))]
+    _, edges, _, offsets, _ = igl.unique_edge_map(faces)
+    multiplicity = np.diff(offsets)
+    endpoints = np.unique(edges[multiplicity > 2])
+    components, component = igl.facet_components(faces)
+    answers: Answers = {
+        "edges": len(igl.edges(faces)),
+        "boundary_edges": len(igl.boundary_facets(faces)[0]),
+        "manifold_edges": int(np.count_nonzero(multiplicity == 2)),
+        "nonmanifold_edges": int(np.count_nonzero(multiplicity > 2)),
+        "max_edge_faces": int(multiplicity.max()),
+        "nonmanifold_edge_endpoints": len(endpoints),
+        "multifan_vertices": len(multifan),
+        "nonmanifold_vertices": len(np.union1d(multifan, endpoints)),
+        "components": int(components),
+        "largest_component_faces": int(np.bincount(component).max()),
+        "euler_characteristic": int(igl.euler_characteristic(faces)),
+        "total_area": _number(igl.doublearea(vertices, faces).sum() / 2),
+    }
+    if len(multifan) == len(endpoints) == 0:
+        answers["boundary_loops"] = len(igl.boundary_loop_all(faces))
+    return answers
+
+
+def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
+    """Return PyMeshLab's topological measures.
+
+    Right in a fresh process only: from the fifth call on `non_two_manifold_edges` is the sum of
+    multiplicities. A row (a, b, a) makes it loop for ever, so such rows are turned to (a, a, b).
+    """
+    import pymeshlab
+
+    rows = faces.copy()
+    ends_alike = rows[:, 0] == rows[:, 2]
+    rows[ends_alike] = np.roll(rows[ends_alike], 1, axis=1)
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices, rows))
+    measures = meshes.get_topological_measures()
+    answers: Answers = {
+        "vertices": int(measures["vertices_number"]),
+        "faces": int(measures["faces_number"]),
+        "unreferenced_vertices": int(measures["unreferenced_vertices"]),
+        "edges": int(measures["edges_number"]),
+        "boundary_edges": int(measures["boundary_edges"]),
+        "nonmanifold_edges": int(measures["non_two_manifold_edges"]),
+        "off_edge_vertices": int(measures["non_two_manifold_vertices"]),
+        "components": int(measures["connected_components_number"]),
+    }
+    if measures["number_holes"] >= 0:  # -1 on a mesh it does not call two-manifold
+        answers["boundary_loops"] = int(measures["number_holes"])
+    return answers
+
+
+def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
+    """Return whether manifold3d accepts the faces as a solid.
+
+    It also refuses coordinates that are not finite in float32; connectivity is what is asked here, so it
+    gets zeros. It crashes on some meshes whose half-edges cannot pair up.
+    """
+    import manifold3d
+
+    mesh = manifold3d.Mesh(
+        vert_properties=np.zeros((len(vertices), 3), np.float32), tri_verts=faces.astype(np.uint32)
+    )
+    return {"closed_oriented": manifold3d.Manifold(mesh).status() == manifold3d.Error.NoError}
+
+
+def ask_trimesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
+    """Return trimesh's counts and flags."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    edges = len(mesh.edges_unique)
+    multiplicity = np.bincount(mesh.edges_unique_inverse, minlength=edges)
+    graph: Any = trimesh.graph  # untyped
+    label = graph.connected_component_labels(mesh.face_adjacency, node_count=len(faces))
+    return {
+        "referenced_vertices": int(np.count_nonzero(mesh.referenced_vertices)),
+        "edges": edges,
+        "boundary_edges": int(np.count_nonzero(multiplicity == 1)),
+        "manifold_edges": int(np.count_nonzero(multiplicity == 2)),
+        "nonmanifold_edges": int(np.count_nonzero(multiplicity > 2)),
+        "max_edge_faces": int(multiplicity.max()),
+        "components_manifold_edges": int(label.max()) + 1,
+        "bodies": int(mesh.body_count),
+        "euler_characteristic": int(mesh.euler_number),
+        "total_area": _number(mesh.area),
+        "winding_consistent": bool(mesh.is_winding_consistent),
+        "closed": bool(mesh.is_watertight),
+    }
+
+
+def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
+    """Return what NetworkX finds in the graphs of the definitions, built here in plain Python.
+
+    The vertex graph (edges), the face graph with one arc between consecutive faces of an edge (components),
+    and all vertex links in one graph: node (v, w) is the edge v-w seen from v, each face one arc at each of
+    its corners.
+    """
+    import networkx
+
+    rows = [row for row in faces.tolist() if len(set(row)) == 3]
+    faces_of: dict[tuple[int, int], list[int]] = {}
+    for face, (a, b, c) in enumerate(rows):
+        for u, w in ((a, b), (b, c), (c, a)):
+            faces_of.setdefault((u, w) if u < w else (w, u), []).append(face)
+    through_all = networkx.empty_graph(len(rows))
+    through_all.add_edges_from(pair for group in faces_of.values() for pair in pairwise(group))
+    through_two = networkx.empty_graph(len(rows))
+    through_two.add_edges_from(group for group in faces_of.values() if len(group) == 2)
+    sizes = [len(part) for part in networkx.connected_components(through_all)]
+    crowded = networkx.Graph(edge for edge, group in faces_of.items() if len(group) > 2)
+    multifan = _split_links(rows, len(vertices))
+    return {
+        "edges": networkx.Graph(faces_of.keys()).number_of_edges(),
+        "nonmanifold_edges": crowded.number_of_edges(),
+        "nonmanifold_edge_endpoints": crowded.number_of_nodes(),
+        "multifan_vertices": len(multifan),
+        "nonmanifold_vertices": len(multifan | set(crowded)),
+        "components": len(sizes),
+        "largest_component_faces": max(sizes, default=0),
+        "components_manifold_edges": networkx.number_connected_components(through_two),
+    }
+
+
+def _split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
+    """Return the vertices whose link is in several pieces."""
+    import networkx
+
+    links = networkx.Graph()
+    for a, b, c in rows:
+        for v, u, w in ((a, b, c), (b, c, a), (c, a, b)):
+            links.add_edge(v * vertex_count + u, v * vertex_count + w)
+    pieces: dict[int, int] = {}
+    for piece in networkx.connected_components(links):
+        v = next(iter(piece)) // vertex_count
+        pieces[v] = pieces.get(v, 0) + 1
+    return {v for v, count in pieces.items() if count > 1}
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite float, or None: JSON has no NaN."""
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+PEERS: dict[str, Peer] = {
+    peer.name: peer
+    for peer in (
+        Peer("libigl", "igl", "libigl", ask_libigl),
+        Peer("PyMeshLab", "pymeshlab", "pymeshlab", ask_pymeshlab),
+        Peer("manifold3d", "manifold3d", "manifold3d", ask_manifold3d),
+        Peer("trimesh", "trimesh", "trimesh", ask_trimesh),
+        # Plain Python objects per element: about 10 s and 0.9 GB at the limit.
+        Peer("NetworkX", "networkx", "networkx", ask_networkx, max_faces=200_000),
+    )
+}
+"""The peers by name, in the order of reports."""

@@ -1,0 +1,107 @@
+"""Meshes the topology tests share: the golden cases, and random ones rich in everything that goes wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tests.conftest import ROOT
+
+GOLDEN = ROOT / "tests" / "golden" / "meshes"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hand-made mesh with hand-derived counts."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    expected: dict[str, Any]
+
+    @property
+    def valid(self) -> bool:
+        return "error" not in self.expected
+
+
+def _points(rows: list[list[float | None]]) -> np.ndarray:
+    return np.array([[np.nan if x is None else x for x in row] for row in rows]).reshape(-1, 3)
+
+
+CASES = [
+    Case(c["name"], _points(c["vertices"]), np.array(c["faces"], np.int64).reshape(-1, 3), c["expected"])
+    for c in json.loads((GOLDEN / "cases.json").read_text())["cases"]
+]
+CASE = {case.name: case for case in CASES}
+
+COUNT_OF = {
+    "V": "vertices",
+    "F": "faces",
+    "V_referenced": "referenced_vertices",
+    "V_unreferenced": "unreferenced_vertices",
+    "F_repeated_index": "repeated_index_faces",
+    "F_zero_area": "zero_area_faces",
+    "F_nonfinite": "nonfinite_faces",
+    "F_duplicate_extra": "duplicate_faces",
+    "E": "edges",
+    "E1": "boundary_edges",
+    "E2": "manifold_edges",
+    "E_gt2": "nonmanifold_edges",
+    "V_nm": "nonmanifold_vertices",
+    "V_nm_multifan": "multifan_vertices",
+    "V_nm_edge_endpoint": "nonmanifold_edge_endpoints",
+    "components": "components",
+    "components_two_face_edges": "components_manifold_edges",
+    "LCC_faces": "largest_component_faces",
+}
+METRIC_OF = {
+    "LCC_area": "largest_component_area",
+    "total_area": "total_area",
+    "v_over_f": "vf_ratio",
+    "valence": "mean_valence",
+    "boundary_edge_ratio": "boundary_edge_ratio",
+    "nm_edge_ratio": "nonmanifold_edge_ratio",
+    "nm_vertex_ratio": "nonmanifold_vertex_ratio",
+    "lcc_face": "lcc_face_ratio",
+    "lcc_area": "lcc_area_ratio",
+    "euler": "euler_characteristic",
+}
+"""Symbol of the specification -> key of the JSON; with E_max_faces these are all expected fields."""
+
+
+def assert_as_expected(audit: Any, expected: dict[str, Any]) -> None:
+    """Assert every expected field: integers exactly, real numbers to 1e-9 (specification 1.2)."""
+    assert set(expected) == {*COUNT_OF, *METRIC_OF, "E_max_faces"}
+    counts, metrics = vars(audit.counts), vars(audit.metrics)
+    assert {k: counts[key] for k, key in COUNT_OF.items()} == {k: expected[k] for k in COUNT_OF}
+    assert max(2, counts["max_edge_faces"]) == expected["E_max_faces"]
+    for symbol, key in METRIC_OF.items():
+        if expected[symbol] is None:
+            assert metrics[key] is None, symbol
+        else:
+            np.testing.assert_allclose(metrics[key], expected[symbol], rtol=1e-9, err_msg=symbol)
+
+
+def random_mesh(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return a small mesh with few vertices and many faces: most things that can go wrong do, often."""
+    v = int(rng.integers(1, 11))
+    f = int(rng.integers(0, 15))
+    faces = rng.integers(0, v, (f, 3))
+    if v >= 3 and rng.random() < 0.7:  # without repeated indices, but for a few
+        faces = np.array([rng.permutation(v)[:3] for _ in range(f)], np.int64).reshape(-1, 3)
+        strange = rng.random(f) < 0.1
+        faces[strange, 1] = faces[strange, 0]
+    if f and rng.random() < 0.3:  # duplicates, some turned over
+        again = faces[rng.integers(0, f, 2)]
+        faces = np.concatenate([faces, again[:1], again[1:, ::-1]])
+    if v >= 4 and rng.random() < 0.5:  # a closed body among the rest
+        a, b, c, d = rng.permutation(v)[:4]
+        faces = np.concatenate([faces, [[b, c, d], [a, d, c], [a, b, d], [a, c, b]]])
+    # Whole numbers: areas are often exactly zero, and often equal.
+    points = rng.integers(-2, 3, (v + int(rng.integers(0, 3)), 3)).astype(float)
+    points[rng.random(points.shape) < 0.01] = np.nan
+    points[rng.random(points.shape) < 0.01] = np.inf
+    return points, faces[rng.permutation(len(faces))]

@@ -1,0 +1,288 @@
+"""What `audit` accepts, what it refuses, and what its report looks like."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from msb.errors import MeshError
+from msb.topology import Audit, audit, audit_arrays
+from msb.topology.audit import Counts, Metrics
+from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology.meshes import CASE, CASES, random_mesh
+
+POINTS, FACES = TETRAHEDRON
+BOTH = audit(POINTS, FACES)
+
+
+def same(one: Audit, other: Audit) -> bool:
+    return one.counts == other.counts and one.metrics == other.metrics and one.samples == other.samples
+
+
+# --- accepted
+
+
+@pytest.mark.parametrize("dtype", ["i1", "u1", "<i2", ">i4", "i4", "u4", "i8", "u8"])
+def test_faces_of_any_integer_type_give_the_same_audit(dtype: str) -> None:
+    assert same(audit(POINTS, FACES.astype(dtype)), BOTH)
+
+
+@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8", ">f8", "longdouble", "i2", "u8"])
+def test_vertices_of_any_real_type_give_the_same_audit(dtype: str) -> None:
+    assert same(audit(POINTS.astype(dtype), FACES), BOTH)
+
+
+def test_lists_tuples_views_and_fortran_order_give_the_same_audit() -> None:
+    wide = np.zeros((8, 6))
+    wide[::2, ::2] = POINTS
+    for points, faces in [
+        (POINTS.tolist(), FACES.tolist()),
+        (tuple(map(tuple, POINTS.tolist())), tuple(map(tuple, FACES.tolist()))),
+        (wide[::2, ::2], np.repeat(FACES, 2, axis=0)[::2]),
+        (np.asfortranarray(POINTS), np.asfortranarray(FACES)),
+        (np.ma.array(POINTS), np.ma.array(FACES)),  # nothing is masked
+    ]:
+        assert same(audit(points, faces), BOTH)
+
+
+def test_read_only_arrays_are_accepted_and_left_alone() -> None:
+    points, faces = POINTS.copy(), FACES.astype(np.int32)
+    points.flags.writeable = faces.flags.writeable = False
+    assert same(audit(points, faces, weld="exact"), BOTH)
+
+
+@pytest.mark.parametrize("none", [[], [[]], np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), "u1")])
+def test_empty_input_is_a_mesh_without_elements(none: object) -> None:
+    report = audit(none, none, weld="exact")  # type: ignore[arg-type]
+    assert set(vars(report.counts).values()) == {0}
+    assert report.metrics.vf_ratio is None
+    assert report.metrics.mean_valence is None
+    assert not report.is_soup
+    assert report.valence_histogram == {}
+
+
+def test_asset_is_audited_with_its_path_and_method() -> None:
+    asset = SimpleNamespace(
+        manifest=SimpleNamespace(method="mesh"),
+        buffers={"positions": POINTS, "indices": FACES.astype(np.uint32)},
+        path="a/b.triasset",
+    )
+    report = audit(asset)
+    assert (report.path, report.method) == ("a/b.triasset", "mesh")
+    assert report.counts == BOTH.counts
+
+
+# --- refused
+
+
+@pytest.mark.parametrize(
+    ("faces", "words"),
+    [
+        (np.zeros((2, 4), int), r"shape \(2, 4\)"),
+        (np.zeros(6, int), r"shape \(6,\)"),
+        (np.zeros((5, 0), int), r"shape \(5, 0\)"),
+        (np.zeros((0, 4), int), r"shape \(0, 4\)"),
+        (np.zeros((1, 1, 3), int), r"shape \(1, 1, 3\)"),
+        ("text", r"shape \(\)"),
+        ({1, 2}, r"shape \(\)"),
+        ([[0, 1, 2.0]], "dtype float64; it must hold integers"),
+        ([[True, False, True]], "dtype bool"),
+        ([["0", "1", "2"]], "dtype <U1"),
+        (np.array([[0, 1, 2]], object), "dtype object"),
+        ([[0, 1, 2**70]], "dtype object"),
+        (np.zeros((1, 3), [("x", "i4")]), "it must hold integers"),
+        ([[0, 1], [0, 1, 2]], "rows differ in length"),
+        (np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]), "masked"),
+    ],
+)
+def test_faces_that_are_no_triangles_are_refused(faces: object, words: str) -> None:
+    with pytest.raises(MeshError, match=words) as caught:
+        audit(POINTS, faces)  # type: ignore[arg-type]
+    assert caught.value.code == "MESH_ARRAY"
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((4, 2)),
+        np.zeros((4, 4)),
+        np.zeros(12),
+        POINTS + 0j,
+        np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4")]),
+        np.ma.masked_greater(POINTS, 0.5),
+        POINTS.astype(object),
+        [[0, 0, 0], [0, 0]],
+    ],
+    ids=repr,
+)
+def test_vertices_that_are_no_points_are_refused(points: object) -> None:
+    with pytest.raises(MeshError, match="vertices") as caught:
+        audit(points, FACES)  # type: ignore[arg-type]
+    assert caught.value.code == "MESH_ARRAY"
+
+
+@pytest.mark.parametrize(
+    ("bad", "dtype"),
+    [
+        (4, "i4"),
+        (-1, "i4"),
+        (-(2**63), "i8"),
+        (2**63 - 1, "i8"),
+        (2**63, "u8"),
+        (2**64 - 1, "u8"),
+        (2**32, "i8"),  # would be vertex 0 in 32 bits
+        (2**32 + 1, "u8"),
+        (255, "u1"),
+    ],
+)
+def test_index_out_of_range_names_the_first_face_and_is_never_wrapped(bad: int, dtype: str) -> None:
+    faces = np.array([[0, 1, 2], [1, 2, 3], [2, 3, bad], [bad, 0, 1]], dtype)
+    with pytest.raises(MeshError, match=f"face 2 is .*{bad}.*between 0 and 3") as caught:
+        audit(POINTS, faces)
+    error = caught.value
+    assert (error.code, error.pointer, error.value, error.limit) == (
+        "MESH_INDEX_OUT_OF_RANGE", "faces[2]", bad, 3,
+    )  # fmt: skip
+
+
+def test_faces_without_any_vertices_are_out_of_range() -> None:
+    with pytest.raises(MeshError, match="there are no vertices"):
+        audit([], [[0, 0, 0]])
+
+
+def test_more_faces_or_vertices_than_numbers_can_name_are_refused_before_memory_is_taken() -> None:
+    row = np.zeros((1, 3), np.int32)
+    with pytest.raises(MeshError, match="at most 715827882") as caught:
+        audit(POINTS, np.broadcast_to(row, (715_827_883, 3)))
+    assert caught.value.code == "MESH_TOO_LARGE"
+    with pytest.raises(MeshError, match="at most 4294967295"):
+        audit(np.broadcast_to(row.astype(np.float32), (2**32, 3)), FACES)
+
+
+def test_missing_faces_are_a_clear_error() -> None:
+    with pytest.raises(MeshError, match="faces are missing"):
+        audit(POINTS)  # type: ignore[call-overload]
+
+
+# --- the report
+
+
+def test_json_has_every_field_in_its_place() -> None:
+    data = audit(*BOOK, weld=0.5).to_dict()
+    assert data["schema"] == "msb.audit/1"
+    assert list(data["counts"]) == [f.name for f in fields(Counts)]
+    assert list(data["metrics"]) == [f.name for f in fields(Metrics)]
+    assert data["welded"]["weld"] == 0.5
+    assert list(data["welded"]["counts"]) == list(data["counts"])
+    assert list(data["welded"]["metrics"]) == list(data["metrics"])
+    assert (data["path"], data["method"], data["cross_check"]) == (None, None, None)
+    assert data["variants"]["nonmanifold_vertices"] == {
+        "strict": 2, "multifan": 0, "edge_endpoints": 2, "off_nonmanifold_edges": 0,
+    }  # fmt: skip
+    assert data["variants"]["components"] == {"all_shared_edges": 1, "manifold_edges_only": 3}
+    assert all(isinstance(ms, float) for ms in data["timings_ms"].values())
+
+
+def test_json_is_strict_for_every_mesh() -> None:
+    random = np.random.default_rng(4)
+    meshes = [(c.vertices, c.faces) for c in CASES if c.valid]
+    meshes += [random_mesh(random) for _ in range(100)]
+    meshes += [(np.full((3, 3), x), np.array([[0, 1, 2]])) for x in (np.nan, np.inf, 1e300, 1e-300)]
+    for points, faces in meshes:
+        text = json.dumps(audit(points, faces, weld="exact").to_dict(), allow_nan=False)
+        assert json.loads(text)["counts"]["faces"] == len(faces)
+
+
+def test_numbers_are_plain_python() -> None:
+    report = audit(*BOOK)
+    assert {type(n) for n in vars(report.counts).values()} == {int}
+    assert {type(x) for x in vars(report.metrics).values()} <= {float, int}
+    assert {type(n) for pair in report.valence_histogram.items() for n in pair} == {int}
+
+
+def test_samples_name_elements_vertices_and_coordinates() -> None:
+    samples = audit(*BOOK).samples
+    (edge,) = samples["nonmanifold_edges"]
+    assert edge.vertices == (0, 1)
+    assert edge.coordinates == ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    assert [s.element for s in samples["nonmanifold_vertices"]] == [0, 1]
+    assert len(samples["boundary_edges"]) == 3  # of six
+    assert samples["zero_area_faces"] == ()
+
+
+def test_samples_keep_the_stored_precision_and_turn_nan_into_null() -> None:
+    case = CASE["nan_vertex"]
+    report = audit(case.vertices, case.faces)
+    (face,) = report.samples["nonfinite_faces"]
+    assert math.isnan(face.coordinates[2][0])
+    data = report.to_dict()["samples"]["nonfinite_faces"]
+    assert data == [
+        {"element": 1, "vertices": [0, 2, 3], "coordinates": [[0, 0, 0], [1, 1, 0], [None, 1, 0]]}
+    ]
+    tenth = np.array([[0.1, 0, 0]], np.float32)
+    assert audit(tenth, []).samples["unreferenced_vertices"][0].coordinates[0][0] == float(np.float32(0.1))
+
+
+def test_soup_is_told_from_an_indexed_mesh_by_its_indices() -> None:
+    soup = CASE["soup_two_colocated"]
+    assert audit(soup.vertices, soup.faces).topology == "triangle_soup"
+    assert audit(soup.vertices, soup.faces).is_soup
+    with_one_more = audit([*soup.vertices.tolist(), [9, 9, 9]], soup.faces)
+    assert (with_one_more.topology, with_one_more.is_soup) == ("triangle_soup", False)
+    assert (BOTH.topology, BOTH.is_soup) == ("indexed_mesh", False)
+    collapsed = audit(POINTS[:3], [[0, 1, 1]])
+    assert (collapsed.topology, collapsed.is_soup) == ("triangle_soup", False)
+
+
+def test_valence_histogram_adds_up_to_vertices_and_edge_ends() -> None:
+    report = audit([*BOOK[0].tolist(), [9, 9, 9]], BOOK[1])
+    assert report.valence_histogram == {0: 1, 2: 3, 4: 2}
+    assert sum(report.valence_histogram.values()) == report.counts.vertices
+    assert sum(k * n for k, n in report.valence_histogram.items()) == 2 * report.counts.edges
+
+
+def test_analysis_comes_with_the_report() -> None:
+    report, analysis = audit_arrays(*BOOK)
+    assert len(analysis.nonmanifold_vertices) == report.counts.nonmanifold_vertices
+    assert analysis.components.largest() == 0
+
+
+def test_weld_distance_is_checked_before_anything_else_is_reported() -> None:
+    with pytest.raises(MeshError) as caught:
+        audit(POINTS, FACES, weld=-1.0)
+    assert caught.value.code == "WELD_DISTANCE"
+
+
+# --- heavy elements
+
+
+def test_edge_shared_by_100000_faces_is_one_group() -> None:
+    n = 100_000
+    faces = np.stack([np.zeros(n, int), np.ones(n, int), np.arange(2, n + 2)], axis=1)
+    counts = audit(np.zeros((n + 2, 3)), faces).counts
+    assert (counts.nonmanifold_edges, counts.max_edge_faces) == (1, n)
+    assert (counts.nonmanifold_vertices, counts.multifan_vertices) == (2, 0)
+    assert (counts.components, counts.components_manifold_edges) == (1, n)
+    assert (counts.boundary_loops, counts.open_boundary_chains) == (0, n)
+
+
+def test_vertex_in_every_one_of_100000_faces_is_manifold_when_they_fan() -> None:
+    n = 100_000
+    rim = np.arange(n)
+    faces = np.stack([np.full(n, n), rim, (rim + 1) % n], axis=1)
+    report = audit(np.zeros((n + 1, 3)), faces)
+    assert report.counts.nonmanifold_vertices == 0
+    assert report.counts.boundary_loops == 1
+    assert report.valence_histogram == {3: n, n: 1}
+
+
+def test_one_face_stored_100000_times_is_three_crowded_edges() -> None:
+    n = 100_000
+    counts = audit(POINTS, np.tile([[0, 1, 2]], (n, 1))).counts
+    assert (counts.edges, counts.nonmanifold_edges, counts.duplicate_faces) == (3, 3, n - 1)
+    assert (counts.components, counts.components_manifold_edges) == (1, n)

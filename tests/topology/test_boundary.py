@@ -1,0 +1,117 @@
+"""Boundary loops: against construction, against a walk in plain Python, and against two libraries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_stubs.splat_like import splat_like
+from msb.topology import audit
+from msb.topology.analysis import analyse
+from tests.topology import brute_force
+from tests.topology.meshes import CASE, random_mesh
+
+
+def sheet(rows: int, columns: int, holes: tuple[tuple[int, int], ...] = ()) -> np.ndarray:
+    """Return a grid of quads cut into triangles, without the quads in `holes`."""
+    faces = []
+    for r in range(rows):
+        for c in range(columns):
+            if (r, c) not in holes:
+                a, b = r * (columns + 1) + c, (r + 1) * (columns + 1) + c
+                faces += [[a, a + 1, b + 1], [a, b + 1, b]]
+    return np.array(faces)
+
+
+def grid_points(faces: np.ndarray) -> np.ndarray:
+    random = np.random.default_rng(1)
+    return random.random((int(faces.max()) + 1, 3))
+
+
+def torn_sheets() -> list[np.ndarray]:
+    """Return manifold sheets with holes that do not touch each other."""
+    random = np.random.default_rng(3)
+    found = []
+    for _ in range(12):
+        spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
+        chosen = random.permutation(len(spots))[: random.integers(0, 20)]
+        found.append(sheet(13, 13, tuple(spots[i] for i in chosen)))
+    return found
+
+
+def test_sheet_has_one_loop_and_one_more_for_each_hole() -> None:
+    faces = sheet(7, 7, holes=((1, 1), (3, 4), (5, 1)))
+    counts = audit(grid_points(faces), faces).counts
+    assert (counts.boundary_loops, counts.open_boundary_chains) == (4, 0)
+    assert counts.boundary_edges == 28 + 3 * 4
+
+
+def test_loops_that_touch_in_a_vertex_stay_apart() -> None:
+    counts = audit(grid_points(sheet(4, 4)), sheet(4, 4, holes=((1, 1), (2, 2)))).counts
+    assert counts.nonmanifold_vertices == counts.multifan_vertices == 1
+    assert (counts.boundary_loops, counts.open_boundary_chains) == (2, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "loops", "chains"),
+    [
+        ("closed_tetrahedron", 0, 0),
+        ("single_triangle", 1, 0),
+        ("moebius_5", 1, 0),
+        ("two_triangles_sharing_vertex", 2, 0),
+        ("inconsistent_winding", 1, 0),
+        ("three_page_book", 0, 3),
+        ("book_40_pages", 0, 40),
+        ("repeated_index_beside_triangle", 1, 0),
+        ("repeated_index_only", 0, 0),
+        ("empty", 0, 0),
+        ("cone_over_theta", 0, 3),
+    ],
+)
+def test_loops_and_chains_of_case(name: str, loops: int, chains: int) -> None:
+    counts = audit(CASE[name].vertices, CASE[name].faces).counts
+    assert (counts.boundary_loops, counts.open_boundary_chains) == (loops, chains)
+
+
+def test_chains_partition_the_boundary_edges() -> None:
+    analysis = analyse(*splat_like(20))
+    boundary = analysis.boundary
+    assert boundary.loops > 0
+    assert boundary.open_chains > 0
+    assert len(boundary.closed) == boundary.loops + boundary.open_chains
+    np.testing.assert_array_equal(np.unique(boundary.chain), np.arange(len(boundary.closed)))
+    np.testing.assert_array_equal(boundary.edges, np.flatnonzero(analysis.mesh.multiplicity == 1))
+    # A loop visits every vertex of its edges an even number of times.
+    edges = analysis.mesh.edge_vertices[boundary.edges]
+    rim = edges[boundary.closed[boundary.chain]]
+    assert (np.bincount(rim.reshape(-1)) % 2 == 0).all()
+
+
+def test_loops_agree_with_a_walk_in_plain_python() -> None:
+    random = np.random.default_rng(21)
+    meshes = [random_mesh(random) for _ in range(300)] + [splat_like(14)]
+    for points, faces in meshes:
+        counts = audit(points, faces).counts
+        rows = [tuple(row) for row in faces.tolist()]
+        proper = [f for f, row in enumerate(rows) if len(set(row)) == 3]
+        walked = brute_force.boundary(rows, brute_force.edge_faces(rows, proper))
+        assert (counts.boundary_loops, counts.open_boundary_chains) == walked
+
+
+@pytest.mark.oracle
+def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
+    igl = pytest.importorskip("igl", reason="extra crosscheck is not installed")
+    for faces in torn_sheets():
+        counts = audit(grid_points(faces), faces).counts
+        assert counts.nonmanifold_vertices == 0
+        assert counts.boundary_loops == len(igl.boundary_loop_all(faces))
+
+
+@pytest.mark.oracle
+def test_loops_of_manifold_sheets_agree_with_trimesh() -> None:
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("networkx", reason="trimesh walks outlines with it (extra crosscheck)")
+    for faces in torn_sheets():
+        points = grid_points(faces)
+        outline = trimesh.Trimesh(points, faces, process=False).outline()
+        assert audit(points, faces).counts.boundary_loops == len(outline.entities)

@@ -1,0 +1,307 @@
+"""The peers agree or differ by definition, on every mesh; a wrong audit, a crash and a hang are noticed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb.topology.crosscheck as package
+from data_stubs.splat_like import splat_like
+from msb.errors import MeshError, UsageError
+from msb.meshes import read_mesh
+from msb.topology import audit_arrays
+from msb.topology.crosscheck import PEERS, CrossCheck, Row, compare, cross_check
+from msb.topology.crosscheck.children import Reply, ask_peers
+from msb.topology.crosscheck.expected import Facts
+from msb.topology.crosscheck.pairs import pair_numbers
+from msb.topology.explain import explain
+from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology.meshes import CASE, CASES, GOLDEN, random_mesh
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+WITH_FACES = [c for c in CASES if c.valid and len(c.faces)]
+IN_PROCESS = ("libigl", "trimesh", "NetworkX")
+"""PyMeshLab is right in a fresh process only, and manifold3d may crash."""
+
+
+def need(*names: str) -> None:
+    for name in names:
+        if find_spec(PEERS[name].module) is None:
+            pytest.skip(f"{name} is not installed (extra crosscheck)")
+
+
+def check_in_process(peer: str, points: np.ndarray, faces: np.ndarray) -> list[Row]:
+    report, analysis = audit_arrays(points, faces)
+    with np.errstate(all="ignore"):  # trimesh computes with infinite coordinates
+        answers = PEERS[peer].ask(np.asarray(points, np.float64), faces.astype(np.int64))
+    return compare(peer, Reply("-", answers), Facts(report, analysis))[0]
+
+
+def check(points: Any, faces: Any, **options: Any) -> CrossCheck:
+    return cross_check(points, faces, *audit_arrays(points, faces), **options)
+
+
+def row_of(result: CrossCheck | list[Row], peer: str, quantity: str) -> Row:
+    rows = result.rows if isinstance(result, CrossCheck) else result
+    return next(r for r in rows if (r.peer, r.quantity) == (peer, quantity))
+
+
+def assert_explained(rows: Any) -> None:
+    """Assert that nothing disagrees and every difference has its reason."""
+    assert [r for r in rows if r.verdict == "disagrees"] == []
+    for row in rows:
+        assert (row.verdict == "agrees") == (row.why == "")
+
+
+# --- the peers themselves
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("peer", IN_PROCESS)
+def test_peer_explains_every_hand_made_case(peer: str) -> None:
+    need(peer)
+    for case in WITH_FACES:
+        assert_explained(check_in_process(peer, case.vertices, case.faces))
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("peer", IN_PROCESS)
+def test_peer_explains_every_random_mesh(peer: str) -> None:
+    need(peer)
+    random = np.random.default_rng(31)
+    verdicts = set()
+    for _ in range(400):
+        points, faces = random_mesh(random)
+        if len(faces):
+            rows = check_in_process(peer, points, faces)
+            assert_explained(rows)
+            verdicts |= {r.verdict for r in rows}
+    assert verdicts == ({"agrees"} if peer == "NetworkX" else {"agrees", "differs_by_definition"})
+
+
+CHILD_CASES = [
+    "single_triangle", "closed_tetrahedron", "two_triangles_sharing_vertex",
+    "tetrahedra_sharing_vertex", "tetrahedra_sharing_edge", "tetrahedra_sharing_face",
+    "three_page_book", "moebius_5", "projective_plane_6", "duplicate_face_same_winding",
+    "duplicate_face_flipped", "triplicate_face", "repeated_index_only", "all_three_equal",
+    "repeated_index_beside_triangle", "unreferenced_vertex", "cone_over_theta",
+    "book_with_detached_triangle_at_spine", "nan_vertex",
+]  # fmt: skip
+"""Those of the specification's table (section 5), where the peers differ; a child process each."""
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", CHILD_CASES)
+def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str) -> None:
+    need("PyMeshLab", "manifold3d")
+    case = CASE[name]
+    replies = ask_peers(["PyMeshLab", "manifold3d"], case.vertices, case.faces, timeout=60)
+    facts = Facts(*audit_arrays(case.vertices, case.faces))
+    for peer, reply in replies.items():
+        assert isinstance(reply, Reply), (peer, reply)
+        assert_explained(compare(peer, reply, facts)[0])
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("file", ["synthetic_splat_small.ply", "synthetic_splat_medium.ply"])
+def test_all_five_peers_explain_a_synthetic_splat_mesh(file: str) -> None:
+    need(*PEERS)
+    mesh = read_mesh(GOLDEN / file)
+    result = check(mesh.vertices, mesh.faces)
+    assert_explained(result.rows)
+    assert {r.peer for r in result.rows} | set(result.skipped) >= set(PEERS)
+    assert {"libigl", "PyMeshLab", "trimesh", "NetworkX"} <= {r.peer for r in result.rows}
+    strict = [r for r in result.rows if r.quantity == "nonmanifold_vertices" and r.verdict == "agrees"]
+    assert {r.peer for r in strict} == {"libigl", "PyMeshLab", "NetworkX"}
+
+
+@pytest.mark.oracle
+def test_large_coordinates_slivers_and_offsets_do_not_upset_areas() -> None:
+    need("libigl", "trimesh")
+    points, faces = splat_like(10)
+    for moved in (points * 1e6 + 1e9, points * [1, 1e-9, 1e-9], points.astype(float) * 1e-20):
+        for peer in ("libigl", "trimesh"):
+            assert row_of(check_in_process(peer, moved, faces), peer, "total_area").verdict == "agrees"
+
+
+@pytest.mark.oracle
+def test_five_peers_on_a_closed_mesh_agree_on_everything() -> None:
+    need(*PEERS)
+    result = check(*TETRAHEDRON)
+    assert {r.peer for r in result.rows} == set(PEERS)
+    assert {r.verdict for r in result.rows} == {"agrees"}
+    assert result.disagreements == ()
+    assert result.skipped == {}
+    for row in json.loads(json.dumps(result.to_rows(), allow_nan=False)):
+        assert set(row) >= {"peer", "version", "quantity", "ours", "theirs", "verdict", "why"}
+        assert row["version"][0].isdigit()
+        explain(row["quantity"])
+
+
+@pytest.mark.oracle
+def test_nothing_of_the_peers_leaks_to_our_streams(capfd: pytest.CaptureFixture[str]) -> None:
+    check(*BOOK)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.oracle
+def test_book_differs_only_where_pymeshlab_skips_edge_endpoints() -> None:
+    need(*PEERS)
+    result = check(*BOOK)
+    differing = [r for r in result.rows if r.verdict != "agrees"]
+    assert [(r.peer, r.quantity, r.ours, r.theirs) for r in differing] == [
+        ("PyMeshLab", "nonmanifold_vertices", 2, 0)
+    ]
+    assert "2 endpoints of non-manifold edges" in differing[0].why
+    assert result.skipped["libigl boundary_loops"].endswith("it is defined on manifold meshes only")
+
+
+@pytest.mark.oracle
+def test_rows_that_hang_pymeshlab_are_turned_first() -> None:
+    need("PyMeshLab")
+    reply = ask_peers(["PyMeshLab"], np.zeros((3, 3)), np.array([[2, 1, 2]]), timeout=60)["PyMeshLab"]
+    assert isinstance(reply, Reply)
+    assert reply.answers["edges"] == 2
+
+
+# --- a wrong audit
+
+
+NOT_COMPARED = {
+    # Bound to other numbers by the identities, or without a peer on a non-manifold mesh.
+    "repeated_index_faces", "zero_area_faces", "nonfinite_faces", "duplicate_faces",
+    "inconsistent_winding_edges", "boundary_loops", "open_boundary_chains",
+}  # fmt: skip
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("more", "off"),
+    # With repeated-index rows the definitions part by a few, and a mistake of just as much could hide.
+    [([], 1), ([], -1), ([[0, 1, 1], [5, 5, 5]], 100)],
+    ids=["one too many", "one too few", "definitions differ too"],
+)
+def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int) -> None:
+    need(*PEERS)
+    points, faces = splat_like(8)
+    faces = np.concatenate([faces, np.array(more, np.int32).reshape(-1, 3)])
+    report, analysis = audit_arrays(points, faces)
+    replies = ask_peers(["PyMeshLab"], points, faces, timeout=60)
+    for peer in IN_PROCESS:
+        replies[peer] = Reply("-", PEERS[peer].ask(points.astype(float), faces.astype(np.int64)))
+    for key, right in vars(report.counts).items():
+        wrong = replace(report, counts=replace(report.counts, **{key: right + off}))
+        rows: list[Row] = []
+        for peer, reply in replies.items():
+            assert isinstance(reply, Reply)
+            rows += compare(peer, reply, Facts(wrong, analysis))[0]
+        found = {r.quantity for r in rows if r.verdict == "disagrees"}
+        assert (key in found) == (key not in NOT_COMPARED), key
+
+
+@pytest.mark.oracle
+def test_wrong_loops_winding_and_areas_disagree_on_a_manifold_mesh() -> None:
+    need("libigl", "trimesh")
+    case = CASE["two_triangles_sharing_edge"]
+    report, analysis = audit_arrays(case.vertices, case.faces)
+    wrong = replace(
+        report,
+        counts=replace(report.counts, boundary_loops=2, inconsistent_winding_edges=1),
+        metrics=replace(report.metrics, total_area=report.metrics.total_area * (1 + 1e-6)),
+    )
+    found = set()
+    for peer in ("libigl", "trimesh"):
+        reply = Reply("-", PEERS[peer].ask(case.vertices, case.faces))
+        found |= {
+            r.quantity for r in compare(peer, reply, Facts(wrong, analysis))[0] if r.verdict == "disagrees"
+        }
+    assert found == {"boundary_loops", "winding_consistent", "total_area"}
+
+
+def test_disagreement_says_what_was_expected() -> None:
+    reply = Reply("9", {"closed_oriented": True})
+    (row,), _ = compare("manifold3d", reply, Facts(*audit_arrays(*BOOK)))
+    assert row.verdict == "disagrees"
+    assert row.why == "status should give False, and gives True"
+    assert CrossCheck((row,), {}).disagreements == (row,)
+
+
+# --- who is asked
+
+
+def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    present, here = find_spec, {"trimesh", "networkx"}
+    monkeypatch.setattr(package, "find_spec", lambda name: present(name) if name in here else None)
+    result = check(*TETRAHEDRON)
+    assert {r.peer for r in result.rows} == {"trimesh", "NetworkX"}
+    assert set(result.skipped) == set(PEERS) - {"trimesh", "NetworkX"}
+    assert all('pip install "meshsplatbench[crosscheck]"' in why for why in result.skipped.values())
+
+
+@pytest.mark.parametrize("here", [set(), {"trimesh"}], ids=["none", "trimesh"])
+def test_missing_extra_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, here: set[str]) -> None:
+    present = find_spec
+    monkeypatch.setattr(package, "find_spec", lambda name: present(name) if name in here else None)
+    with pytest.raises(UsageError, match=r"meshsplatbench\[crosscheck\]") as caught:
+        check(*BOOK)
+    assert caught.value.code == "EXTRA_MISSING"
+
+
+@pytest.mark.parametrize("name", ["empty", "points_only"])
+def test_mesh_without_faces_is_shown_to_no_peer(name: str, child: Callable[[str], None]) -> None:
+    child("raise SystemExit('asked')")
+    result = check(CASE[name].vertices, CASE[name].faces)
+    assert result.rows == ()
+    assert set(result.skipped) == set(PEERS)
+
+
+def test_networkx_is_not_asked_about_large_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(package, "ask_peers", lambda names, *_: dict.fromkeys(names, "not today"))
+    faces = np.arange(600_003).reshape(-1, 3)
+    result = check(np.zeros((600_003, 3)), faces)
+    if find_spec("networkx"):
+        assert "at most 200,000 faces; this has 200,001" in result.skipped["NetworkX"]
+    assert result.skipped["trimesh"] == "not today"
+
+
+def test_bad_index_is_an_error_before_any_peer_is_asked(child: Callable[[str], None]) -> None:
+    child("raise SystemExit('asked')")
+    report, analysis = audit_arrays(*BOOK)
+    with pytest.raises(MeshError, match="face 0"):
+        cross_check(BOOK[0], [[0, 1, 99]], report, analysis)
+
+
+# --- predictions
+
+
+def test_pair_numbers_of_proper_faces_are_our_own_counts() -> None:
+    random = np.random.default_rng(41)
+    meshes = [(c.vertices, c.faces) for c in WITH_FACES] + [random_mesh(random) for _ in range(300)]
+    for points, rows in meshes:
+        faces = rows[[len(set(row)) == 3 for row in rows.tolist()]]
+        counts = audit_arrays(points, faces)[0].counts
+        assert pair_numbers(faces) == {
+            "pairs": counts.edges,
+            "igl_edges": counts.edges,
+            "single": counts.boundary_edges,
+            "double": counts.manifold_edges,
+            "crowded": counts.nonmanifold_edges,
+            "crowded_by_rows": counts.nonmanifold_edges,
+            "most": counts.max_edge_faces,
+            "endpoints": counts.nonmanifold_edge_endpoints,
+            "multifan": counts.multifan_vertices,
+            "strict": counts.nonmanifold_vertices,
+            "used": counts.referenced_vertices,
+            "unused": -counts.referenced_vertices,
+            "components": counts.components,
+            "largest": counts.largest_component_faces,
+            "two_face_components": counts.components_manifold_edges,
+            "inconsistent": counts.inconsistent_winding_edges,
+        }

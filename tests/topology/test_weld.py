@@ -1,0 +1,168 @@
+"""Welding: what is merged, what is kept, and that order and magnitude do not matter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data_stubs.splat_like import splat_like
+from msb.errors import MeshError
+from msb.topology import audit
+from msb.topology.weld import parse_weld, weld_vertices
+
+NO_FACES = np.zeros((0, 3), np.int32)
+
+
+def merged(points: object, weld: object) -> list[int]:
+    """Return for each vertex the place of the vertex it became."""
+    points = np.asarray(points, float)
+    each = np.stack([np.arange(len(points))] * 3, axis=1)
+    _, faces = weld_vertices(points, each, weld)  # type: ignore[arg-type]
+    return faces[:, 0].tolist()
+
+
+def line(*x: float) -> np.ndarray:
+    return np.array([[v, 0.0, 0.0] for v in x])
+
+
+def test_exact_weld_merges_equal_coordinates_and_the_first_keeps_its_place() -> None:
+    points = line(5, 1, 5, 2, 1)
+    kept, faces = weld_vertices(points, np.array([[0, 1, 2], [3, 4, 2]]), "exact")
+    assert kept.tolist() == line(5, 1, 2).tolist()
+    assert faces.tolist() == [[0, 1, 0], [2, 1, 0]]
+
+
+def test_exact_weld_compares_as_float32() -> None:
+    assert merged(line(0.1, 0.1 + 1e-12, 0.1 + 1e-7), "exact") == [0, 0, 1]
+
+
+def test_exact_weld_takes_minus_zero_for_zero() -> None:
+    assert merged([[0.0, -0.0, 0.0], [-0.0, 0.0, 0.0], [0.0, 0.0, 1e-45]], "exact") == [0, 0, 1]
+
+
+def test_exact_weld_never_merges_nan_but_merges_infinity() -> None:
+    nan, inf = np.nan, np.inf
+    assert merged(line(nan, nan, inf, inf, -inf), "exact") == [0, 1, 2, 2, 3]
+
+
+def test_length_weld_merges_chains_and_not_what_is_farther() -> None:
+    assert merged(line(0.0, 1.0, 2.0, 3.5, 4.0, 9.0), 1.0) == [0, 0, 0, 1, 1, 2]
+
+
+def test_length_weld_is_euclidean_and_includes_the_length_itself() -> None:
+    points = [[0.0, 0, 0], [3, 4, 0], [10, 0, 0], [10, 3, 4.001]]
+    assert merged(points, 5.0) == [0, 0, 1, 2]
+
+
+def test_length_weld_leaves_non_finite_vertices_alone() -> None:
+    assert merged([[0, 0, 0], [np.nan, 0, 0], [np.nan, 0, 0], [np.inf, 0, 0], [0.1, 0, 0]], 1.0) == [
+        0,
+        1,
+        2,
+        3,
+        0,
+    ]
+    assert merged(np.full((3, 3), np.nan), 1.0) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("weld", ["exact", 0.05])
+def test_weld_does_not_depend_on_the_order_of_vertices(weld: object) -> None:
+    random = np.random.default_rng(2)
+    points = random.integers(0, 4, (200, 3)) + random.choice([0.0, 0.03, 0.06, 0.2], (200, 3))
+    groups = merged(points, weld)
+    order = random.permutation(200)
+    shuffled = merged(points[order], weld)
+    # The same pairs are together; places differ.
+    assert (
+        len(set(groups))
+        == len(set(shuffled))
+        == len({(groups[o], s) for o, s in zip(order, shuffled, strict=True)})
+    )
+
+
+def test_length_weld_agrees_with_joining_all_pairs_by_hand() -> None:
+    random = np.random.default_rng(9)
+    for scale in (1e-200, 1.0, 1e200):
+        points = random.random((60, 3)) * scale
+        reach = 0.15 * scale
+        label = list(range(60))
+        unit = points / scale
+        for i in range(60):
+            for j in range(i):
+                if np.linalg.norm(unit[i] - unit[j]) <= 0.15:
+                    a, b = label[i], label[j]
+                    label = [min(a, b) if x in (a, b) else x for x in label]
+        place = {first: n for n, first in enumerate(sorted(set(label)))}
+        assert merged(points, reach) == [place[x] for x in label]
+
+
+@pytest.mark.parametrize("largest", [1.7e308, 3e38, 5e-324])
+def test_coordinates_of_any_magnitude_can_be_welded(largest: float) -> None:
+    points = line(0.0, largest, -largest, largest)
+    assert merged(points, largest / 2) == [0, 1, 2, 1]
+    assert merged(points, "exact")[1] == merged(points, "exact")[3]
+
+
+def test_any_length_is_enough_for_coincident_vertices_and_the_longest_joins_all() -> None:
+    assert merged(line(1.0, 2.0, 1.0), 5e-324) == [0, 1, 0]
+    assert merged(line(1.0, 2.0, 3e-300), 1.7e308) == [0, 0, 0]
+
+
+def test_many_coincident_vertices_are_not_too_many_pairs() -> None:
+    assert set(merged(np.zeros((20_000, 3)), 1e-3)) == {0}
+
+
+def test_length_that_would_collapse_the_mesh_is_refused() -> None:
+    points = np.random.default_rng(0).random((20_000, 3))
+    with pytest.raises(MeshError, match="shorter distance") as caught:
+        weld_vertices(points, NO_FACES, 10.0)
+    assert caught.value.code == "WELD_TOO_WIDE"
+
+
+def test_exploding_and_welding_restores_the_mesh() -> None:
+    points, faces = splat_like(14)
+    before = audit(points, faces)
+    soup = audit(points[faces.reshape(-1)], np.arange(faces.size).reshape(-1, 3), weld="exact")
+    assert soup.is_soup
+    assert soup.counts.components == len(faces)
+    assert soup.welded is not None
+    assert soup.welded.counts == before.counts
+    np.testing.assert_allclose(
+        [soup.welded.metrics.lcc_area_ratio, soup.welded.metrics.total_area],
+        [before.metrics.lcc_area_ratio, before.metrics.total_area],
+    )
+
+
+def test_weld_keeps_all_face_rows_and_collapsed_ones_repeat_an_index() -> None:
+    report = audit(line(0, 1, 1, 2), [[0, 1, 3], [0, 1, 2]], weld="exact")
+    assert report.welded is not None
+    assert report.counts.repeated_index_faces == 0
+    assert report.welded.counts.faces == 2
+    assert report.welded.counts.repeated_index_faces == 1
+
+
+def test_weld_keeps_dtypes_and_the_input() -> None:
+    points, faces = line(1, 1).astype(np.float32), np.array([[0, 1, 0]], np.int32)
+    points.flags.writeable = faces.flags.writeable = False
+    for weld in ("exact", 0.5):
+        kept, rows = weld_vertices(points, faces, weld)  # type: ignore[arg-type]
+        assert (kept.dtype, rows.dtype) == (np.float32, np.int32)
+
+
+@pytest.mark.parametrize("weld", ["exact", 0.5])
+def test_no_vertices_weld_to_none(weld: object) -> None:
+    points, faces = weld_vertices(np.zeros((0, 3)), NO_FACES, weld)  # type: ignore[arg-type]
+    assert (len(points), len(faces)) == (0, 0)
+
+
+def test_weld_setting_is_read_from_text() -> None:
+    assert parse_weld("exact") == "exact"
+    assert parse_weld("1e-4") == 1e-4
+    assert parse_weld(np.float32(0.5)) == 0.5
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1", "nan", "inf", "close", "1 mm", 0, [1.0], 10**400])
+def test_weld_setting_that_is_no_length_is_refused(text: object) -> None:
+    with pytest.raises(MeshError) as caught:
+        parse_weld(text)  # type: ignore[arg-type]
+    assert caught.value.code == "WELD_DISTANCE"
