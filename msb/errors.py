@@ -80,6 +80,10 @@ class AssetError(MsbError):
     """A `.triasset` breaks its contract."""
 
 
+class CheckpointError(MsbError):
+    """A trained checkpoint (.pt, .ckpt) is broken, hostile or of a kind that is not read."""
+
+
 class MeshFileError(MsbError):
     """A foreign mesh file is not valid."""
 
@@ -107,6 +111,7 @@ EXIT_STATUS: dict[type[MsbError], int] = {
     UsageError: 2,
     InputError: 3,
     AssetError: 3,
+    CheckpointError: 3,
     MeshFileError: 3,
     MeshError: 3,
     OutputError: 3,
@@ -211,6 +216,9 @@ def _codes(kind: type[MsbError], table: dict[str, tuple[str, str]]) -> dict[str,
 
 _EXPORT_AGAIN = "Export the asset again from its checkpoint or mesh."
 _FIX_MANIFEST = "Correct manifest.json (docs/triasset.md lists every key) or export the asset again."
+_SAVE_AGAIN = "Load it where it was trained and save it again with torch.save, as plain tensors and dicts."
+_COPY_AGAIN = "Copy or download the file again."
+_HOSTILE = "torch.save does not write this: find out where the file comes from."
 _FIX_MESH = "Export the mesh again from the program that wrote it."
 
 CODES: dict[str, Code] = {
@@ -451,6 +459,123 @@ CODES: dict[str, Code] = {
             "TRIASSET_ZIP_FOREIGN_DATA": ("There are bytes that belong to no member.", _EXPORT_AGAIN),
             "TRIASSET_ZIP_ZIP64": ("The ZIP64 records are inconsistent.", _EXPORT_AGAIN),
             "TRIASSET_ZIP_CRC": ("A member's CRC-32 is wrong.", "Copy the file again."),
+        },
+    ),
+    **_codes(
+        CheckpointError,
+        {
+            # --- the kind of file
+            "CHECKPOINT_EMPTY": ("The file holds no bytes.", _COPY_AGAIN),
+            "CHECKPOINT_NOT_RECOGNISED": (
+                "The file does not start like anything torch.save writes.",
+                "Give a .pt or .ckpt file; a Git LFS pointer has to be fetched first.",
+            ),
+            "CHECKPOINT_BARE_PICKLE": ("The file is a pickle that torch.save did not write.", _SAVE_AGAIN),
+            "CHECKPOINT_TAR": ("The file is in torch's tar format of before 2017.", _SAVE_AGAIN),
+            "CHECKPOINT_SAFETENSORS": (
+                "The file is in the safetensors format.",
+                "Give the .pt or .ckpt file the method itself wrote.",
+            ),
+            "CHECKPOINT_TORCHSCRIPT": (
+                "The file is a TorchScript program, not a saved state.",
+                "Save model.state_dict() with torch.save.",
+            ),
+            "CHECKPOINT_VERSION": ("The archive's version is missing or not one we read.", _SAVE_AGAIN),
+            "CHECKPOINT_BYTE_ORDER": (
+                "The numbers are not little-endian.",
+                "Load it and save it again on a little-endian machine.",
+            ),
+            "CHECKPOINT_LEGACY_HEADER": (
+                "What a torch file of before 1.6 starts with is malformed.",
+                _SAVE_AGAIN,
+            ),
+            "CHECKPOINT_LEGACY_STORAGES": (
+                "The storages behind the pickle of a torch file of before 1.6 are not those it names.",
+                _COPY_AGAIN,
+            ),
+            # --- the archive
+            "CHECKPOINT_ZIP_TRUNCATED": ("The end of the archive is missing.", _COPY_AGAIN),
+            "CHECKPOINT_ZIP_DIRECTORY": ("The archive's directory is not well formed.", _COPY_AGAIN),
+            "CHECKPOINT_ZIP_TOO_MANY_MEMBERS": ("The archive has more members than we accept.", _SAVE_AGAIN),
+            "CHECKPOINT_ZIP_NAME": ("A member has a name that torch.save does not give.", _SAVE_AGAIN),
+            "CHECKPOINT_ZIP_DUPLICATE_MEMBER": ("Two members have the same name.", _HOSTILE),
+            "CHECKPOINT_ZIP_COMPRESSED": (
+                "A member is compressed.",
+                "Pack it again without compression (zip -0), or save it again with torch.save.",
+            ),
+            "CHECKPOINT_ZIP_ENCRYPTED": ("A member is encrypted.", _SAVE_AGAIN),
+            "CHECKPOINT_ZIP_HEADER_MISMATCH": ("The headers of a member contradict each other.", _HOSTILE),
+            "CHECKPOINT_ZIP_FOREIGN_DATA": ("There are bytes that belong to no member.", _HOSTILE),
+            "CHECKPOINT_ZIP_ZIP64": ("The ZIP64 records are inconsistent.", _HOSTILE),
+            "CHECKPOINT_ZIP_CRC": ("data.pkl is not what the archive's checksum says.", _COPY_AGAIN),
+            "CHECKPOINT_PICKLE_MISSING": (
+                "The archive holds no data.pkl.",
+                "Give a .pt or .ckpt file; other archives (.npz, .triasset) are not checkpoints.",
+            ),
+            "CHECKPOINT_PICKLE_AMBIGUOUS": ("The archive holds several data.pkl.", _HOSTILE),
+            # --- the pickle
+            "CHECKPOINT_PICKLE_TOO_LARGE": ("The pickle is larger than we accept.", _SAVE_AGAIN),
+            "CHECKPOINT_PICKLE_TRUNCATED": ("The pickle ends inside an instruction.", _COPY_AGAIN),
+            "CHECKPOINT_PICKLE_NO_STOP": ("The pickle ends without its last instruction.", _COPY_AGAIN),
+            "CHECKPOINT_PICKLE_TRAILING": ("There are bytes behind the pickle's end.", _HOSTILE),
+            "CHECKPOINT_PICKLE_PROTOCOL": ("The pickle is not of protocol 2, 3 or 4.", _SAVE_AGAIN),
+            "CHECKPOINT_PICKLE_OPCODE": ("The pickle has an instruction we do not follow.", _HOSTILE),
+            "CHECKPOINT_PICKLE_GLOBAL": (
+                "The pickle names a function or class that no tensor needs.",
+                "Nothing of it was run. Do not load the file with torch unless you trust its source; "
+                "then save its tensors alone.",
+            ),
+            "CHECKPOINT_PICKLE_FRAME": ("A frame of the pickle has a wrong length.", _HOSTILE),
+            "CHECKPOINT_PICKLE_STACK": ("An instruction takes what was never put on the stack.", _HOSTILE),
+            "CHECKPOINT_PICKLE_MARK": ("Marks of the pickle are not in pairs.", _HOSTILE),
+            "CHECKPOINT_PICKLE_MEMO": ("The pickle's memo is used in a way no writer uses it.", _HOSTILE),
+            "CHECKPOINT_PICKLE_TOO_MANY_OPCODES": ("The pickle has too many instructions.", _SAVE_AGAIN),
+            "CHECKPOINT_PICKLE_TOO_DEEP": ("Values nest too deeply.", _HOSTILE),
+            "CHECKPOINT_PICKLE_CYCLE": ("A value contains itself.", _HOSTILE),
+            "CHECKPOINT_PICKLE_EXPANSION": (
+                "Shared values would be far too many if written out.",
+                _HOSTILE,
+            ),
+            "CHECKPOINT_PICKLE_KEY": (
+                "A dictionary's key is neither text nor a 64-bit integer.",
+                _SAVE_AGAIN,
+            ),
+            "CHECKPOINT_PICKLE_DUPLICATE_KEY": ("A dictionary gets the same key twice.", _HOSTILE),
+            "CHECKPOINT_PICKLE_ITEM": ("An item is added to what is no list or dictionary.", _HOSTILE),
+            "CHECKPOINT_PICKLE_TEXT": ("Text is not valid UTF-8.", _HOSTILE),
+            "CHECKPOINT_PICKLE_INTEGER": ("An integer is too large or has a negative size.", _HOSTILE),
+            "CHECKPOINT_PICKLE_CALL": ("A call has a wrong target or wrong arguments.", _HOSTILE),
+            "CHECKPOINT_PICKLE_BUILD": ("A state is set on what has none, or is malformed.", _HOSTILE),
+            "CHECKPOINT_PICKLE_PERSISTENT_ID": ("The reference to a storage is malformed.", _HOSTILE),
+            "CHECKPOINT_PICKLE_SCALAR": (
+                "A NumPy scalar is malformed or of a type we do not read.",
+                _SAVE_AGAIN,
+            ),
+            "CHECKPOINT_PICKLE_RESULT": ("The result holds something that is not data.", _SAVE_AGAIN),
+            # --- storages and tensors
+            "CHECKPOINT_STORAGE_MISSING": ("The bytes of a tensor are not in the archive.", _COPY_AGAIN),
+            "CHECKPOINT_STORAGE_SIZE": ("A storage has not the size the pickle declares.", _COPY_AGAIN),
+            "CHECKPOINT_STORAGE_CONFLICT": ("One storage is declared in two ways.", _HOSTILE),
+            "CHECKPOINT_TENSOR_DTYPE": (
+                "A tensor has a type we do not read, such as complex or quantised.",
+                "Convert it with .float() and save again.",
+            ),
+            "CHECKPOINT_TENSOR_KIND": (
+                "A tensor is sparse, nested, quantised, without data or of a newer kind.",
+                "Save it as a dense tensor.",
+            ),
+            "CHECKPOINT_TENSOR_ARGUMENTS": ("What a tensor is made from is malformed.", _HOSTILE),
+            "CHECKPOINT_TENSOR_SHAPE": (
+                "A tensor's size is negative, too large or has too many axes.",
+                _HOSTILE,
+            ),
+            "CHECKPOINT_TENSOR_STRIDE": ("A tensor's strides are negative or not one per axis.", _HOSTILE),
+            "CHECKPOINT_TENSOR_RANGE": ("A tensor reaches beyond its storage.", _HOSTILE),
+            "CHECKPOINT_TENSOR_EXPANDED": (
+                "A tensor repeats elements until it has more than its storage.",
+                "Save it after .contiguous().",
+            ),
+            "CHECKPOINT_TENSOR_BOOL": ("A boolean is neither 0 nor 1.", _COPY_AGAIN),
         },
     ),
 }

@@ -33,8 +33,18 @@ DTYPES: dict[str, np.dtype[Any]] = {
 """Manifest dtype -> NumPy dtype, always little-endian."""
 
 
+class _Record:
+    """An object of the JSON: its keys are attributes, and items too (``bounds.min``, ``bounds["min"]``)."""
+
+    def __getitem__(self, key: str) -> Any:
+        try:
+            return getattr(self, key)
+        except AttributeError:
+            raise KeyError(key) from None
+
+
 @dataclass(frozen=True)
-class Bounds:
+class Bounds(_Record):
     """Axis-aligned box of all finite vertex rows, scene units."""
 
     min: tuple[float, float, float]
@@ -42,7 +52,7 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class BoundingSphere:
+class BoundingSphere(_Record):
     """A sphere around all finite vertex rows, scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
@@ -50,7 +60,7 @@ class BoundingSphere:
 
 
 @dataclass(frozen=True)
-class StoredSetting:
+class StoredSetting(_Record):
     """A setting of the method with its origin."""
 
     value: SettingValue
@@ -58,7 +68,7 @@ class StoredSetting:
 
 
 @dataclass(frozen=True)
-class SourceFile:
+class SourceFile(_Record):
     """One file the asset was made from. `path` is relative to what was exported, never absolute."""
 
     path: str
@@ -67,14 +77,14 @@ class SourceFile:
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(_Record):
     """Provenance."""
 
     files: tuple[SourceFile, ...] = ()
 
 
 @dataclass(frozen=True)
-class CoordinateFrame:
+class CoordinateFrame(_Record):
     """Axes and units of the positions. COLMAP scenes are y-down: up is "-y"."""
 
     handedness: Literal["right"] = "right"
@@ -83,7 +93,7 @@ class CoordinateFrame:
 
 
 @dataclass(frozen=True)
-class BufferSpec:
+class BufferSpec(_Record):
     """Where one buffer's values are and what they mean.
 
     `shape` has the domain's count first (V, F or 3F; anything for global), `offset` and `byte_length`
@@ -100,7 +110,7 @@ class BufferSpec:
 
 
 @dataclass(frozen=True)
-class Manifest:
+class Manifest(_Record):
     """Everything a consumer must know before it touches a buffer. Keys and order are those of the file."""
 
     generator: str

@@ -190,10 +190,10 @@ class MeshAsset(Protocol):
 
 
 @overload
-def audit(mesh: MeshAsset, /, *, weld: Weld | None = None) -> Audit: ...
+def audit(vertices: MeshAsset, *, weld: Weld | None = None) -> Audit: ...
 @overload
-def audit(vertices: ArrayLike, faces: ArrayLike, /, *, weld: Weld | None = None) -> Audit: ...
-def audit(mesh: Any, faces: ArrayLike | None = None, /, *, weld: Weld | None = None) -> Audit:
+def audit(vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None) -> Audit: ...
+def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = None) -> Audit:
     """Audit the structure of a triangle mesh exactly as it is stored.
 
     Nothing is merged, dropped, reoriented or repaired first (paper: "Mesh structural integrity" and
@@ -201,10 +201,10 @@ def audit(mesh: Any, faces: ArrayLike | None = None, /, *, weld: Weld | None = N
 
     Parameters
     ----------
-    mesh : Asset, or (V, 3) real numbers
-        An asset, or the vertices of a mesh in any length unit; NaN is allowed and counted.
+    vertices : (V, 3) real numbers, or Asset
+        In any length unit; NaN is allowed and counted. Or a whole asset, and then no `faces`.
     faces : (F, 3) integers
-        0-based vertex indices, with vertices given.
+        0-based vertex indices.
     weld : "exact" or float, optional
         Also audit the mesh with coincident vertices merged (`weld_vertices`).
 
@@ -231,13 +231,14 @@ def audit(mesh: Any, faces: ArrayLike | None = None, /, *, weld: Weld | None = N
     >>> book.counts.nonmanifold_edges, book.counts.nonmanifold_vertices, book.counts.components
     (1, 2, 1)
     """
-    if faces is None:
-        if not hasattr(mesh, "buffers"):
-            raise MeshError("MESH_ARRAY", "faces are missing; give an asset, or vertices and faces")
-        report, _ = audit_arrays(mesh.buffers["positions"], mesh.buffers["indices"], weld=weld)
-        path = None if mesh.path is None else str(mesh.path)
-        return replace(report, path=path, method=mesh.manifest.method)
-    return audit_arrays(mesh, faces, weld=weld)[0]
+    if faces is not None:
+        return audit_arrays(vertices, faces, weld=weld)[0]
+    if not hasattr(vertices, "buffers"):
+        raise MeshError("MESH_ARRAY", "faces are missing; give an asset, or vertices and faces")
+    asset: MeshAsset = vertices
+    report, _ = audit_arrays(asset.buffers["positions"], asset.buffers["indices"], weld=weld)
+    path = None if asset.path is None else str(asset.path)
+    return replace(report, path=path, method=asset.manifest.method)
 
 
 def audit_arrays(

@@ -167,3 +167,12 @@ def test_buffers_cannot_be_exchanged() -> None:
     asset = build_asset(dict(mesh().buffers), {"color": "vertex"})
     with pytest.raises(TypeError):
         asset.buffers["positions"] = None  # type: ignore[index]
+
+
+def test_keys_are_attributes_and_items() -> None:
+    manifest = load(SHIPPED[0]).manifest
+    assert manifest["face_count"] == manifest.face_count > 0
+    bounds = manifest.bounds
+    assert bounds["max"] == bounds.max
+    with pytest.raises(KeyError):
+        bounds["middle"]
