@@ -12,7 +12,7 @@ from msb.atomic import new_file
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -34,45 +34,20 @@ def check_suffix(path: Path) -> None:
 
 
 def write_elements(elements: Elements, path: Path) -> None:
-    """Write `elements` to `path` in the form its suffix names.
+    """Write `elements` to `path` in the form its suffix names; kinds are called as in the audit's JSON.
 
-    ``.vtp`` holds faces, edges and points as cells with the arrays ``kind`` (see `KINDS`), ``element`` and
-    ``component``; ``.csv`` one row an element; ``.npz`` one array a kind, without pickled objects.
+    ``.vtp`` holds points, edges and faces as cells with the arrays ``kind`` (0 for a plain face, else the
+    place in ``kinds``, a field array of names, counted from 1), ``element`` and ``component``; ``.csv`` one
+    row an element; ``.npz`` one array a kind (vertex pairs for edges, else numbers) and ``face_component``.
     """
     with new_file(path) as file:
         _WRITERS[path.suffix.lower()](elements, file)
 
 
-KINDS = (
-    "face",
-    "edge_boundary",
-    "edge_nonmanifold",
-    "edge_inconsistent_winding",
-    "vertex_multifan",
-    "vertex_nonmanifold_edge_endpoint",
-    "vertex_unreferenced",
-    "face_repeated_index",
-    "face_zero_area",
-    "face_nonfinite",
-    "face_duplicate",
-)
-"""Number of a kind in a .vtp -> its name; also the names used in .csv and .npz."""
-
-
-def _groups(elements: Elements) -> Iterator[tuple[str, NDArray[Any], NDArray[Any]]]:
-    """Yield kind, element numbers and the vertices of each element, (n, 1), (n, 2) or (n, 3)."""
-    for name, pairs in elements.edges.items():
-        yield f"edge_{name}", np.arange(len(pairs)), pairs
-    for name, vertices in elements.points.items():
-        yield f"vertex_{name}", vertices, vertices[:, None]
-    for name, faces in elements.marked_faces.items():
-        yield f"face_{name}", faces, elements.faces[faces]
-
-
 def _write_npz(elements: Elements, file: IO[bytes]) -> None:
     arrays: dict[str, Any] = {"face_component": elements.face_component}
-    for kind, numbers, vertices in _groups(elements):
-        arrays[kind] = vertices if kind.startswith("edge_") else numbers
+    for group in elements.groups:
+        arrays[group.kind] = group.vertices if group.vertices.shape[1] == 2 else group.numbers
     np.savez(file, **arrays)
 
 
@@ -80,37 +55,47 @@ def _write_csv(elements: Elements, file: IO[bytes]) -> None:
     text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
     writer = csv.writer(text)
     writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
-    for kind, numbers, vertices in _groups(elements):
-        of_faces = kind.startswith("face_")
+    for group in elements.groups:
+        of_faces = group.vertices.shape[1] == 3
         # The first vertex says where to look.
-        for number, ends in zip(numbers.tolist(), vertices.tolist(), strict=True):
+        for number, ends in zip(group.numbers.tolist(), group.vertices.tolist(), strict=True):
             component = int(elements.face_component[number]) if of_faces else ""
             place = elements.vertices[ends[0]].tolist()
-            writer.writerow([kind, number, component, " ".join(map(str, ends)), *map(repr, place)])
+            writer.writerow([group.kind, number, component, " ".join(map(str, ends)), *map(repr, place)])
     text.detach()
 
 
 def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
     from msb.meshes.vtp import write_vtp
 
-    cells: dict[int, list[tuple[int, NDArray[Any], NDArray[Any]]]] = {1: [], 2: [], 3: []}
-    for kind, numbers, vertices in _groups(elements):
-        cells[vertices.shape[1]].append((KINDS.index(kind), numbers, vertices))
-    # All faces are drawn once, as "face"; the marked ones again on top, with their kind.
-    cells[3].insert(0, (0, np.arange(len(elements.faces)), elements.faces))
-    groups = [group for size in (1, 2, 3) for group in cells[size]]
-    kinds = np.concatenate([np.full(len(n), k, np.uint8) for k, n, _ in groups])
-    element = np.concatenate([n for _, n, _ in groups]).astype(np.int64)
-    of_faces = [elements.face_component[n] for _, n, v in groups if v.shape[1] == 3]
-    others = sum(len(n) for _, n, v in groups if v.shape[1] < 3)
-    component = np.concatenate([np.full(others, -1), *of_faces]).astype(np.int64)
+    kinds = [group.kind for group in elements.groups]
+    # Every face is drawn once, as a plain face; the marked ones again on top, with their kind.
+    plain = (0, np.arange(len(elements.faces)), elements.faces)
+    cells = [(kinds.index(group.kind) + 1, group.numbers, group.vertices) for group in elements.groups]
+    cells = sorted([plain, *cells], key=lambda cell: cell[2].shape[1])  # VTK's order: points, lines, polygons
+    none = np.full(1, -1, elements.face_component.dtype)
+    components = np.concatenate([elements.face_component, none])
+
+    def joined(size: int) -> NDArray[Any]:
+        return np.concatenate([vertices for _, _, vertices in cells if vertices.shape[1] == size])
+
     write_vtp(
         file,
         elements.vertices,
-        verts=np.concatenate([v for _, _, v in cells[1]]),
-        lines=np.concatenate([v for _, _, v in cells[2]]),
-        polys=np.concatenate([v for _, _, v in cells[3]]),
-        cell_data={"kind": kinds, "element": element, "component": component},
+        verts=joined(1),
+        lines=joined(2),
+        polys=joined(3),
+        cell_data={
+            "kind": np.concatenate([np.full(len(ids), kind, np.uint8) for kind, ids, _ in cells]),
+            "element": np.concatenate([ids for _, ids, _ in cells]).astype(np.int64),
+            "component": np.concatenate(
+                [
+                    components[ids if vertices.shape[1] == 3 else np.full(len(ids), -1)]
+                    for _, ids, vertices in cells
+                ]
+            ).astype(np.int64),
+        },
+        names=("kinds", kinds),
     )
 
 

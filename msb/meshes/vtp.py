@@ -12,11 +12,43 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
 _TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64", "u1": "UInt8"}
+
+
+class _Appended:
+    """The raw block at the file's end, and the elements that refer to it."""
+
+    def __init__(self) -> None:
+        self.blocks: list[NDArray[Any]] = []
+        self.offset = 0
+
+    def array(self, name: str, values: NDArray[Any], components: int = 1) -> str:
+        """Return the element of an array that goes into the block."""
+        stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
+        data = np.ascontiguousarray(values, stored.newbyteorder("<"))
+        text = (
+            f"<DataArray type={quoteattr(_TYPES[data.dtype.str[1:]])} Name={quoteattr(name)} "
+            f'NumberOfComponents="{components}" format="appended" offset="{self.offset}"/>'
+        )
+        self.blocks.append(data)
+        self.offset += 8 + data.nbytes
+        return text
+
+    def cells(self, tag: str, table: NDArray[Any]) -> str:
+        """Return the element of cells (n, points per cell)."""
+        ends = np.arange(1, len(table) + 1, dtype=np.int64) * table.shape[1]
+        connectivity = self.array("connectivity", table.reshape(-1).astype(np.int64))
+        return f"<{tag}>{connectivity}{self.array('offsets', ends)}</{tag}>"
+
+    def write(self, file: IO[bytes]) -> None:
+        """Write the block: each array behind its length in bytes."""
+        for block in self.blocks:
+            file.write(block.nbytes.to_bytes(8, "little"))
+            file.write(block.reshape(-1).view(np.uint8).data)
 
 
 def write_vtp(
@@ -27,6 +59,7 @@ def write_vtp(
     lines: NDArray[Any],
     polys: NDArray[Any],
     cell_data: Mapping[str, NDArray[Any]],
+    names: tuple[str, Sequence[str]],
 ) -> None:
     """Write one piece of PolyData.
 
@@ -38,45 +71,36 @@ def write_vtp(
         Point numbers of the cells.
     cell_data : mapping of str to (n_verts + n_lines + n_polys,) uint8 or int64
         In VTK's cell order: verts, lines, polys.
+    names : (str, sequence of str)
+        A field array of ASCII texts: what it is called, and the texts.
     """
-    blocks: list[NDArray[Any]] = []
-    offset = 0
-
-    def array(name: str, values: NDArray[Any], components: int = 1) -> str:
-        nonlocal offset
-        stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
-        data = np.ascontiguousarray(values, stored.newbyteorder("<"))
-        blocks.append(data)
-        text = (
-            f"<DataArray type={quoteattr(_TYPES[data.dtype.str[1:]])} Name={quoteattr(name)} "
-            f'NumberOfComponents="{components}" format="appended" offset="{offset}"/>'
-        )
-        offset += 8 + data.nbytes
-        return text
-
-    def cells(tag: str, table: NDArray[Any]) -> str:
-        ends = np.arange(1, len(table) + 1, dtype=np.int64) * table.shape[1]
-        connectivity = array("connectivity", table.reshape(-1).astype(np.int64))
-        return f"<{tag}>{connectivity}{array('offsets', ends)}</{tag}>"
-
-    body = "\n".join(
-        [
-            f"<Points>{array('Points', points, 3)}</Points>",
-            cells("Verts", verts),
-            cells("Lines", lines),
-            cells("Polys", polys),
-            f"<CellData>{''.join(array(name, values) for name, values in cell_data.items())}</CellData>",
-        ]
-    )
-    header = (
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'<PolyData><Piece NumberOfPoints="{len(points)}" NumberOfVerts="{len(verts)}" '
-        f'NumberOfLines="{len(lines)}" NumberOfStrips="0" NumberOfPolys="{len(polys)}">\n'
-        f'{body}\n</Piece></PolyData>\n<AppendedData encoding="raw">_'
-    )
-    file.write(header.encode("ascii"))
-    for block in blocks:
-        file.write(block.nbytes.to_bytes(8, "little"))
-        file.write(block.reshape(-1).view(np.uint8).data)
+    appended = _Appended()
+    data = "".join(appended.array(name, values) for name, values in cell_data.items())
+    elements = [
+        f"<CellData>{data}</CellData>",
+        f"<Points>{appended.array('Points', points, 3)}</Points>",
+        appended.cells("Verts", verts),
+        appended.cells("Lines", lines),
+        appended.cells("Polys", polys),
+    ]
+    header = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        "<PolyData>",
+        f"<FieldData>{_texts(*names)}</FieldData>",
+        f'<Piece NumberOfPoints="{len(points)}" NumberOfVerts="{len(verts)}" '
+        f'NumberOfLines="{len(lines)}" NumberOfStrips="0" NumberOfPolys="{len(polys)}">',
+        *elements,
+        "</Piece></PolyData>",
+        '<AppendedData encoding="raw">_',
+    ]
+    file.write("\n".join(header).encode("ascii"))
+    appended.write(file)
     file.write(b"</AppendedData>\n</VTKFile>\n")
+
+
+def _texts(name: str, texts: Sequence[str]) -> str:
+    """Return the element of an array of texts: character codes, each text ended by 0."""
+    codes = " ".join(" ".join(map(str, (*text.encode("ascii"), 0))) for text in texts)
+    size = f'NumberOfTuples="{len(texts)}"'
+    return f'<Array type="String" Name={quoteattr(name)} {size} format="ascii">{codes}</Array>'

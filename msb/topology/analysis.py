@@ -55,6 +55,15 @@ class Components:
 
 
 @dataclass(frozen=True)
+class Offending:
+    """Numbers of the elements behind the audit's counts, ascending: key of the JSON -> (n,) integers."""
+
+    edges: dict[str, NDArray[Any]]
+    vertices: dict[str, NDArray[Any]]
+    faces: dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and per-face properties."""
 
@@ -103,6 +112,29 @@ class Analysis:
     def zero_area_faces(self) -> NDArray[Any]:
         """Faces with three distinct indices whose double-precision area is exactly 0."""
         return np.flatnonzero((self.area == 0) & self.finite & ~self.mesh.repeated_index)
+
+    @property
+    def offending(self) -> Offending:
+        """What a person would want to see of this mesh, by the names the audit counts it under."""
+        return Offending(
+            edges={
+                "nonmanifold_edges": self.nonmanifold_edges,
+                "boundary_edges": self.boundary.edges,
+                "inconsistent_winding_edges": self.inconsistent_winding_edges,
+            },
+            vertices={
+                "nonmanifold_vertices": self.nonmanifold_vertices,
+                "multifan_vertices": self.multifan_vertices,
+                "nonmanifold_edge_endpoints": self.nonmanifold_edge_endpoints,
+                "unreferenced_vertices": np.flatnonzero(~self.referenced),
+            },
+            faces={
+                "repeated_index_faces": np.flatnonzero(self.mesh.repeated_index),
+                "zero_area_faces": self.zero_area_faces,
+                "nonfinite_faces": np.flatnonzero(~self.finite),
+                "duplicate_faces": np.flatnonzero(self.duplicate),
+            },
+        )
 
     @property
     def inconsistent_winding_edges(self) -> NDArray[Any]:

@@ -329,31 +329,17 @@ def _ratio(part: float, whole: float) -> float | None:
 
 
 def _samples(analysis: Analysis) -> dict[str, tuple[Sample, ...]]:
-    mesh = analysis.mesh
-    edges = {
-        "nonmanifold_edges": analysis.nonmanifold_edges,
-        "boundary_edges": analysis.boundary.edges,
-        "inconsistent_winding_edges": analysis.inconsistent_winding_edges,
-    }
-    vertices = {
-        "nonmanifold_vertices": analysis.nonmanifold_vertices,
-        "multifan_vertices": analysis.multifan_vertices,
-        "unreferenced_vertices": np.flatnonzero(~analysis.referenced),
-    }
-    faces = {
-        "repeated_index_faces": np.flatnonzero(mesh.repeated_index),
-        "zero_area_faces": analysis.zero_area_faces,
-        "nonfinite_faces": np.flatnonzero(~analysis.finite),
-        "duplicate_faces": np.flatnonzero(analysis.duplicate),
-    }
-    ends = [
-        *((kind, ids, mesh.edge_vertices) for kind, ids in edges.items()),
-        *((kind, ids, np.arange(mesh.vertex_count)[:, None]) for kind, ids in vertices.items()),
-        *((kind, ids, mesh.faces) for kind, ids in faces.items()),
+    mesh, found = analysis.mesh, analysis.offending
+    groups = [
+        *((kind, ids[:SAMPLES], mesh.edge_vertices) for kind, ids in found.edges.items()),
+        *((kind, ids[:SAMPLES], None) for kind, ids in found.vertices.items()),
+        *((kind, ids[:SAMPLES], mesh.faces) for kind, ids in found.faces.items()),
     ]
     return {
-        kind: tuple(_sample(analysis.vertices, int(i), table[i]) for i in ids[:SAMPLES])
-        for kind, ids, table in ends
+        kind: tuple(
+            _sample(analysis.vertices, int(i), np.array([i]) if table is None else table[i]) for i in ids
+        )
+        for kind, ids, table in groups
     }
 
 

@@ -1,4 +1,4 @@
-"""The offending elements themselves, as arrays: what `--elements` writes and viewers draw."""
+"""The offending elements with their vertices: what `--elements` writes and viewers draw."""
 
 from __future__ import annotations
 
@@ -14,8 +14,17 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Group:
+    """Elements of one kind: their numbers (n,), and their vertices (n, 1), (n, 2) or (n, 3)."""
+
+    kind: str
+    numbers: NDArray[Any]
+    vertices: NDArray[Any]
+
+
+@dataclass(frozen=True)
 class Elements:
-    """Offending elements of a mesh by kind, and its components.
+    """A mesh with its offending elements and its components.
 
     Attributes
     ----------
@@ -23,50 +32,28 @@ class Elements:
         All vertices of the mesh.
     faces : (F, 3) integers
         All faces.
-    edges : dict of str to (n, 2) integers
-        Vertex pairs: "boundary", "nonmanifold", "inconsistent_winding".
-    points : dict of str to (n,) integers
-        Vertices: "multifan" (a bow-tie), "nonmanifold_edge_endpoint", "unreferenced". A strictly
-        non-manifold vertex is in one or both of the first two.
-    marked_faces : dict of str to (n,) integers
-        Faces: "repeated_index", "zero_area", "nonfinite", "duplicate".
+    groups : tuple of Group
+        Vertices, then edges, then faces; kinds are keys of the audit's counts. An edge's number is its place
+        in the order of vertex pairs.
     face_component : (F,) integers
         Edge-connected component of each face, numbered by size, largest first; -1 in repeated-index rows.
     """
 
     vertices: NDArray[Any]
     faces: NDArray[Any]
-    edges: dict[str, NDArray[Any]]
-    points: dict[str, NDArray[Any]]
-    marked_faces: dict[str, NDArray[Any]]
+    groups: tuple[Group, ...]
     face_component: NDArray[Any]
 
 
 def find_elements(analysis: Analysis) -> Elements:
     """Return the offending elements behind the audit of `analysis`."""
-    mesh = analysis.mesh
-    ends = mesh.edge_vertices
-    return Elements(
-        vertices=analysis.vertices,
-        faces=mesh.faces,
-        edges={
-            "boundary": ends[analysis.boundary.edges],
-            "nonmanifold": ends[analysis.nonmanifold_edges],
-            "inconsistent_winding": ends[analysis.inconsistent_winding_edges],
-        },
-        points={
-            "multifan": analysis.multifan_vertices,
-            "nonmanifold_edge_endpoint": analysis.nonmanifold_edge_endpoints,
-            "unreferenced": np.flatnonzero(~analysis.referenced),
-        },
-        marked_faces={
-            "repeated_index": np.flatnonzero(mesh.repeated_index),
-            "zero_area": analysis.zero_area_faces,
-            "nonfinite": np.flatnonzero(~analysis.finite),
-            "duplicate": np.flatnonzero(analysis.duplicate),
-        },
-        face_component=_by_size(analysis),
-    )
+    mesh, found = analysis.mesh, analysis.offending
+    groups = [
+        *(Group(kind, ids, ids[:, None]) for kind, ids in found.vertices.items()),
+        *(Group(kind, ids, mesh.edge_vertices[ids]) for kind, ids in found.edges.items()),
+        *(Group(kind, ids, mesh.faces[ids]) for kind, ids in found.faces.items()),
+    ]
+    return Elements(analysis.vertices, mesh.faces, tuple(groups), _by_size(analysis))
 
 
 def _by_size(analysis: Analysis) -> NDArray[Any]:

@@ -202,25 +202,34 @@ def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> No
     for suffix in ("npz", "csv", "vtp"):
         assert msb("audit", "-q", "--elements", tmp_path / f"e.{suffix}", book).status == 0
     with np.load(tmp_path / "e.npz", allow_pickle=False) as data:
-        assert data["edge_nonmanifold"].tolist() == [[0, 1]]
-        assert data["vertex_nonmanifold_edge_endpoint"].tolist() == [0, 1]
-        assert len(data["edge_boundary"]) == 6
+        assert data["nonmanifold_edges"].tolist() == [[0, 1]]
+        assert data["nonmanifold_edge_endpoints"].tolist() == [0, 1]
+        assert data["nonmanifold_vertices"].tolist() == [0, 1]
+        assert len(data["boundary_edges"]) == 6
         assert data["face_component"].tolist() == [0, 0, 0]
     with (tmp_path / "e.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert {"kind": "edge_nonmanifold", "element": "0", "component": "", "vertices": "0 1"}.items() <= next(
-        row for row in rows if row["kind"] == "edge_nonmanifold"
+    assert {"kind": "nonmanifold_edges", "element": "0", "component": "", "vertices": "0 1"}.items() <= next(
+        row for row in rows if row["kind"] == "nonmanifold_edges"
     ).items()
-    head = (tmp_path / "e.vtp").read_bytes()[:400].decode("latin1")
-    assert 'NumberOfVerts="2" NumberOfLines="7" NumberOfStrips="0" NumberOfPolys="3"' in head
+    head = (tmp_path / "e.vtp").read_bytes().partition(b"<CellData>")[0].decode("ascii")
+    assert 'NumberOfVerts="4" NumberOfLines="7" NumberOfStrips="0" NumberOfPolys="3"' in head
 
 
 def test_elements_as_vtk_reads_them(msb: Msb, book: Path, tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista", reason="extra view is not installed")
     assert msb("audit", "-q", "--elements", tmp_path / "e.vtp", book).status == 0
     mesh = pyvista.read(tmp_path / "e.vtp")
-    assert (mesh.n_points, mesh.n_verts, mesh.n_lines, mesh.n_cells) == (5, 2, 7, 2 + 7 + 3)
-    assert mesh.cell_data["kind"].tolist() == [5, 5, *[1] * 6, 2, 0, 0, 0]
+    assert (mesh.n_points, mesh.n_verts, mesh.n_lines, mesh.n_cells) == (5, 4, 7, 4 + 7 + 3)
+    names = ["face", *mesh.field_data["kinds"]]
+    assert [names[kind] for kind in mesh.cell_data["kind"]] == [
+        *["nonmanifold_vertices"] * 2,
+        *["nonmanifold_edge_endpoints"] * 2,
+        "nonmanifold_edges",
+        *["boundary_edges"] * 6,
+        *["face"] * 3,
+    ]
+    assert mesh.cell_data["component"].tolist() == [-1] * 11 + [0] * 3
     assert np.array_equal(mesh.points, BOOK[0])
     assert mesh.faces.reshape(-1, 4)[:, 1:].tolist() == BOOK[1].tolist()
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import msb
 from msb.errors import shorten
 from msb.topology.crosscheck.peers import PEERS
 
@@ -88,7 +87,7 @@ def command(peer: str, folder: Path) -> list[str]:
 
 
 def _start(peer: str, folder: Path) -> subprocess.Popen[bytes]:
-    root = str(Path(msb.__file__).resolve().parent.parent)
+    root = str(Path(__file__).resolve().parents[3])
     path = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     with (folder / f"{peer}.err").open("wb") as errors:
         return subprocess.Popen(
