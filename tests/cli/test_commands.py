@@ -284,7 +284,9 @@ def test_closed_pipe_is_silent(demo_asset: Path) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 def test_interrupt_is_130_and_silent(tmp_path: Path) -> None:
     code = (
-        "import sys, time, msb.cli.inputs\n"
+        # Who is started in the background inherits that interrupts are ignored.
+        "import signal, sys, time, msb.cli.inputs\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(path):\n    print('reading', file=sys.stderr, flush=True)\n    time.sleep(60)\n"
         "msb.cli.inputs.read_input = slow\nsys.argv = ['msb', 'audit', 'data_stubs/splat_like.triasset']\n"
         "from msb.cli import main\nmain()"
@@ -296,7 +298,10 @@ def test_interrupt_is_130_and_silent(tmp_path: Path) -> None:
     assert process.stderr.readline() == "reading\n"
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    try:
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
     assert (process.returncode, out, err) == (130, "", "")
 
 
