@@ -94,7 +94,9 @@ def print_verdict(audit: Audit, console: Console, *, with_path: bool = True) -> 
 
 
 def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:
-    table = plain_table("", *(title for title, _ in _COLUMNS), right=tuple(range(1, len(_COLUMNS) + 1)))
+    arrows = console.encoding.lower().startswith("utf")
+    titles = [title if arrows else title.rstrip(" ↓↑") for title, _ in _COLUMNS]
+    table = plain_table("", *titles, right=tuple(range(1, len(_COLUMNS) + 1)))
     for label, metrics in rows:
         table.add_row(label, *(_cell(key, metrics[key]) for _, key in _COLUMNS))
     console.print(table)

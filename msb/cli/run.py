@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import traceback
@@ -26,6 +27,10 @@ def run(app: typer.Typer, name: str) -> int:
     ``--debug``.
     """
     debug = "--debug" in sys.argv
+    for stream in (sys.stdout, sys.stderr):
+        # A file name need not be text, and a terminal need not know every character.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         status = app(prog_name=name, standalone_mode=False)
         sys.stdout.flush()

@@ -314,6 +314,16 @@ def test_paths_with_spaces_and_other_scripts(msb: Msb, demo_asset: Path, tmp_pat
     assert msb("audit", path).out.startswith(str(path))
 
 
+def test_ascii_terminal_gets_ascii(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    path = tmp_path / "Vögel.triasset"
+    path.write_bytes(demo_asset.read_bytes())
+    result = msb("audit", path, PYTHONIOENCODING="ascii")
+    assert result.status == 0, result.err
+    assert "V\\xf6gel" in result.out
+    assert "\\u2193" not in result.out
+    assert msb("audit", tmp_path / "Käfer.ply", PYTHONIOENCODING="ascii").err.startswith("FILE_NOT_FOUND")
+
+
 def test_control_characters_in_names_do_not_reach_the_terminal(msb: Msb, tmp_path: Path) -> None:
     result = msb("audit", tmp_path / "a\x1b[31m\nb.ply")
     assert result.status == 3
