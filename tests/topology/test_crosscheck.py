@@ -237,15 +237,15 @@ def test_disagreement_says_what_was_expected() -> None:
 
 
 def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    present, here = find_spec, {"trimesh", "networkx"}
+    present, here = find_spec, {"trimesh", "networkx", "manifold3d"}
     monkeypatch.setattr(package, "find_spec", lambda name: present(name) if name in here else None)
     result = check(*TETRAHEDRON)
-    assert {r.peer for r in result.rows} == {"trimesh", "NetworkX"}
-    assert set(result.skipped) == set(PEERS) - {"trimesh", "NetworkX"}
+    assert {r.peer for r in result.rows} == {"trimesh", "NetworkX", "manifold3d"}
+    assert set(result.skipped) == {"libigl", "PyMeshLab"}
     assert all('pip install "meshsplatbench[crosscheck]"' in why for why in result.skipped.values())
 
 
-@pytest.mark.parametrize("here", [set(), {"trimesh"}], ids=["none", "trimesh"])
+@pytest.mark.parametrize("here", [set(), {"trimesh", "networkx"}], ids=["none", "core"])
 def test_missing_extra_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, here: set[str]) -> None:
     present = find_spec
     monkeypatch.setattr(package, "find_spec", lambda name: present(name) if name in here else None)

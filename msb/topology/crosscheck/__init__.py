@@ -29,6 +29,8 @@ __all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 PATIENCE = 60.0
 """Seconds a peer is given, and as many again for each million faces; libigl needs 12 for one."""
+WITH_THE_CORE = {"trimesh", "NetworkX"}
+"""Peers that are there without the extra: a core dependency, and one of scikit-image's."""
 INSTALL = 'pip install "meshsplatbench[crosscheck]"'
 
 
@@ -101,13 +103,13 @@ def cross_check(
     Raises
     ------
     UsageError
-        `EXTRA_MISSING` if no peer is installed but trimesh, which the core needs anyway.
+        `EXTRA_MISSING` if no peer is installed but those that the core brings along.
     MeshError
         As `audit_arrays`: peers read out of bounds where an index is out of range, so none is asked then.
     """
     points, triangles = mesh_arrays(vertices, faces)
     found = [peer for peer in PEERS if find_spec(PEERS[peer].module)]
-    if not set(found) - {"trimesh"}:  # trimesh comes with the core: without the extra it stands alone
+    if not set(found) - WITH_THE_CORE:
         text = f"the extra crosscheck is not installed; {INSTALL} installs {', '.join(PEERS)}"
         raise UsageError("EXTRA_MISSING", text)
     skipped = {peer: f"it is not installed; {INSTALL}" for peer in PEERS if peer not in found}
