@@ -72,10 +72,46 @@ class Setting:
 
 
 @dataclass(frozen=True)
+class Native:
+    """What a method's own representation has (paper: "Native representation and Non-Engine rendering")."""
+
+    connectivity: bool = False
+    """Faces share vertices."""
+    continuous_coverage: bool = False
+    """A primitive's weight falls off inside it."""
+    binary_opacity: bool = False
+    """A sample is there or not, nothing between."""
+    sh: bool = False
+    neural_decoder: bool = False
+    alpha_compositing: bool = False
+
+
+@dataclass(frozen=True)
+class Retained:
+    """What of it an engine condition keeps (paper: "Condition-level engine support").
+
+    A feature is None where the source representation has no such thing.
+    """
+
+    support: Literal["Fallback", "Method-aware"]
+    appearance: str
+    view_dependence: bool | None = None
+    opacity: bool | None = None
+    soft_coverage: bool | None = None
+    depth_sort: bool | None = None
+
+
+@dataclass(frozen=True)
 class Method:
     """One row of the method table."""
 
     title: str
+    paper_name: str | None = None
+    """What the paper's tables call it; None if they do not have it."""
+    native: Native | None = None
+    """None for what is only shown as an extracted mesh, or not at all."""
+    retained: dict[Tier, Retained] = field(default_factory=dict)
+    """For the two engine conditions, `dedicated` and `standard`; absent where not supported."""
     unsupported: dict[Tier, str] = field(default_factory=dict)
     """Tier -> why the method cannot be shown there; a tier not named is supported."""
     settings: dict[str, Setting] = field(default_factory=dict)
@@ -88,14 +124,22 @@ class Method:
 
 
 _SH_DEGREE = Setting(default=3, kind="int", minimum=0, maximum=3)
+_BAKED_DC = Retained("Fallback", "baked SH-DC")
+_AWARE = {"view_dependence": True, "opacity": True, "depth_sort": True}
 _BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 _BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
-_NO_APPEARANCE = "it brings static colours only, so there is no method-specific appearance to draw"
+_NO_APPEARANCE = "it has static colours only, no appearance of its own to draw"
 _NOT_A_MESH = "its primitives are Gaussians, not triangles"
 
 METHODS: dict[str, Method] = {
     "two_dts": Method(
         title="2DTS",
+        paper_name="2dts",
+        native=Native(continuous_coverage=True, sh=True, alpha_compositing=True),
+        retained={
+            "standard": _BAKED_DC,
+            "dedicated": Retained("Method-aware", "SH", soft_coverage=True, **_AWARE),
+        },
         settings={
             "rasterizer": Setting("2D", "choice", choices=("2D", "3D")),
             "sh_degree": _SH_DEGREE,
@@ -109,6 +153,12 @@ METHODS: dict[str, Method] = {
     ),
     "triangle_splatting": Method(
         title="Triangle-Splatting",
+        paper_name="triangle_splatting",
+        native=Native(continuous_coverage=True, sh=True, alpha_compositing=True),
+        retained={
+            "standard": _BAKED_DC,
+            "dedicated": Retained("Method-aware", "SH", soft_coverage=True, **_AWARE),
+        },
         settings={
             "sh_degree": _SH_DEGREE,
             "view_dir": Setting("broadcast_z", "choice", choices=("broadcast_z", "centroid")),
@@ -117,6 +167,9 @@ METHODS: dict[str, Method] = {
     ),
     "mesh_splatting": Method(
         title="MeshSplatting",
+        paper_name="mesh_splatting",
+        native=Native(connectivity=True, sh=True, alpha_compositing=True),
+        retained={"standard": _BAKED_DC, "dedicated": Retained("Method-aware", "SH", **_AWARE)},
         settings={
             "sh_degree": _SH_DEGREE,
             "supersample": Setting(4, "int", minimum=1, maximum=16),
@@ -131,6 +184,9 @@ METHODS: dict[str, Method] = {
     ),
     "diffsoup": Method(
         title="DiffSoup",
+        paper_name="diffsoup",
+        native=Native(binary_opacity=True, neural_decoder=True),
+        retained={"dedicated": Retained("Method-aware", "MLP", **_AWARE)},
         unsupported={"standard": "its colours come from a view-dependent decoder; there is no static colour"},
         settings={
             "layout": Setting("colmap", "choice", choices=("colmap", "synthetic")),
@@ -140,12 +196,15 @@ METHODS: dict[str, Method] = {
         passes={"reference": ("z_buffer", "decode"), "dedicated": ("z_buffer", "decode")},
     ),
     "two_dgs": Method(
-        title="2DGS (extracted mesh)",
+        title="2DGS mesh",
+        paper_name="2dgs",
+        retained={"standard": Retained("Fallback", "baked color")},
         unsupported={"reference": _NO_APPEARANCE, "dedicated": _NO_APPEARANCE},
         passes={"standard": ("opaque_unlit",)},
     ),
     "three_dgs": Method(
         title="3DGS",
+        paper_name="3dgs",
         unsupported=dict.fromkeys(TIERS, _NOT_A_MESH),
     ),
     "mesh": Method(

@@ -85,11 +85,11 @@ class Output:
             sys.stdout.buffer.write(text.encode())
 
 
-def plain_table(*headers: str, right: tuple[int, ...] = ()) -> Table:
-    """Return a table without a frame, `right` naming the right-aligned columns."""
+def plain_table(*headers: str, right: tuple[int, ...] = (), gap: int = 2) -> Table:
+    """Return a table without a frame, `right` naming the right-aligned columns, `gap` blanks between them."""
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    table = Table(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="bold")
     for number, header in enumerate(headers):
         table.add_column(header, justify="right" if number in right else "left", overflow="fold")
     return table
