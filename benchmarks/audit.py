@@ -237,8 +237,10 @@ def machine() -> dict[str, str]:
     if info.exists():
         names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
         model = names[0].split(":", 1)[1].strip() if names else model
-    packages = {}
-    for name in ("meshsplatbench", "numpy", "scipy", "libigl", "pymeshlab", "trimesh"):
+    from msb import __version__
+
+    packages = {"meshsplatbench": __version__}
+    for name in ("numpy", "scipy", "libigl", "pymeshlab", "trimesh"):
         try:
             packages[name] = version(name)
         except PackageNotFoundError:
