@@ -1,0 +1,113 @@
+"""The layout `torch.save` wrote before torch 1.6, and still writes when asked: pickles, then raw storages.
+
+Five pickles follow each other: a magic number, the number 1001, facts about the machine, the saved value, and
+the list of storage keys in file order. Then come the storages, each a 64-bit count of elements and the
+elements. Where a storage is follows from the types of those before it, which only the value names, so its
+pickle is followed twice: first to learn what is declared, then with everything in place. Facts:
+pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any
+
+from msb.adapters.checkpoint.archive import MAX_PICKLE
+from msb.adapters.checkpoint.pickle_machine import run_pickle
+from msb.adapters.checkpoint.refusal import Refusal
+from msb.adapters.checkpoint.tensors import DeclaredStorages, Place, Storages
+
+MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
+PROTOCOL_VERSION = 1001
+MAX_STORAGES = 20_000
+"""As many as an archive may have members."""
+
+_COUNT = struct.Struct("<q")
+_START = re.compile(
+    rb"\x80[\x02-\x04](\x95.{8})?\x8a\x0a" + re.escape(MAGIC_NUMBER.to_bytes(10, "little")), re.DOTALL
+)
+
+
+def is_legacy(head: bytes) -> bool:
+    """Return whether a file that starts with `head` is of this layout."""
+    return _START.match(head) is not None
+
+
+def read_legacy(view: memoryview) -> Any:
+    """Return what is saved in the file `view`.
+
+    Raises
+    ------
+    Refusal
+        With any code `CHECKPOINT_...` that is not about archives.
+    """
+    position = 0
+    header = []
+    for _ in range(3):
+        value, position = _pickle_at(view, position)
+        header.append(value)
+    _check_header(*header)
+    start = position
+    declared = DeclaredStorages()
+    _, position = _pickle_at(view, start, declared)
+    keys, position = _pickle_at(view, position)
+    places = _places(view, position, keys, declared)
+    return _pickle_at(view, start, Storages(view, places))[0]
+
+
+def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -> tuple[Any, int]:
+    """Return the value of the pickle at byte `start` of the file, and where it ends."""
+    data = bytes(view[start : start + MAX_PICKLE])
+    try:
+        value, end = run_pickle(data, storages, origin=start)
+    except Refusal as refusal:
+        cut = refusal.code in ("CHECKPOINT_PICKLE_NO_STOP", "CHECKPOINT_PICKLE_TRUNCATED")
+        if cut and start + MAX_PICKLE < len(view):
+            text = f"a pickle has more than {MAX_PICKLE} bytes"
+            raise Refusal("CHECKPOINT_PICKLE_TOO_LARGE", text, at=refusal.at, limit=MAX_PICKLE) from None
+        raise
+    return value, start + end
+
+
+def _check_header(magic: Any, version: Any, system: Any) -> None:
+    if type(magic) is not int or magic != MAGIC_NUMBER:
+        raise Refusal("CHECKPOINT_LEGACY_HEADER", "it does not start with torch's magic number alone")
+    if type(version) is not int or version != PROTOCOL_VERSION:
+        text = f"torch's magic number is not followed by the number {PROTOCOL_VERSION}"
+        raise Refusal("CHECKPOINT_LEGACY_HEADER", text)
+    little = system.get("little_endian") if type(system) is dict else None
+    if type(little) is not bool:
+        text = "it does not say whether it was written on a little-endian machine"
+        raise Refusal("CHECKPOINT_LEGACY_HEADER", text)
+    if not little:
+        raise Refusal("CHECKPOINT_BYTE_ORDER", "it was written on a big-endian machine")
+
+
+def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Place]:
+    """Return where the storages are, which fill the rest of the file in the order of `keys`."""
+    code = "CHECKPOINT_LEGACY_STORAGES"
+    known = declared.declared
+    if len(known) > MAX_STORAGES or type(keys) is not list or len(keys) != len(known):
+        raise Refusal(code, f"the list of keys is not that of {len(known)} storages", at=f"byte {position}")
+    places: dict[str, Place] = {}
+    for key in keys:
+        at = f"byte {position}"
+        if type(key) is not str or key not in known or key in places:
+            raise Refusal(code, "the list of keys names a storage that no tensor uses, or one twice", at=at)
+        storage = known[key]
+        assert storage.kind.dtype is not None
+        length = storage.count * storage.kind.dtype.itemsize
+        end = position + _COUNT.size + length
+        if end > len(view):
+            raise Refusal("CHECKPOINT_STORAGE_MISSING", f"the file ends before storage {key} does", at=at)
+        (count,) = _COUNT.unpack_from(view, position)
+        if count != storage.count:
+            text = f"storage {key} has {count} elements; the pickle says {storage.count}"
+            raise Refusal("CHECKPOINT_STORAGE_SIZE", text, at=at, value=count, limit=storage.count)
+        places[key] = Place(position + _COUNT.size, length)
+        position = end
+    if position != len(view):
+        text = f"{len(view) - position} bytes follow the last storage"
+        raise Refusal(code, text, at=f"byte {position}")
+    return places

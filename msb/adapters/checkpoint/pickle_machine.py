@@ -1,0 +1,356 @@
+"""A closed interpreter for the part of pickle that checkpoints use.
+
+A pickle is a program for a small stack machine. Python's own interpreter imports and calls whatever the
+program names, which is why a pickle from a stranger must never be loaded. This one knows the 40 instructions
+that writing dicts, lists, tuples, text, numbers and tensors needs; names select functions from the list in
+`names.py`, and every other instruction or name ends the reading. The meaning of instructions: the comments
+of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from msb.adapters.checkpoint.names import Function, ScalarType, find
+from msb.adapters.checkpoint.refusal import Refusal
+from msb.adapters.checkpoint.tensors import DeclaredStorages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.adapters.checkpoint.tensors import Storages
+
+MAX_OPCODES = 1_000_000
+"""A few thousand are usual, a list of a loss per training step adds 10 000. An instruction can cost some
+hundred bytes (an empty dict, a tensor), so this also bounds memory, at some hundred MiB."""
+MAX_MEMO = 500_000
+"""Each entry of the memo costs an instruction to set and one to make what it holds."""
+MAX_INTEGER_BYTES = 16
+"""Longer integers are nobody's sizes or seeds; torch's own magic number has 10 bytes."""
+MAX_NAME = 200
+"""Bytes in one line of GLOBAL."""
+PROTOCOLS = range(2, 5)
+"""2 is torch's default; what torch writes with 5 has never been seen."""
+
+_MISSING = object()
+_U8, _U16, _I32, _U32, _U64 = (struct.Struct(f"<{code}") for code in "BHiIQ")
+_F64 = struct.Struct(">d")  # the one number in a pickle that is big-endian
+
+
+class _Machine:
+    """One run over `data`, from byte `start` to the STOP instruction."""
+
+    def __init__(self, data: bytes, start: int, storages: Storages) -> None:
+        self.data, self.position, self.storages = data, start, storages
+        self.at = start
+        self.protocol = 0
+        self.frame_end: int | None = None
+        self.stack: list[Any] = []
+        self.below: list[list[Any]] = []
+        """What is on the stack under each mark that is still open."""
+        self.memo: dict[int, Any] = {}
+        self.ordered: dict[int, dict[Any, Any]] = {}
+        """The dictionaries that were OrderedDicts, by id: only these may have attributes."""
+
+    def run(self) -> Any:
+        """Follow the program and return its result."""
+        for _ in range(MAX_OPCODES):
+            self.at = self.position
+            if self.position >= len(self.data):
+                raise Refusal("CHECKPOINT_PICKLE_NO_STOP", "the pickle ends without STOP")
+            code = self.data[self.position]
+            self.position += 1
+            instruction = INSTRUCTIONS.get(code)
+            if instruction is None:
+                text = f"instruction {code:#04x} is not one that plain data and tensors need"
+                raise Refusal("CHECKPOINT_PICKLE_OPCODE", text, value=code)
+            if instruction.since > self.protocol and code != 0x80:
+                text = f"instruction {code:#04x} does not belong to protocol {self.protocol}"
+                raise Refusal("CHECKPOINT_PICKLE_PROTOCOL", text, value=code)
+            instruction.follow(self)
+            self.check_frame()
+            if code == 0x2E:
+                return self.stack[0]
+        raise Refusal(
+            "CHECKPOINT_PICKLE_TOO_MANY_OPCODES",
+            f"the pickle has more than {MAX_OPCODES} instructions",
+            limit=MAX_OPCODES,
+        )
+
+    # --- arguments
+
+    def take(self, count: int) -> bytes:
+        """Return the next `count` bytes of the program."""
+        end = self.position + count
+        if end > len(self.data):
+            text = f"an instruction announces {count} bytes, {len(self.data) - self.position} are left"
+            raise Refusal("CHECKPOINT_PICKLE_TRUNCATED", text)
+        taken = self.data[self.position : end]
+        self.position = end
+        return taken
+
+    def number(self, layout: struct.Struct) -> Any:
+        return layout.unpack(self.take(layout.size))[0]
+
+    def line(self) -> str:
+        """Return the next line, without its end, as a name."""
+        end = self.data.find(b"\n", self.position, self.position + MAX_NAME + 1)
+        if end < 0:
+            code = "GLOBAL" if self.position + MAX_NAME < len(self.data) else "TRUNCATED"
+            raise Refusal(f"CHECKPOINT_PICKLE_{code}", f"a name does not end within {MAX_NAME} bytes")
+        return _text(self.take(end + 1 - self.position)[:-1])
+
+    # --- stack and memo
+
+    def push(self, value: Any) -> None:
+        self.stack.append(value)
+
+    def pop(self) -> Any:
+        if not self.stack:
+            raise Refusal("CHECKPOINT_PICKLE_STACK", "the stack is empty, or empty down to the last mark")
+        return self.stack.pop()
+
+    def top(self) -> Any:
+        self.push(self.pop())
+        return self.stack[-1]
+
+    def pop_to_mark(self) -> list[Any]:
+        if not self.below:
+            raise Refusal("CHECKPOINT_PICKLE_MARK", "items are collected down to a mark that was never set")
+        items, self.stack = self.stack, self.below.pop()
+        return items
+
+    def put(self, index: int, *, memoize: bool = False) -> None:
+        """Remember the top of the stack. Protocol 4 numbers by itself (MEMOIZE), others say the number."""
+        if memoize != (self.protocol >= 4) or index in self.memo:
+            text = f"memo entry {index} is set twice, or not in the way of protocol {self.protocol}"
+            raise Refusal("CHECKPOINT_PICKLE_MEMO", text)
+        if len(self.memo) >= MAX_MEMO:
+            raise Refusal("CHECKPOINT_PICKLE_MEMO", f"more than {MAX_MEMO} memo entries", limit=MAX_MEMO)
+        self.memo[index] = self.top()
+
+    def get(self, index: int) -> None:
+        value = self.memo.get(index, _MISSING)
+        if value is _MISSING:
+            raise Refusal("CHECKPOINT_PICKLE_MEMO", f"memo entry {index} is used but not set", value=index)
+        self.push(value)
+
+    # --- the protocol and its frames
+
+    def set_protocol(self) -> None:
+        version = self.number(_U8)
+        if self.protocol or version not in PROTOCOLS:
+            text = f"the pickle says protocol {version}, or says it twice; 2 to 4 are read"
+            raise Refusal("CHECKPOINT_PICKLE_PROTOCOL", text, value=version)
+        self.protocol = version
+
+    def open_frame(self) -> None:
+        length = self.number(_U64)
+        if self.frame_end is not None or length > len(self.data) - self.position:
+            text = f"a frame announces {length} bytes and does not fit, or starts inside another"
+            raise Refusal("CHECKPOINT_PICKLE_FRAME", text, value=length)
+        self.frame_end = self.position + length
+
+    def check_frame(self) -> None:
+        """A frame ends between two instructions, and the last one with the program."""
+        if self.frame_end is None or self.position < self.frame_end:
+            return
+        if self.position > self.frame_end:
+            raise Refusal("CHECKPOINT_PICKLE_FRAME", "a frame ends inside an instruction")
+        self.frame_end = None
+
+    def stop(self) -> None:
+        if self.below:
+            raise Refusal("CHECKPOINT_PICKLE_MARK", "a mark is still open at the end")
+        if len(self.stack) != 1:
+            raise Refusal("CHECKPOINT_PICKLE_STACK", f"{len(self.stack)} values are left instead of one")
+        if self.frame_end is not None and self.frame_end != self.position:
+            raise Refusal("CHECKPOINT_PICKLE_FRAME", "the last frame is longer than what is in it")
+
+    # --- values
+
+    def mark(self) -> None:
+        self.below.append(self.stack)
+        self.stack = []
+
+    def push_text(self, layout: struct.Struct) -> None:
+        self.push(_text(self.take(self.number(layout))))
+
+    def push_integer(self, layout: struct.Struct) -> None:
+        length = self.number(layout)
+        if not 0 <= length <= MAX_INTEGER_BYTES:
+            text = f"an integer of {length} bytes; at most {MAX_INTEGER_BYTES} are read"
+            raise Refusal("CHECKPOINT_PICKLE_INTEGER", text, value=length)
+        self.push(int.from_bytes(self.take(length), "little", signed=True))
+
+    def push_tuple(self, count: int) -> None:
+        items = [self.pop() for _ in range(count)]
+        self.push(tuple(reversed(items)))
+
+    def append(self, items: list[Any]) -> None:
+        target = self.top()
+        if type(target) is not list:
+            raise Refusal(
+                "CHECKPOINT_PICKLE_ITEM", f"an item for a {type(target).__name__}, which is no list"
+            )
+        target += items
+
+    def set_items(self, items: list[Any]) -> None:
+        target = self.top()
+        if type(target) is not dict or len(items) % 2:
+            text = f"keys and values for a {type(target).__name__}; a dict and pairs are needed"
+            raise Refusal("CHECKPOINT_PICKLE_ITEM", text)
+        for key, value in zip(items[::2], items[1::2], strict=True):
+            # Only what hashes fast whatever its value: a tuple can take 2^50 steps.
+            if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
+                text = f"a key is a {type(key).__name__}; text and 64-bit integers are read"
+                raise Refusal("CHECKPOINT_PICKLE_KEY", text)
+            if key in target:
+                raise Refusal("CHECKPOINT_PICKLE_DUPLICATE_KEY", "a dictionary gets the same key twice")
+            target[key] = value
+
+    def pop_pair(self) -> list[Any]:
+        value = self.pop()
+        return [self.pop(), value]
+
+    # --- names and calls
+
+    def name_from_stack(self) -> None:
+        module, name = self.pop_pair()
+        if type(module) is not str or type(name) is not str:
+            raise Refusal("CHECKPOINT_PICKLE_GLOBAL", "a name that is no text")
+        self.push(find(module, name))
+
+    def call(self) -> None:
+        function, arguments = self.pop_pair()
+        if type(function) is not Function or type(arguments) is not tuple:
+            text = f"a {type(function).__name__} is called with a {type(arguments).__name__}"
+            raise Refusal("CHECKPOINT_PICKLE_CALL", text)
+        result = function.apply(self.storages, arguments)
+        if type(result) is dict:
+            self.ordered[id(result)] = result
+        self.push(result)
+
+    def build(self) -> None:
+        """Attributes (`_metadata` of a state dict) are dropped; a NumPy type may say what it already is."""
+        state, target = self.pop(), self.top()
+        if id(target) in self.ordered:
+            accepted = type(state) is dict
+        else:
+            accepted = type(target) is ScalarType and target.accepts_state(state)
+        if not accepted:
+            text = f"a {type(target).__name__} gets a state it cannot have"
+            raise Refusal("CHECKPOINT_PICKLE_BUILD", text)
+
+
+def _text(raw: bytes) -> str:
+    try:
+        return raw.decode()
+    except UnicodeDecodeError as error:
+        raise Refusal("CHECKPOINT_PICKLE_TEXT", f"text is not UTF-8: {error.reason}") from None
+
+
+class _Instruction(NamedTuple):
+    since: int
+    """The first protocol that has it; those of 0 and 1 count as 2."""
+    follow: Callable[[_Machine], None]
+
+
+def _push(make: Callable[[], Any]) -> Callable[[_Machine], None]:
+    return lambda machine: machine.push(make())
+
+
+def _push_number(layout: struct.Struct) -> Callable[[_Machine], None]:
+    return lambda machine: machine.push(machine.number(layout))
+
+
+def _push_bytes(layout: struct.Struct) -> Callable[[_Machine], None]:
+    return lambda machine: machine.push(machine.take(machine.number(layout)))
+
+
+INSTRUCTIONS: dict[int, _Instruction] = {
+    code: _Instruction(since, follow)
+    for since, table in (
+        (
+            2,
+            {
+                0x80: _Machine.set_protocol,  # PROTO
+                0x2E: _Machine.stop,  # STOP
+                0x28: _Machine.mark,  # MARK
+                0x4E: _push(lambda: None),  # NONE
+                0x88: _push(lambda: True),  # NEWTRUE
+                0x89: _push(lambda: False),  # NEWFALSE
+                0x4A: _push_number(_I32),  # BININT
+                0x4B: _push_number(_U8),  # BININT1
+                0x4D: _push_number(_U16),  # BININT2
+                0x47: _push_number(_F64),  # BINFLOAT
+                0x8A: lambda m: m.push_integer(_U8),  # LONG1
+                0x8B: lambda m: m.push_integer(_I32),  # LONG4
+                0x58: lambda m: m.push_text(_U32),  # BINUNICODE
+                0x5D: _push(list),  # EMPTY_LIST
+                0x61: lambda m: m.append([m.pop()]),  # APPEND
+                0x65: lambda m: m.append(m.pop_to_mark()),  # APPENDS
+                0x29: _push(tuple),  # EMPTY_TUPLE
+                0x74: lambda m: m.push(tuple(m.pop_to_mark())),  # TUPLE
+                0x85: lambda m: m.push_tuple(1),  # TUPLE1
+                0x86: lambda m: m.push_tuple(2),  # TUPLE2
+                0x87: lambda m: m.push_tuple(3),  # TUPLE3
+                0x7D: _push(dict),  # EMPTY_DICT
+                0x73: lambda m: m.set_items(m.pop_pair()),  # SETITEM
+                0x75: lambda m: m.set_items(m.pop_to_mark()),  # SETITEMS
+                0x71: lambda m: m.put(m.number(_U8)),  # BINPUT
+                0x72: lambda m: m.put(m.number(_U32)),  # LONG_BINPUT
+                0x68: lambda m: m.get(m.number(_U8)),  # BINGET
+                0x6A: lambda m: m.get(m.number(_U32)),  # LONG_BINGET
+                0x63: lambda m: m.push(find(m.line(), m.line())),  # GLOBAL
+                0x51: lambda m: m.push(m.storages.storage(m.pop())),  # BINPERSID
+                0x52: _Machine.call,  # REDUCE
+                0x62: _Machine.build,  # BUILD
+            },
+        ),
+        (3, {0x42: _push_bytes(_U32), 0x43: _push_bytes(_U8)}),  # BINBYTES, SHORT_BINBYTES
+        (
+            4,
+            {
+                0x95: _Machine.open_frame,  # FRAME
+                0x8C: lambda m: m.push_text(_U8),  # SHORT_BINUNICODE
+                0x8D: lambda m: m.push_text(_U64),  # BINUNICODE8
+                0x8E: _push_bytes(_U64),  # BINBYTES8
+                0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
+                0x93: _Machine.name_from_stack,  # STACK_GLOBAL
+            },
+        ),
+    )
+    for code, follow in table.items()
+}
+"""By their byte; the names behind them are those of the standard library's `pickletools`."""
+
+
+def run_pickle(
+    data: bytes, storages: Storages | None = None, *, start: int = 0, where: str = "", origin: int = 0
+) -> tuple[Any, int]:
+    """Follow one pickle; return its value and the position after it.
+
+    Parameters
+    ----------
+    data : bytes
+        May hold more behind the pickle.
+    storages : Storages, optional
+        What persistent ids refer to; without it they are noted and lead nowhere.
+    start : int
+        Where in `data` it begins.
+    where, origin : str, int
+        For error messages: "data.pkl " if positions count in that member, and what to add to them.
+
+    Raises
+    ------
+    Refusal
+        With a code `CHECKPOINT_PICKLE_...`, `CHECKPOINT_STORAGE_...` or `CHECKPOINT_TENSOR_...`.
+    """
+    machine = _Machine(data, start, DeclaredStorages() if storages is None else storages)
+    try:
+        return machine.run(), machine.position
+    except Refusal as refusal:
+        refusal.at = f"{where}byte {machine.at + origin}"
+        raise

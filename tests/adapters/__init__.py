@@ -1,0 +1,3 @@
+"""Tests of what reads trained checkpoints."""
+
+from __future__ import annotations

@@ -1,0 +1,188 @@
+"""Checkpoints whose data.pkl is a bad program: names, instructions, stack, memo, frames, limits."""
+
+from __future__ import annotations
+
+import pickletools
+import struct
+from typing import TYPE_CHECKING
+
+from tests.adapters.assemble import (
+    Case,
+    archive,
+    call,
+    frame,
+    name,
+    program,
+    row,
+    short_text,
+    text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def bad(label: str, title: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
+    """Return a case with the given program as data.pkl."""
+    build = make if callable(make) else lambda: make
+    return Case(f"pickle_{label}", title, f"CHECKPOINT_PICKLE_{code}", lambda: archive(build()))
+
+
+# --- names: what a stranger would call ---------------------------------------------------------------
+
+STRANGERS = """
+os.system posix.system nt.system os.popen os.execv subprocess.Popen subprocess.check_output socket.socket
+builtins.eval builtins.exec builtins.compile builtins.getattr builtins.__import__ builtins.open
+builtins.print builtins.set __builtin__.eval runpy._run_code runpy.run_path importlib.import_module
+pickle.loads _pickle.loads marshal.loads code.interact pdb.run timeit.timeit webbrowser.open
+operator.attrgetter operator.methodcaller functools.partial types.CodeType types.FunctionType sys.exit
+sys.modules copyreg.__newobj__ copyreg._reconstructor copy_reg._reconstructor collections.defaultdict
+collections.Counter collections.ordereddict _codecs.decode codecs.encode torch.hub.load torch.load torch.Size
+torch.device torch.float32 torch.jit.load torch.serialization.load torch._utils._import_dotted_name
+torch.storage._load_from_bytes torch.storage.TypedStorage torch.nn.modules.linear.Linear numpy.load
+numpy.ndarray numpy.core.multiarray._reconstruct numpy._core.multiarray._reconstruct
+numpy.random._pickle.__randomstate_ctor numpy.testing._private.utils.runstring argparse.Namespace
+pathlib.PosixPath omegaconf.dictconfig.DictConfig pytorch_lightning.callbacks.ModelCheckpoint msb.export
+msb.adapters.checkpoint.read_checkpoint
+"""
+
+ODD_NAMES = [
+    ("dotted", "torch", "_utils._rebuild_tensor_v2"),
+    ("dotted_deeper", "torch._utils", "_rebuild_tensor_v2.__globals__"),
+    ("dotted_method", "collections", "OrderedDict.fromkeys"),
+    ("dotted_class", "numpy._core.multiarray", "scalar.__class__"),
+    ("case", "Torch._utils", "_rebuild_tensor_v2"),
+    ("space", "collections ", "OrderedDict"),
+    ("carriage_return", "collections\r", "OrderedDict\r"),
+    ("nul", "collections\0", "OrderedDict"),
+    ("empty", "", ""),
+    ("no_module", "", "eval"),
+    ("greek_letter", "cοllections", "OrderedDict"),  # noqa: RUF001 the omicron is the point
+    ("escape_sequence", "\x1b[2J", "clear"),
+    ("path", "../../os", "system"),
+    ("long", "x" * 199, "y"),
+]
+
+
+def attack(module: str, what: str) -> bytes:
+    return program(call(name(module, what), text("echo hacked > /tmp/hacked")))
+
+
+NAME_CASES = [
+    *(
+        bad(f"name_{full}", f"calls {full}", "GLOBAL", attack(*full.rsplit(".", 1)))
+        for full in STRANGERS.split()
+    ),
+    *(
+        bad(f"name_{label}", f"a name that is odd: {label}", "GLOBAL", attack(m, n))
+        for label, m, n in ODD_NAMES
+    ),
+    bad("name_too_long", "a name without end", "GLOBAL", program(name("x" * 300, "y"))),
+    bad(
+        "name_from_stack",
+        "os.system by STACK_GLOBAL",
+        "GLOBAL",
+        program(short_text("os"), short_text("system"), b"\x93", row(text("id")), b"R", protocol=4),
+    ),
+    bad("name_number", "a module that is a number", "GLOBAL", program(b"K\x01K\x02\x93", protocol=4)),
+    bad(
+        "name_dotted_from_stack",
+        "a dotted name by STACK_GLOBAL",
+        "GLOBAL",
+        program(short_text("torch"), short_text("_utils._rebuild_tensor_v2"), b"\x93", protocol=4),
+    ),
+    bad("name_not_utf8", "a name that is no text", "TEXT", b"\x80\x02c\xff\xfe\nx\n."),
+]
+
+# --- instructions we do not have ----------------------------------------------------------------------
+
+USED = """
+PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 BINFLOAT LONG1 LONG4 BINUNICODE
+SHORT_BINUNICODE BINUNICODE8 BINBYTES SHORT_BINBYTES BINBYTES8 EMPTY_LIST APPEND APPENDS EMPTY_TUPLE TUPLE
+TUPLE1 TUPLE2 TUPLE3 EMPTY_DICT SETITEM SETITEMS BINPUT LONG_BINPUT MEMOIZE BINGET LONG_BINGET GLOBAL
+STACK_GLOBAL BINPERSID REDUCE BUILD
+"""
+ARGUMENTS = {
+    "INST": b"os\nsystem\n",
+    "PERSID": b"0\n",
+    "GET": b"0\n",
+    "PUT": b"0\n",
+    "EXT1": b"\x01",
+    "EXT2": b"\x01\0",
+    "EXT4": b"\x01\0\0\0",
+}
+OPCODE_CASES = [
+    *(
+        bad(
+            f"opcode_{op.name.lower()}",
+            f"the instruction {op.name}",
+            "OPCODE",
+            program(b"(N" + op.code.encode("latin1") + ARGUMENTS.get(op.name, b"1\n"), protocol=4),
+        )
+        for op in pickletools.opcodes
+        if op.name not in USED.split()
+    ),
+    bad("opcode_unknown", "a byte that is no instruction", "OPCODE", program(b"\xff")),
+    bad("opcode_zero", "a zero byte", "OPCODE", program(b"\0")),
+    bad("protocol_missing", "no PROTO", "PROTOCOL", b"N."),
+    bad("protocol_0", "protocol 0", "PROTOCOL", program(b"N", protocol=0)),
+    bad("protocol_1", "protocol 1", "PROTOCOL", program(b"N", protocol=1)),
+    bad("protocol_5", "protocol 5", "PROTOCOL", program(b"N", protocol=5)),
+    bad("protocol_255", "protocol 255", "PROTOCOL", program(b"N", protocol=255)),
+    bad("protocol_twice", "PROTO in the middle", "PROTOCOL", program(b"\x80\x02N")),
+    bad("protocol_early_bytes", "bytes in protocol 2", "PROTOCOL", program(b"C\x01x")),
+    bad("protocol_early_text", "short text in protocol 3", "PROTOCOL", program(b"\x8c\x01x", protocol=3)),
+    bad("protocol_early_frame", "a frame in protocol 2", "PROTOCOL", program(frame(b"N"))),
+    bad("protocol_early_memoize", "MEMOIZE in protocol 2", "PROTOCOL", program(b"N\x94")),
+]
+
+# --- where it ends ------------------------------------------------------------------------------------
+
+GIANT = struct.pack("<I", 0x7FFFFFFF)
+GIANT8 = struct.pack("<Q", 1 << 62)
+END_CASES = [
+    bad("empty", "an empty data.pkl", "NO_STOP", b""),
+    bad("no_stop", "no STOP", "NO_STOP", b"\x80\x02}"),
+    bad("trailing", "bytes after STOP", "TRAILING", program(b"N") + b"N"),
+    bad("two_pickles", "a second pickle after the first", "TRAILING", program(b"N") * 2),
+    bad("cut_proto", "ends in PROTO", "TRUNCATED", b"\x80"),
+    bad("cut_integer", "ends in an integer", "TRUNCATED", b"\x80\x02J\x01\x02"),
+    bad("cut_float", "ends in a float", "TRUNCATED", b"\x80\x02G\x00"),
+    bad("cut_name", "ends in a name", "TRUNCATED", b"\x80\x02ccollections\nOrd"),
+    bad("text_2_gib", "text of 2 GiB that is not there", "TRUNCATED", program(b"X" + GIANT)),
+    bad("text_4_gib", "text of 4 GiB that is not there", "TRUNCATED", program(b"X\xff\xff\xff\xff")),
+    bad("text_huge", "BINUNICODE8 of 2^62 bytes", "TRUNCATED", program(b"\x8d" + GIANT8, protocol=4)),
+    bad("text_short", "short text longer than the rest", "TRUNCATED", program(b"\x8c\xffx", protocol=4)),
+    bad("bytes_2_gib", "bytes of 2 GiB that are not there", "TRUNCATED", program(b"B" + GIANT, protocol=3)),
+    bad("bytes_huge", "BINBYTES8 of 2^62 bytes", "TRUNCATED", program(b"\x8e" + GIANT8, protocol=4)),
+    bad("bytes_short", "short bytes longer than the rest", "TRUNCATED", program(b"C\xffx", protocol=3)),
+    bad("integer_cut", "LONG1 longer than the rest", "TRUNCATED", program(b"\x8a\x10\x01")),
+    bad("integer_long1", "LONG1 of 255 bytes", "INTEGER", program(b"\x8a\xff" + bytes(255))),
+    bad("integer_long4", "LONG4 of 2 GiB", "INTEGER", program(b"\x8b" + GIANT)),
+    bad("integer_negative", "LONG4 of negative length", "INTEGER", program(b"\x8b\xff\xff\xff\xff")),
+    bad("text_not_utf8", "text that is not UTF-8", "TEXT", program(text(b"\xff\xfe"))),
+    bad("text_surrogate", "text with half a surrogate pair", "TEXT", program(text(b"\xed\xa0\x80"))),
+    bad("text_overlong", "text in overlong UTF-8", "TEXT", program(text(b"\xc0\x80"))),
+    bad(
+        "frame_too_long",
+        "a frame longer than the file",
+        "FRAME",
+        program(b"\x95" + GIANT8 + b"N", protocol=4),
+    ),
+    bad("frame_maximal", "a frame of 2^64 - 1", "FRAME", program(b"\x95" + b"\xff" * 8, protocol=4)),
+    bad("frame_nested", "a frame in a frame", "FRAME", program(frame(frame(b"N") + b"0"), protocol=4)),
+    bad(
+        "frame_splits",
+        "a frame ends in an integer",
+        "FRAME",
+        program(frame(b"J\x01") + b"\0\0\0", protocol=4),
+    ),
+    bad(
+        "frame_past_stop",
+        "a frame goes on after STOP",
+        "FRAME",
+        b"\x80\x04" + frame(b"N.N"),
+    ),
+]
+
+CASES = [*NAME_CASES, *OPCODE_CASES, *END_CASES]
