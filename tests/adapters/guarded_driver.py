@@ -14,7 +14,7 @@ from pathlib import Path
 
 from msb.adapters.checkpoint import read_checkpoint
 from msb.errors import CheckpointError
-from tests.asset.guarded_driver import LIMIT, fail, guard
+from tests.asset.guarded_driver import LIMIT, fail, guard, peak_mib
 
 MOST_MIB = 350
 """Peak of resident memory over all cases; the highest is a third of a million tensors of 32 axes."""
@@ -26,12 +26,12 @@ def main(root: Path) -> None:
     rows = json.loads((root / "index.json").read_text())
     read_checkpoint(root / "good.pt")  # whatever is loaded on first use is loaded now
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    # Opened now, read later: no such file may be opened under guard. Not `getrusage`: its peak is inherited.
+    # Opened now, read later: no such file may be opened under guard.
     with Path("/proc/self/status").open(encoding="ascii") as status:
         resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT, used + LIMIT))
         guard(root)
         read_all(root, rows)
-        peak = next(int(line.split()[1]) >> 10 for line in status if line.startswith("VmHWM"))
+        peak = peak_mib(status)
     if peak > MOST_MIB:
         fail(f"used {peak} MiB at most")
     sys.stdout.write(f"{len(rows)} cases, {peak} MiB\n")

@@ -82,16 +82,19 @@ def write_large(folder: Path, form: str, gib: float) -> Path:
 
 
 OPEN = """
-import json, resource, sys
+import json, sys
+from pathlib import Path
 import msb
 from msb.asset import load
+from tests.asset.guarded_driver import peak_mib
 load(sys.argv[1])
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+status = Path("/proc/self/status")
+before = peak_mib(status.read_text().splitlines())
 asset = load(sys.argv[2])
 last = asset.buffers["positions"][-1].tolist() + asset.buffers["indices"].ravel().tolist()
-after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+after = peak_mib(status.read_text().splitlines())
 total = sum(array.nbytes for array in asset.buffers.values())
-print(json.dumps({"bytes": total, "last": last, "mib": (after - before) / 1024}))
+print(json.dumps({"bytes": total, "last": last, "mib": after - before}))
 """
 
 
@@ -102,7 +105,12 @@ def test_gigabytes_are_opened_without_reading_them(form: str, gib: float, tmp_pa
     path, small = write_large(tmp_path, form, gib), tmp_path / "small.triasset"
     parts(mesh()).write_packed(small)
     done = subprocess.run(
-        [sys.executable, "-c", OPEN, small, path], capture_output=True, text=True, check=False, timeout=60
+        [sys.executable, "-c", OPEN, small, path],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        cwd=Path(__file__).parents[2],
     )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
