@@ -8,16 +8,13 @@ import shutil
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from msb.asset import load
 from tests.corpus.forge import Entry, central_header, end64_records, end_record, local_header, padding, zip64
 from tests.corpus.good import Parts, mesh, parts
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FULL32 = 0xFFFFFFFF
 GIB = 1 << 30
