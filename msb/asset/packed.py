@@ -16,6 +16,18 @@ from typing import Any, NoReturn
 
 from msb.asset.manifest import ALIGNMENT, MANIFEST_NAME
 from msb.asset.paths import is_member_name
+from msb.asset.zip_records import (
+    CENTRAL,
+    DESCRIPTOR,
+    ENCRYPTED,
+    END,
+    END64,
+    EXTRA_ZIP64,
+    FULL16,
+    FULL32,
+    LOCAL,
+    LOCATOR,
+)
 from msb.errors import AssetError, shorten
 
 MAX_MEMBERS = 65
@@ -23,16 +35,7 @@ MAX_MEMBERS = 65
 MAX_EXTRA = 128
 """Padding to 64 bytes plus one ZIP64 record need fewer; more could hide data."""
 
-_LOCAL = struct.Struct("<4s5H3I2H")
-_CENTRAL = struct.Struct("<4s6H3I5H2I")
-_END = struct.Struct("<4s4H2IH")
-_END64 = struct.Struct("<4sQ2H2I4Q")
-_LOCATOR = struct.Struct("<4sIQI")
-_FULL16, _FULL32 = 0xFFFF, 0xFFFFFFFF
-_ENCRYPTED = 0x0001 | 0x0040 | 0x2000
-_DESCRIPTOR = 0x0008
 _DOS_FOLDER = 0x10
-_EXTRA_ZIP64 = 0x0001
 _EXTRA_NAME = 0x7075
 """Info-ZIP's Unicode path: some readers take the member's name from here."""
 
@@ -95,25 +98,25 @@ class _Parser:
 
     def directory(self) -> tuple[int, int, int]:
         """Return the number of entries, and where the central directory starts and ends."""
-        at = self.size - _END.size
+        at = self.size - END.size
         if at < 0 or self.data[at : at + 4] != b"PK\x05\x06":
-            first = max(0, self.size - _END.size - _FULL16)
+            first = max(0, self.size - END.size - FULL16)
             found = self.data[first : self.size].rfind(b"PK\x05\x06")
-            after = first + found + _END.size
+            after = first + found + END.size
             if found >= 0 and after <= self.size:
                 self.refuse("TRIASSET_ZIP_FOREIGN_DATA", "there is data after the end of the ZIP", after)
             self.refuse("TRIASSET_ZIP_TRUNCATED", "the ZIP's end record is missing: the file is cut off", at)
         disk, first_disk, here, count, length, start, comment = self.record(
-            _END, at, b"PK\x05\x06", "end record"
+            END, at, b"PK\x05\x06", "end record"
         )
         if comment:
             self.refuse("TRIASSET_ZIP_FOREIGN_DATA", f"the end record announces {comment} more bytes", at)
         end = at
-        locator = at - _LOCATOR.size
+        locator = at - LOCATOR.size
         if locator >= 0 and self.data[locator : locator + 4] == b"PK\x06\x07":
             plain = (here, count, length, start)
             here, count, length, start, end = self.end64(locator, plain)
-        elif _FULL16 in (here, count) or _FULL32 in (length, start):
+        elif FULL16 in (here, count) or FULL32 in (length, start):
             self.refuse("TRIASSET_ZIP_ZIP64", "the end record needs a ZIP64 record that is missing", at)
         if disk or first_disk or here != count:
             self.refuse("TRIASSET_ZIP_DIRECTORY", "the ZIP is split over several files", at)
@@ -126,16 +129,16 @@ class _Parser:
         return count, start, end
 
     def end64(self, locator: int, plain: tuple[int, int, int, int]) -> tuple[int, int, int, int, int]:
-        _, at, disks = self.record(_LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
-        if at != locator - _END64.size or disks != 1:
+        _, at, disks = self.record(LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
+        if at != locator - END64.size or disks != 1:
             self.refuse("TRIASSET_ZIP_ZIP64", "the ZIP64 locator does not point just before itself", locator)
         size, *_, disk, first_disk, here, count, length, start = self.record(
-            _END64, at, b"PK\x06\x06", "ZIP64 end record"
+            END64, at, b"PK\x06\x06", "ZIP64 end record"
         )
-        if size != _END64.size - 12 or disk or first_disk:
+        if size != END64.size - 12 or disk or first_disk:
             self.refuse("TRIASSET_ZIP_ZIP64", "the ZIP64 end record is not well formed", at)
         for short, full, saturated in zip(
-            plain, (here, count, length, start), (_FULL16, _FULL16, _FULL32, _FULL32), strict=True
+            plain, (here, count, length, start), (FULL16, FULL16, FULL32, FULL32), strict=True
         ):
             if short not in (full, saturated):
                 self.refuse(
@@ -145,21 +148,21 @@ class _Parser:
 
     def central_entry(self, at: int, end: int) -> tuple[Member, int]:
         """Return the member whose central header is at byte `at`, and where the next header starts."""
-        fields = self.record(_CENTRAL, at, b"PK\x01\x02", "central header")
+        fields = self.record(CENTRAL, at, b"PK\x01\x02", "central header")
         _, _, flags, method, _, _, crc, packed, size, n_name, n_extra, n_comment, disk = fields[:13]
         attributes, header = fields[14:]
-        after = at + _CENTRAL.size + n_name + n_extra + n_comment
+        after = at + CENTRAL.size + n_name + n_extra + n_comment
         if after > end:
             self.refuse("TRIASSET_ZIP_DIRECTORY", f"the central header at byte {at} runs over the end", at)
-        name = self.name(at + _CENTRAL.size, n_name, flags)
+        name = self.name(at + CENTRAL.size, n_name, flags)
         if n_comment or disk or n_extra > MAX_EXTRA:
             self.refuse("TRIASSET_ZIP_DIRECTORY", f"{name}: comments and extra data are not allowed", at)
-        if flags & _ENCRYPTED:
+        if flags & ENCRYPTED:
             self.refuse("TRIASSET_ZIP_ENCRYPTED", f"{name} is encrypted", at)
         if method != 0:
             self.refuse("TRIASSET_ZIP_COMPRESSED", f"{name} is compressed (method {method}); store it", at)
         self.check_kind(name, attributes, at)
-        extra = at + _CENTRAL.size + n_name
+        extra = at + CENTRAL.size + n_name
         size, packed, header = self.sizes64(extra, n_extra, (size, packed, header), name)
         if packed != size:
             self.refuse("TRIASSET_ZIP_HEADER_MISMATCH", f"{name}: a stored member has one size, not two", at)
@@ -175,18 +178,18 @@ class _Parser:
 
     def data_offset(self, name: str, flags: int, crc: int, size: int, header: int) -> int:
         """Check the local header at byte `header` against the central one; return where the data starts."""
-        fields = self.record(_LOCAL, header, b"PK\x03\x04", "local header")
+        fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")
         _, local_flags, method, _, _, local_crc, packed, local_size, n_name, n_extra = fields
-        start: int = header + _LOCAL.size + n_name + n_extra
+        start: int = header + LOCAL.size + n_name + n_extra
         if start + size > self.size:
             self.refuse("TRIASSET_ZIP_DIRECTORY", f"{name} runs over the end of the file", header)
-        if flags & _DESCRIPTOR or local_flags & _DESCRIPTOR:
+        if flags & DESCRIPTOR or local_flags & DESCRIPTOR:
             self.refuse(
                 "TRIASSET_ZIP_HEADER_MISMATCH", f"{name} keeps its sizes behind its data, not before", header
             )
-        extra = header + _LOCAL.size + n_name
+        extra = header + LOCAL.size + n_name
         local_size, packed, _ = self.sizes64(extra, n_extra, (local_size, packed, 0), name)
-        same_name = self.data[header + _LOCAL.size : extra] == name.encode()
+        same_name = self.data[header + LOCAL.size : extra] == name.encode()
         if not same_name or (local_flags, method, local_crc, local_size, packed) != (
             flags,
             0,
@@ -231,7 +234,7 @@ class _Parser:
         A second ZIP64 record, or values in it that no field asks for, would be read by some and not by
         others.
         """
-        end, wanted = at + length, short.count(_FULL32)
+        end, wanted = at + length, short.count(FULL32)
         wide: tuple[int, ...] | None = None
         while at + 4 <= end:
             kind, size = struct.unpack_from("<2H", self.data, at)
@@ -239,7 +242,7 @@ class _Parser:
                 self.refuse("TRIASSET_ZIP_DIRECTORY", f"{name}: an extra record runs over its field", at)
             if kind == _EXTRA_NAME:
                 self.refuse("TRIASSET_ZIP_NAME", f"{name} has a second name in its extra field", at)
-            if kind == _EXTRA_ZIP64:
+            if kind == EXTRA_ZIP64:
                 if wide is not None or size != 8 * wanted:
                     text = f"{name} has a ZIP64 record of {size} bytes where {8 * wanted} are needed"
                     self.refuse("TRIASSET_ZIP_ZIP64", text, at, size, 8 * wanted)
@@ -248,7 +251,7 @@ class _Parser:
         if wanted and wide is None:
             self.refuse("TRIASSET_ZIP_ZIP64", f"{name} needs a ZIP64 record and has none", at)
         values = iter(wide or ())
-        size, packed, header = (next(values) if value == _FULL32 else value for value in short)
+        size, packed, header = (next(values) if value == FULL32 else value for value in short)
         return size, packed, header
 
     def check_names(self, members: list[Member]) -> None:

@@ -26,7 +26,7 @@ def judge(audit: Audit) -> Verdict:
     """Return the verdict on an audited mesh.
 
     Any mesh with a face renders on the standard tier. What else it can be used for is decided in this order:
-    empty, soup, non-manifold, inconsistent winding, fragmented, open, closed.
+    empty, soup, non-manifold, inconsistent winding, doubled faces, open, closed.
     """
     counts, metrics = audit.counts, audit.metrics
     if counts.faces == counts.repeated_index_faces:
@@ -45,11 +45,18 @@ def judge(audit: Audit) -> Verdict:
             f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
             + _pieces(audit),
         )
-    if counts.inconsistent_winding_edges:
+    if flips := counts.inconsistent_winding_edges:
         return Verdict(
             "limited",
             "renders and is manifold; make the winding consistent before computing normals or collision: it "
-            f"flips across {counts.inconsistent_winding_edges:,} edges",
+            f"flips across {flips:,} edge{'' if flips == 1 else 's'}",
+        )
+    if counts.duplicate_faces:
+        share = percent(counts.duplicate_faces, counts.faces)
+        return Verdict(
+            "limited",
+            f"renders and is manifold, but only because faces are stored twice: {share} of them repeat "
+            "another; they flicker where both are drawn, and the surface is open without them",
         )
     if counts.boundary_edges:
         holes = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"

@@ -14,21 +14,23 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from msb.adapters.checkpoint.refusal import Refusal
+from msb.asset.zip_records import (
+    CENTRAL,
+    DESCRIPTOR,
+    ENCRYPTED,
+    END,
+    END64,
+    EXTRA_ZIP64,
+    FULL16,
+    FULL32,
+    LOCAL,
+    LOCATOR,
+)
 from msb.errors import shorten
 
 MAX_MEMBERS = 20_000
 """One per tensor and a handful more: the methods' files have below 30, large models thousands."""
 MAX_NAME = 500
-
-_LOCAL = struct.Struct("<4s5H3I2H")
-_CENTRAL = struct.Struct("<4s6H3I5H2I")
-_END = struct.Struct("<4s4H2IH")
-_END64 = struct.Struct("<4sQ2H2I4Q")
-_LOCATOR = struct.Struct("<4sIQI")
-_FULL16, _FULL32 = 0xFFFF, 0xFFFFFFFF
-_ENCRYPTED = 0x0001 | 0x0040 | 0x2000
-_DESCRIPTOR = 0x0008
-_EXTRA_ZIP64 = 0x0001
 
 
 @dataclass(frozen=True)
@@ -96,24 +98,24 @@ def _record(view: memoryview, layout: struct.Struct, at: int, signature: bytes, 
 
 def _directory(view: memoryview) -> tuple[int, int, int]:
     """Return the number of entries, and where the central directory starts and ends."""
-    at = len(view) - _END.size
+    at = len(view) - END.size
     if at < 0 or bytes(view[at : at + 4]) != b"PK\x05\x06":
-        tail = bytes(view[max(0, at - _FULL16) :])
+        tail = bytes(view[max(0, at - FULL16) :])
         found = tail.rfind(b"PK\x05\x06")
-        if 0 <= found <= len(tail) - _END.size:
-            after = len(view) - len(tail) + found + _END.size
+        if 0 <= found <= len(tail) - END.size:
+            after = len(view) - len(tail) + found + END.size
             _refuse("FOREIGN_DATA", "there is data after the end of the archive", after)
         _refuse("TRUNCATED", "the archive's end record is missing: the file is cut off", max(0, at))
     disk, first_disk, here, count, length, start, comment = _record(
-        view, _END, at, b"PK\x05\x06", "end record"
+        view, END, at, b"PK\x05\x06", "end record"
     )
     if comment:
         _refuse("FOREIGN_DATA", f"the end record announces {comment} more bytes", at)
     end = at
-    locator = at - _LOCATOR.size
+    locator = at - LOCATOR.size
     if locator >= 0 and bytes(view[locator : locator + 4]) == b"PK\x06\x07":
         here, count, length, start, end = _end64(view, locator, (here, count, length, start))
-    elif _FULL16 in (here, count) or _FULL32 in (length, start):
+    elif FULL16 in (here, count) or FULL32 in (length, start):
         _refuse("ZIP64", "the end record needs a ZIP64 record that is missing", at)
     if disk or first_disk or here != count:
         _refuse("DIRECTORY", "the archive is split over several files", at)
@@ -127,16 +129,16 @@ def _directory(view: memoryview) -> tuple[int, int, int]:
 def _end64(
     view: memoryview, locator: int, plain: tuple[int, int, int, int]
 ) -> tuple[int, int, int, int, int]:
-    _, at, disks = _record(view, _LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
-    if at != locator - _END64.size or disks != 1:
+    _, at, disks = _record(view, LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
+    if at != locator - END64.size or disks != 1:
         _refuse("ZIP64", "the ZIP64 locator does not point just before itself", locator)
     size, *_, disk, first_disk, here, count, length, start = _record(
-        view, _END64, at, b"PK\x06\x06", "ZIP64 end record"
+        view, END64, at, b"PK\x06\x06", "ZIP64 end record"
     )
-    if size != _END64.size - 12 or disk or first_disk:
+    if size != END64.size - 12 or disk or first_disk:
         _refuse("ZIP64", "the ZIP64 end record is not well formed", at)
     wide = (here, count, length, start)
-    for short, full, saturated in zip(plain, wide, (_FULL16, _FULL16, _FULL32, _FULL32), strict=True):
+    for short, full, saturated in zip(plain, wide, (FULL16, FULL16, FULL32, FULL32), strict=True):
         if short not in (full, saturated):
             _refuse("ZIP64", f"the end records contradict each other: {short} and {full}", at)
     return here, count, length, start, at
@@ -144,19 +146,19 @@ def _end64(
 
 def _central_entry(view: memoryview, at: int, end: int) -> tuple[Member, int]:
     """Return the member whose central header is at byte `at`, and where the next header starts."""
-    fields = _record(view, _CENTRAL, at, b"PK\x01\x02", "central header")
+    fields = _record(view, CENTRAL, at, b"PK\x01\x02", "central header")
     _, _, flags, method, _, _, crc, packed, size, n_name, n_extra, n_comment, disk = fields[:13]
     header = fields[15]
-    extra = at + _CENTRAL.size + n_name
+    extra = at + CENTRAL.size + n_name
     after = extra + n_extra + n_comment
     if after > end:
         _refuse("DIRECTORY", f"the central header at byte {at} runs over the directory's end", at)
-    raw = bytes(view[at + _CENTRAL.size : extra])
+    raw = bytes(view[at + CENTRAL.size : extra])
     name = _name(raw, at)
     shown = shorten(name)
     if n_comment or disk:
         _refuse("DIRECTORY", f"{shown} has a comment or is in another file", at)
-    if flags & _ENCRYPTED:
+    if flags & ENCRYPTED:
         _refuse("ENCRYPTED", f"{shown} is encrypted", at)
     if method != 0 and is_script(name):  # torch compresses source code: say what it is, not how it is packed
         refuse_script(name)
@@ -167,7 +169,7 @@ def _central_entry(view: memoryview, at: int, end: int) -> tuple[Member, int]:
         _refuse("HEADER_MISMATCH", f"{shown}: a stored member has one size, not two", at)
     offset = _local_entry(view, raw, shown, flags, (crc, size, header))
     data_end = offset + size
-    if flags & _DESCRIPTOR:
+    if flags & DESCRIPTOR:
         data_end += _descriptor_length(view, data_end, crc, size, shown)
     return Member(name, crc, size, header, offset, data_end), after
 
@@ -185,24 +187,24 @@ def _name(raw: bytes, at: int) -> str:
 def _local_entry(view: memoryview, name: bytes, shown: str, flags: int, central: tuple[int, int, int]) -> int:
     """Check the local header against the central one; return where the data starts."""
     crc, size, header = central
-    fields = _record(view, _LOCAL, header, b"PK\x03\x04", "local header")
+    fields = _record(view, LOCAL, header, b"PK\x03\x04", "local header")
     _, local_flags, method, _, _, local_crc, packed, local_size, n_name, n_extra = fields
-    extra = header + _LOCAL.size + n_name
+    extra = header + LOCAL.size + n_name
     start: int = extra + n_extra
     if start + size > len(view):
         _refuse("DIRECTORY", f"{shown} runs over the end of the file", header)
-    if bytes(view[header + _LOCAL.size : extra]) != name or (local_flags, method) != (flags, 0):
+    if bytes(view[header + LOCAL.size : extra]) != name or (local_flags, method) != (flags, 0):
         _refuse("HEADER_MISMATCH", f"{shown}: local and central header disagree", header)
     # Beyond 4 GiB torch repeats the central record here, beside sizes of 0, with the packed size still 0 and
     # with the offset, for which a local header has no field. Whatever it says must be true.
     wide = _zip64_record(view[extra:start], shown, extra)
-    sizes = [(size, size), (size, 0)] if flags & _DESCRIPTOR else [(size, size)]
+    sizes = [(size, size), (size, 0)] if flags & DESCRIPTOR else [(size, size)]
     if wide is not None and wide not in (*sizes, *((*pair, header) for pair in sizes), (header,)):
         _refuse("ZIP64", f"{shown}: its local ZIP64 record contradicts the directory", extra)
     if wide is not None and wide[:2] == (size, size):
-        local_size, packed = (size if n == _FULL32 else n for n in (local_size, packed))
+        local_size, packed = (size if n == FULL32 else n for n in (local_size, packed))
     plain = (local_crc, packed, local_size)
-    if plain != (crc, size, size) and not (flags & _DESCRIPTOR and plain == (0, 0, 0)):
+    if plain != (crc, size, size) and not (flags & DESCRIPTOR and plain == (0, 0, 0)):
         _refuse("HEADER_MISMATCH", f"{shown}: local and central header disagree on its size", header)
     return start
 
@@ -222,13 +224,13 @@ def _descriptor_length(view: memoryview, at: int, crc: int, size: int, shown: st
 
 def _sizes64(extra: memoryview, short: tuple[int, int, int], shown: str, where: int) -> tuple[int, int, int]:
     """Return size, packed size and header offset, read from the ZIP64 record where they do not fit."""
-    wanted = short.count(_FULL32)
+    wanted = short.count(FULL32)
     wide = _zip64_record(extra, shown, where)
     if len(wide or ()) != wanted or (wide is not None and not wanted):
         text = f"{shown} has a ZIP64 record of {len(wide or ())} numbers where {wanted} are needed"
         _refuse("ZIP64", text, where)
     values = iter(wide or ())
-    size, packed, header = (next(values) if value == _FULL32 else value for value in short)
+    size, packed, header = (next(values) if value == FULL32 else value for value in short)
     return size, packed, header
 
 
@@ -240,7 +242,7 @@ def _zip64_record(extra: memoryview, shown: str, where: int) -> tuple[int, ...] 
         kind, length = struct.unpack_from("<2H", extra, at)
         if at + 4 + length > len(extra):
             _refuse("DIRECTORY", f"{shown}: an extra record runs over its field", where + at)
-        if kind == _EXTRA_ZIP64:
+        if kind == EXTRA_ZIP64:
             if wide is not None or length not in (0, 8, 16, 24):
                 _refuse("ZIP64", f"{shown} has two ZIP64 records, or one of {length} bytes", where + at)
             wide = struct.unpack_from(f"<{length // 8}Q", extra, at + 4)

@@ -1,0 +1,62 @@
+"""The one sentence for a technical artist: each kind of mesh gets the grade and the reason it deserves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from msb.topology import audit
+from msb.topology.verdict import judge, percent
+from tests.conftest import BOOK, TETRAHEDRON
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]], float)
+TWO_TETRAHEDRA = (
+    np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5]),
+    np.concatenate([TETRAHEDRON[1], TETRAHEDRON[1] + 4]),
+)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "level", "reason"),
+    [
+        ((POINTS, []), "bad", "no proper face"),
+        ((POINTS, [[0, 1, 1]]), "bad", "no proper face"),
+        ((POINTS[:3], [[0, 1, 2]]), "bad", "triangle soup"),
+        ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5]]), "bad", "triangle soup"),
+        (BOOK, "bad", "because 14 % of its edges and 40 % of its vertices are non-manifold"),
+        ((POINTS, [[0, 1, 2], [2, 3, 4]]), "bad", "because 20 % of its vertices are non-manifold"),
+        ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", "it flips across 1 edge"),
+        ((POINTS, [[0, 1, 2], [1, 3, 2]]), "limited", "4 boundary edges in 1 loop"),
+        ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 % of them repeat another"),
+        (TETRAHEDRON, "good", "closed, manifold and consistently wound"),
+        (TWO_TETRAHEDRA, "good", "in 2 separate bodies"),
+    ],
+)
+def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, reason: str) -> None:
+    verdict = judge(audit(*mesh))
+    assert verdict.level == level
+    assert reason in verdict.sentence
+
+
+def test_a_welded_soup_says_what_it_would_be() -> None:
+    points, faces = TETRAHEDRON
+    soup = points[faces].reshape(-1, 3), np.arange(12).reshape(-1, 3)
+    assert "--weld exact" in judge(audit(*soup)).sentence
+    assert judge(audit(*soup, weld="exact")).sentence.endswith("welded, it is manifold, in one piece")
+    apart = soup[0] + np.repeat(np.arange(4), 3)[:, None] * 10, soup[1]
+    assert judge(audit(*apart, weld="exact")).sentence.endswith("welding merges nothing")
+
+
+@pytest.mark.parametrize(
+    ("part", "whole", "text"),
+    [
+        (0, 0, "-"),
+        (0, 5, "0 %"),
+        (1, 10_000, "under 0.1 %"),
+        (9_999, 10_000, "over 99.9 %"),
+        (1, 30, "3.3 %"),
+        (5, 5, "100 %"),
+    ],
+)
+def test_a_share_never_rounds_to_nothing_or_all(part: int, whole: int, text: str) -> None:
+    assert percent(part, whole) == text
