@@ -9,12 +9,12 @@ import numpy as np
 from data_stubs.splat_like import splat_like
 from msb.asset import Asset, Description, build_asset, save
 from msb.asset.manifest import CoordinateFrame, StoredSetting
+from msb.meshes.assets import SH_C0
 from msb.methods import METHODS
 
 HERE = Path(__file__).parent
 SIZE = 36
 """Lattice of the demo mesh: about 35 thousand faces, a hundredth of a real export."""
-SH_C0 = 0.28209479177387814
 
 
 def splat_like_asset(n: int = SIZE) -> Asset:

@@ -180,6 +180,11 @@ def finding(
     return Finding(code, severity, _one_line(message), pointer, file, value, limit)
 
 
+def error_finding(error: MsbError) -> Finding:
+    """Return the finding that says what `error` says; the reverse of `Finding.to_error`."""
+    return finding(error.code, error.message, pointer=error.pointer, value=error.value, limit=error.limit)
+
+
 def json_safe(value: Any) -> Any:
     """Return `value` as JSON can hold it: no NaN, no foreign types, long text shortened.
 

@@ -16,7 +16,7 @@ from msb.asset.container import Container, open_container
 from msb.asset.manifest import Manifest
 from msb.asset.reader import Asset, check_files, map_buffers
 from msb.asset.strict_json import parse_strict_json
-from msb.errors import AssetError, Finding, InputError, finding
+from msb.errors import AssetError, Finding, InputError, error_finding, finding
 
 if TYPE_CHECKING:
     import os
@@ -60,7 +60,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     except InputError:
         raise
     except AssetError as error:
-        return Validation(Path(path), (_from_error(error),), None)
+        return Validation(Path(path), (error_finding(error),), None)
     found = check_manifest(data)
     if any(item.severity == "error" for item in found):
         return Validation(container.path, tuple(found), None)
@@ -72,10 +72,6 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     found += _check_bytes(asset, container)
     found += check_values(asset)
     return Validation(container.path, tuple(found), asset)
-
-
-def _from_error(error: AssetError) -> Finding:
-    return finding(error.code, error.message, pointer=error.pointer, value=error.value, limit=error.limit)
 
 
 def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:

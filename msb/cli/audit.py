@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, Version, epilog
-from msb.cli.output import Output
+from msb.cli.output import Output, csv_text
 from msb.cli.run import about, report
 from msb.errors import GateFailed, MsbError, UsageError
 
@@ -135,7 +135,7 @@ class _Task:
         audits: list[Audit] = []
         for path in paths:
             try:
-                inputs += expand([path])
+                inputs += expand(path)
             except MsbError as error:
                 status = max(status, report(error))
                 results.append(_failure(path, error))
@@ -229,7 +229,6 @@ def _failure(path: Path, error: MsbError) -> dict[str, Any]:
 
 def _write_csv(path: Path, audits: list[Audit]) -> None:
     import csv
-    import io
 
     from msb.atomic import new_file
 
@@ -238,9 +237,7 @@ def _write_csv(path: Path, audits: list[Audit]) -> None:
         data = found.to_dict()
         plain = {key: data[key] for key in ("path", "method", "topology")}
         rows.append({**plain, **data["counts"], **data["metrics"]})
-    with new_file(path) as file:
-        text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
+    with new_file(path) as file, csv_text(file) as text:
         writer = csv.DictWriter(text, fieldnames=list(rows[0]) if rows else ["path"])
         writer.writeheader()
         writer.writerows(rows)
-        text.detach()

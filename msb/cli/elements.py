@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import io
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.atomic import new_file
+from msb.cli.output import csv_text
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
@@ -52,17 +52,16 @@ def _write_npz(elements: Elements, file: IO[bytes]) -> None:
 
 
 def _write_csv(elements: Elements, file: IO[bytes]) -> None:
-    text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
-    writer = csv.writer(text)
-    writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
-    for group in elements.groups:
-        of_faces = group.vertices.shape[1] == 3
-        # The first vertex says where to look.
-        for number, ends in zip(group.numbers.tolist(), group.vertices.tolist(), strict=True):
-            component = int(elements.face_component[number]) if of_faces else ""
-            place = elements.vertices[ends[0]].tolist()
-            writer.writerow([group.kind, number, component, " ".join(map(str, ends)), *map(repr, place)])
-    text.detach()
+    with csv_text(file) as text:
+        writer = csv.writer(text)
+        writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
+        for group in elements.groups:
+            of_faces = group.vertices.shape[1] == 3
+            # The first vertex says where to look.
+            for number, ends in zip(group.numbers.tolist(), group.vertices.tolist(), strict=True):
+                component = int(elements.face_component[number]) if of_faces else ""
+                place = elements.vertices[ends[0]].tolist()
+                writer.writerow([group.kind, number, component, " ".join(map(str, ends)), *map(repr, place)])
 
 
 def _write_vtp(elements: Elements, file: IO[bytes]) -> None:

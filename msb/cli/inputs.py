@@ -34,25 +34,23 @@ def is_asset(path: Path) -> bool:
     return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
 
 
-def expand(paths: list[Path]) -> Iterator[Path]:
-    """Yield each input, folders replaced by the assets and mesh files in and below them, sorted.
+def expand(path: Path) -> list[Path]:
+    """Return the input itself, or for a folder the assets and mesh files in and below it, sorted.
 
     Raises
     ------
     InputError
         `FILE_NOT_FOUND`, or `FILE_NOT_RECOGNISED` for a folder without any.
     """
-    for path in paths:
-        if path.is_dir() and not is_asset(path):
-            found = sorted(_below(path))
-            if not found:
-                wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
-                raise InputError("FILE_NOT_RECOGNISED", f"the folder holds none of {wanted}", file=path)
-            yield from found
-        elif not os.path.lexists(path):
-            raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
-        else:
-            yield path
+    if path.is_dir() and not is_asset(path):
+        found = sorted(_below(path))
+        if not found:
+            wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
+            raise InputError("FILE_NOT_RECOGNISED", f"the folder holds none of {wanted}", file=path)
+        return found
+    if not os.path.lexists(path):
+        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
+    return [path]
 
 
 def _below(folder: Path) -> Iterator[Path]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from msb.atomic import new_file
 from msb.errors import UsageError
@@ -83,6 +84,16 @@ class Output:
         else:
             sys.stdout.flush()
             sys.stdout.buffer.write(text.encode())
+
+
+@contextlib.contextmanager
+def csv_text(file: IO[bytes]) -> Iterator[io.TextIOWrapper]:
+    """Yield a binary file as the text file the csv module wants; the file itself stays open."""
+    text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
+    try:
+        yield text
+    finally:
+        text.detach()
 
 
 def plain_table(*headers: str, right: tuple[int, ...] = (), gap: int = 2) -> Table:

@@ -10,7 +10,7 @@ import typer
 from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.cli.run import report
-from msb.errors import CODES, EXIT_STATUS, Finding, InputError, MsbError, UsageError, finding
+from msb.errors import CODES, EXIT_STATUS, Finding, InputError, MsbError, UsageError, error_finding, finding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,6 +25,7 @@ MAX_FINDINGS = 1000
 """Of one asset in JSON: a hostile manifest of 1 MiB can earn 90 000 warnings."""
 SHOWN = 50
 """Of one asset on the screen."""
+_SEVERITIES = ("error", "warning", "info")
 
 
 def validate(
@@ -62,7 +63,7 @@ def _run(paths: list[Path], output: Output) -> int:
     reports: list[dict[str, Any]] = []
     for path in paths:
         try:
-            inputs = list(expand([path]))
+            inputs = expand(path)
         except MsbError as error:
             status = max(status, report(error))
             continue
@@ -89,9 +90,6 @@ def _run(paths: list[Path], output: Output) -> int:
     if reports:
         output.write_json(reports[0] if len(reports) == 1 else reports)
     return status
-
-
-_SEVERITIES = ("error", "warning", "info")
 
 
 def check(path: Path) -> list[Finding]:
@@ -124,9 +122,7 @@ def _check_mesh(path: Path) -> list[Finding]:
     except InputError:
         raise
     except MsbError as error:
-        return [
-            finding(error.code, error.message, pointer=error.pointer, value=error.value, limit=error.limit)
-        ]
+        return [error_finding(error)]
     return list(degenerate_findings(asset.buffers["positions"], asset.buffers["indices"]))
 
 
@@ -135,7 +131,7 @@ def degenerate_findings(positions: Any, indices: Any) -> Iterator[Finding]:
     import numpy as np
 
     from msb.topology.arrays import mesh_arrays
-    from msb.topology.faces import extra_duplicates, face_areas, names_vertex_twice
+    from msb.topology.faces import extra_duplicates, face_areas, has_no_area, names_vertex_twice
 
     points, faces = mesh_arrays(positions, indices)
     repeated = names_vertex_twice(faces)
@@ -145,7 +141,7 @@ def degenerate_findings(positions: Any, indices: Any) -> Iterator[Finding]:
     for code, where, what in (
         ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces name a vertex twice"),
         ("TRIASSET_FACE_DUPLICATE", extra_duplicates(faces), "faces repeat an earlier one"),
-        ("TRIASSET_FACE_ZERO_AREA", (area == 0) & finite & ~repeated, "faces have no area"),
+        ("TRIASSET_FACE_ZERO_AREA", has_no_area(area, finite, repeated), "faces have no area"),
         ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are in no proper face"),
     ):
         if count := int(np.count_nonzero(where)):
@@ -157,7 +153,7 @@ def _print(path: Path, found: list[Finding], output: Output) -> None:
     from rich.markup import escape
 
     console = output.console()
-    counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "info")}
+    counts = {s: sum(f.severity == s for f in found) for s in _SEVERITIES}
     word = "not valid" if counts["error"] else "valid"
     console.print(f"{escape(str(path))}: [bold]{word}[/bold], {_summary(counts)}", soft_wrap=True)
     if not found or output.quiet:

@@ -84,8 +84,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
         return Mesh(vertices, faces, values, None)
     if domain == "face":
         return Mesh(vertices, faces, None, values)
-    corners = np.arange(faces.size, dtype=np.int64).reshape(-1, 3)
-    return Mesh(vertices[faces.reshape(-1)], corners, values, None)
+    return _unshared(vertices, faces, values)
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
@@ -95,9 +94,13 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     """
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
-    colors = np.repeat(mesh.face_colors, 3, axis=0)
-    corners = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    return Mesh(mesh.vertices[mesh.faces.reshape(-1)], corners, colors, None)
+    return _unshared(mesh.vertices, mesh.faces, np.repeat(mesh.face_colors, 3, axis=0))
+
+
+def _unshared(vertices: NDArray[Any], faces: NDArray[np.int64], colors: NDArray[Any]) -> Mesh:
+    """Return the mesh with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
+    corners = np.arange(faces.size, dtype=np.int64).reshape(-1, 3)
+    return Mesh(vertices[faces.reshape(-1)], corners, colors, None)
 
 
 def _static_colors(asset: Asset) -> tuple[NDArray[Any], str] | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.topology.components import label_components
-from msb.topology.faces import extra_duplicates, face_areas
+from msb.topology.faces import extra_duplicates, face_areas, has_no_area
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
 
@@ -111,7 +111,7 @@ class Analysis:
     @property
     def zero_area_faces(self) -> NDArray[Any]:
         """Faces with three distinct indices whose double-precision area is exactly 0."""
-        return np.flatnonzero((self.area == 0) & self.finite & ~self.mesh.repeated_index)
+        return np.flatnonzero(has_no_area(self.area, self.finite, self.mesh.repeated_index))
 
     @property
     def offending(self) -> Offending:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 import numpy as np
 
 from msb.errors import MeshError
-from msb.topology.analysis import Analysis, analyse
+from msb.topology.analysis import Analysis, Offending, analyse
 from msb.topology.arrays import mesh_arrays
 from msb.topology.weld import Weld, parse_weld, weld_vertices
 
@@ -257,7 +257,8 @@ def audit_arrays(
 
 def summarise(analysis: Analysis) -> Audit:
     """Return the audit's numbers from an analysis."""
-    counts = _counts(analysis)
+    found = analysis.offending
+    counts = _counts(analysis, found)
     degree = np.bincount(analysis.mesh.edge_vertices.reshape(-1), minlength=counts.vertices)
     histogram = np.bincount(degree)
     return Audit(
@@ -269,39 +270,30 @@ def summarise(analysis: Analysis) -> Audit:
         metrics=_metrics(analysis, counts),
         valence_histogram={int(k): int(histogram[k]) for k in np.flatnonzero(histogram)},
         winding_consistent=counts.inconsistent_winding_edges == 0,
-        samples=_samples(analysis),
+        samples=_samples(analysis, found),
         timings_ms=dict(analysis.timings_ms),
     )
 
 
-def _counts(analysis: Analysis) -> Counts:
+def _counts(analysis: Analysis, found: Offending) -> Counts:
     mesh, components = analysis.mesh, analysis.components
-    multiplicity = mesh.multiplicity
-    referenced = int(np.count_nonzero(analysis.referenced))
+    listed = {
+        kind: len(ids) for group in (found.edges, found.vertices, found.faces) for kind, ids in group.items()
+    }
     largest = components.largest()
     return Counts(
         vertices=mesh.vertex_count,
-        referenced_vertices=referenced,
-        unreferenced_vertices=mesh.vertex_count - referenced,
+        referenced_vertices=mesh.vertex_count - listed["unreferenced_vertices"],
         faces=mesh.face_count,
-        repeated_index_faces=int(np.count_nonzero(mesh.repeated_index)),
-        zero_area_faces=len(analysis.zero_area_faces),
-        nonfinite_faces=int(np.count_nonzero(~analysis.finite)),
-        duplicate_faces=int(np.count_nonzero(analysis.duplicate)),
         edges=mesh.edge_count,
-        boundary_edges=int(np.count_nonzero(multiplicity == 1)),
-        manifold_edges=int(np.count_nonzero(multiplicity == 2)),
-        nonmanifold_edges=len(analysis.nonmanifold_edges),
-        max_edge_faces=int(multiplicity.max(initial=0)),
-        nonmanifold_vertices=len(analysis.nonmanifold_vertices),
-        multifan_vertices=len(analysis.multifan_vertices),
-        nonmanifold_edge_endpoints=len(analysis.nonmanifold_edge_endpoints),
-        inconsistent_winding_edges=len(analysis.inconsistent_winding_edges),
+        manifold_edges=int(np.count_nonzero(mesh.multiplicity == 2)),
+        max_edge_faces=int(mesh.multiplicity.max(initial=0)),
         boundary_loops=analysis.boundary.loops,
         open_boundary_chains=analysis.boundary.open_chains,
         components=components.count,
         components_manifold_edges=analysis.two_face_components,
         largest_component_faces=0 if largest is None else int(components.sizes[largest]),
+        **listed,
     )
 
 
@@ -328,8 +320,8 @@ def _ratio(part: float, whole: float) -> float | None:
     return part / whole if whole else None
 
 
-def _samples(analysis: Analysis) -> dict[str, tuple[Sample, ...]]:
-    mesh, found = analysis.mesh, analysis.offending
+def _samples(analysis: Analysis, found: Offending) -> dict[str, tuple[Sample, ...]]:
+    mesh = analysis.mesh
     groups = [
         *((kind, ids[:SAMPLES], mesh.edge_vertices) for kind, ids in found.edges.items()),
         *((kind, ids[:SAMPLES], None) for kind, ids in found.vertices.items()),

@@ -39,6 +39,13 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
     return area, finite
 
 
+def has_no_area(
+    area: NDArray[np.float64], finite: NDArray[np.bool_], repeated: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which faces have three distinct indices and an area of exactly 0; the arguments are (F,) each."""
+    return np.asarray((area == 0) & finite & ~repeated)
+
+
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which (F, 3) rows name a vertex twice; such a row has no edges and no area."""
     a, b, c = faces.T
