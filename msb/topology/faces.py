@@ -42,7 +42,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 def has_no_area(
     area: NDArray[np.float64], finite: NDArray[np.bool_], repeated: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which faces have three distinct indices and an area of exactly 0; the arguments are (F,) each."""
+    """Return which of F faces have three distinct indices and an area of exactly 0; arguments are (F,)."""
     return np.asarray((area == 0) & finite & ~repeated)
 
 
