@@ -1,12 +1,14 @@
-"""Make the tiny assets of this folder: `python -m data_stubs.make`. Same script, same bytes."""
+"""Make the tiny asset and checkpoint of this folder: `python -m data_stubs.make`. Same script, same bytes."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 
 from data_stubs.splat_like import splat_like
+from data_stubs.torch_file import write_torch
 from msb.asset import Asset, Description, build_asset, save
 from msb.asset.manifest import CoordinateFrame, StoredSetting
 from msb.meshes.assets import SH_C0
@@ -15,6 +17,9 @@ from msb.methods import METHODS
 HERE = Path(__file__).parent
 SIZE = 36
 """Lattice of the demo mesh: about 35 thousand faces, a hundredth of a real export."""
+
+CHECKPOINT_SIZE = 14
+"""Lattice of the demo checkpoint."""
 
 
 def splat_like_asset(n: int = SIZE) -> Asset:
@@ -50,5 +55,34 @@ def splat_like_asset(n: int = SIZE) -> Asset:
     return build_asset(buffers, {"f_dc": "vertex", "opacity": "vertex"}, description)
 
 
+def write_checkpoint(folder: Path, n: int = CHECKPOINT_SIZE) -> None:
+    """Write what a MeshSplatting training of the same kind of mesh leaves behind, SH degree 1."""
+    vertices, faces = splat_like(n)
+    count, random = len(vertices), np.random.default_rng(1)
+    direction = vertices - np.float32(0.5)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    values = {
+        "triangles_points": vertices,
+        "_triangle_indices": faces.astype(np.int32),
+        "vertex_weight": random.normal(4.0, 1.5, (count, 1)).astype(np.float32),
+        "sigma": math.log(1e-4),
+        "active_sh_degree": 1,
+        "features_dc": (0.35 * direction / SH_C0).astype(np.float32)[:, None],
+        "features_rest": random.normal(0, 0.05, (count, 3, 3)).astype(np.float32),
+        "importance_score": np.ones(len(faces), np.float32),
+        "image_size": np.full(len(faces), 20, np.float32),
+        "pixel_count": np.full(len(faces), 100, np.int32),
+    }
+    model = folder / "point_cloud" / "iteration_30000"
+    model.mkdir(parents=True, exist_ok=True)
+    write_torch(model / "point_cloud_state_dict.pt", values, "point_cloud_state_dict")
+    arguments = (
+        "sh_degree=1, source_path='data/demo', model_path='output/demo', images='images', resolution=-1, "
+    )
+    arguments += "white_background=True, data_device='cuda', eval=True"
+    (folder / "cfg_args").write_text(f"Namespace({arguments})")
+
+
 if __name__ == "__main__":
+    write_checkpoint(HERE / "checkpoint")
     save(splat_like_asset(), HERE / "splat_like.triasset")

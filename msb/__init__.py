@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 from msb._version import __version__
 
 if TYPE_CHECKING:
+    from msb.adapters import export
     from msb.asset import Asset, load, save
     from msb.errors import MsbError, Unsupported
+    from msb.scenes import Camera, read_cameras
     from msb.topology import Audit, audit
 
 _HOME = {
@@ -21,11 +23,26 @@ _HOME = {
     "save": "msb.asset",
     "MsbError": "msb.errors",
     "Unsupported": "msb.errors",
+    "Camera": "msb.scenes",
+    "read_cameras": "msb.scenes",
+    "export": "msb.adapters",
     "Audit": "msb.topology",
     "audit": "msb.topology",
 }
 
-__all__ = ["Asset", "Audit", "MsbError", "Unsupported", "__version__", "audit", "load", "save"]
+__all__ = [
+    "Asset",
+    "Audit",
+    "Camera",
+    "MsbError",
+    "Unsupported",
+    "__version__",
+    "audit",
+    "export",
+    "load",
+    "read_cameras",
+    "save",
+]
 
 
 def __getattr__(name: str) -> Any:

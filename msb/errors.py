@@ -84,6 +84,10 @@ class CheckpointError(MsbError):
     """A trained checkpoint (.pt, .ckpt) is broken, hostile or of a kind that is not read."""
 
 
+class SceneError(MsbError):
+    """A camera, or a file of cameras or of a reconstruction, is not valid."""
+
+
 class MeshFileError(MsbError):
     """A foreign mesh file is not valid."""
 
@@ -101,7 +105,7 @@ class Unsupported(MsbError):
 
 
 class DeviceError(MsbError):
-    """No OpenCL device, or a kernel that does not build."""
+    """No OpenCL device, too little memory on it, or a kernel that does not build."""
 
 
 EXIT_OK = 0
@@ -112,6 +116,7 @@ EXIT_STATUS: dict[type[MsbError], int] = {
     InputError: 3,
     AssetError: 3,
     CheckpointError: 3,
+    SceneError: 3,
     MeshFileError: 3,
     MeshError: 3,
     OutputError: 3,
@@ -224,6 +229,10 @@ _FIX_MANIFEST = "Correct manifest.json (docs/triasset.md lists every key) or exp
 _SAVE_AGAIN = "Load it where it was trained and save it again with torch.save, as plain tensors and dicts."
 _COPY_AGAIN = "Copy or download the file again."
 _HOSTILE = "torch.save does not write this: find out where the file comes from."
+_OTHER_LAYOUT = "The file is damaged or of another version of the method's code than docs/export.md names."
+_FIX_CAMERA = "Correct the camera; docs/cameras.md has the conventions."
+_FIX_CAMERAS = "Correct the file; docs/cameras.md has the rules of its format."
+_FIX_COLMAP = "Write the model again with COLMAP's model_converter."
 _FIX_MESH = "Export the mesh again from the program that wrote it."
 
 CODES: dict[str, Code] = {
@@ -256,6 +265,47 @@ CODES: dict[str, Code] = {
                 "There is no quantity or code of that name.",
                 "The message lists the nearest names.",
             ),
+            "DEVICE_SELECTOR": (
+                "What was given as the device does not name one.",
+                "Give cpu, gpu or PLATFORM:INDEX; msb devices lists what there is.",
+            ),
+            "SETTING_UNKNOWN": (
+                "The method has no setting of that name.",
+                "The message lists those it has; so does msb methods.",
+            ),
+            "SETTING_VALUE": (
+                "A setting was given a value it cannot take.",
+                "The message says what it takes; so does msb methods.",
+            ),
+            "OFFICIAL_FORMAT": (
+                "The method's own exporter does not write that format.",
+                "The message names the formats it writes.",
+            ),
+        },
+    ),
+    **_codes(
+        DeviceError,
+        {
+            "DEVICE_NOT_FOUND": (
+                "There is no OpenCL device, or none of the kind or platform asked for.",
+                "msb devices lists what there is; docs/opencl.md says how to get PoCL.",
+            ),
+            "DEVICE_MEMORY": (
+                "A buffer does not fit into the device.",
+                "Choose a device with more memory, or a smaller image or asset.",
+            ),
+            "DEVICE_BUILD": (
+                "A kernel does not build for the device.",
+                "This is a bug of ours or of the platform: report it with what --debug shows.",
+            ),
+            "DEVICE_COMMAND": (
+                "The device refused or failed a command.",
+                "Try another device; if it stays, report it with what --debug shows.",
+            ),
+            "DEVICE_CLOSED": (
+                "A device or buffer was used after it was closed.",
+                "Use it inside its with block.",
+            ),
         },
     ),
     **_codes(
@@ -281,6 +331,14 @@ CODES: dict[str, Code] = {
             "UNSUPPORTED_STANDARD": (
                 "The method has no static colour, so the standard tier cannot show it.",
                 "Use the dedicated tier.",
+            ),
+            "UNSUPPORTED_METHOD": (
+                "Models of this method are not made of triangles, so they cannot be exported.",
+                "Extract a mesh with the method's own tools, and give that.",
+            ),
+            "UNSUPPORTED_OFFICIAL": (
+                "The method has no exporter of its own.",
+                "Leave out --official to get the standard-tier mesh.",
             ),
         },
     ),
@@ -339,6 +397,84 @@ CODES: dict[str, Code] = {
             "MESH_FILE_TOO_LARGE": (
                 "The file declares more than it can hold or than we accept.",
                 _FIX_MESH,
+            ),
+        },
+    ),
+    **_codes(
+        SceneError,
+        {
+            # --- one camera
+            "CAMERA_SIZE": ("The size of the image is not one an image can have.", _FIX_CAMERA),
+            "CAMERA_FOCAL": ("A focal length or field of view is not positive and finite.", _FIX_CAMERA),
+            "CAMERA_PRINCIPAL_POINT": (
+                "The principal point is not finite or absurdly far away.",
+                _FIX_CAMERA,
+            ),
+            "CAMERA_MATRIX": ("The pose is not a finite 4 x 4 matrix with last row 0 0 0 1.", _FIX_CAMERA),
+            "CAMERA_ROTATION": (
+                "The pose holds more than a rotation: a scale, a shear or a mirror image.",
+                "Remove the scale; to change axes negate two of them, not one.",
+            ),
+            "CAMERA_NAME": (
+                "The name could not be the name of a file below a folder.",
+                "Use a relative path with forward slashes, without '..' and control characters.",
+            ),
+            "CAMERA_SPLIT": ("The split is not one we know.", "Use train, val or test, or none."),
+            "CAMERA_LOOK_AT": (
+                "The points and the direction do not say how the camera is turned.",
+                "Eye and target must differ, and up must not be along the line between them.",
+            ),
+            "CAMERA_PATH": (
+                "A camera path cannot be made from what was given.",
+                "The message says what is needed.",
+            ),
+            # --- where cameras are looked for
+            "CAMERA_SOURCE": (
+                "Neither a file nor a folder of a kind that cameras are read from.",
+                "Give a COLMAP folder, a transforms_*.json, a cameras.json or a views.json.",
+            ),
+            "CAMERA_NONE": ("There is no camera in it.", "Give a file with at least one."),
+            "CAMERA_DUPLICATE": ("Two cameras have the same name or id.", "Rename one of them."),
+            "CAMERA_DISTORTED": (
+                "The camera is not a pinhole camera: its lens distorts.",
+                "Undistort the images first, for instance with COLMAP's image_undistorter.",
+            ),
+            "CAMERA_IMAGE": (
+                "The size of an image is needed, and its file is absent or no PNG or JPEG.",
+                "Put the images where the file says, or give the size: w and h.",
+            ),
+            # --- JSON files of cameras
+            "CAMERA_JSON_EMPTY": ("The file holds no bytes.", _COPY_AGAIN),
+            "CAMERA_JSON_TOO_LARGE": ("The file is over 16 MiB.", "Split it."),
+            "CAMERA_JSON_ENCODING": ("The file is not plain UTF-8.", _FIX_CAMERAS),
+            "CAMERA_JSON_SYNTAX": ("The file is not one JSON document.", _FIX_CAMERAS),
+            "CAMERA_JSON_DUPLICATE_KEY": ("An object names a key twice.", _FIX_CAMERAS),
+            "CAMERA_JSON_NONFINITE": ("A number is NaN, infinite or overflows.", _FIX_CAMERAS),
+            "CAMERA_JSON_TOO_DEEP": ("Objects or arrays nest too deeply.", _FIX_CAMERAS),
+            "CAMERA_JSON_INTEGER": ("An integer has too many digits.", _FIX_CAMERAS),
+            "CAMERA_FIELD_MISSING": ("A key that is needed is absent.", _FIX_CAMERAS),
+            "CAMERA_FIELD_TYPE": ("A value has the wrong JSON type or shape.", _FIX_CAMERAS),
+            "CAMERA_FIELD_VALUE": ("A value is outside what the key allows.", _FIX_CAMERAS),
+            "CAMERA_FIELD_UNKNOWN": ("The format has no such key.", _FIX_CAMERAS),
+            # --- COLMAP models
+            "COLMAP_FILE_MISSING": (
+                "The folder holds part of a COLMAP model only.",
+                "cameras and images belong together, both .bin or both .txt; points3D has the points.",
+            ),
+            "COLMAP_TRUNCATED": ("The file ends before all it declares.", _COPY_AGAIN),
+            "COLMAP_TRAILING": ("There is data after the last declared record.", _FIX_COLMAP),
+            "COLMAP_LINE": ("A line has not the words it must have.", _FIX_COLMAP),
+            "COLMAP_NUMBER": ("A number cannot be read.", _FIX_COLMAP),
+            "COLMAP_MODEL": (
+                "The camera model is not one we know.",
+                "Undistort the images with COLMAP: that writes PINHOLE cameras.",
+            ),
+            "COLMAP_QUATERNION": ("The quaternion of an image is zero or not finite.", _FIX_COLMAP),
+            "COLMAP_DUPLICATE_ID": ("Two cameras or two images have the same id.", _FIX_COLMAP),
+            "COLMAP_CAMERA_ID": ("An image names a camera that does not exist.", _FIX_COLMAP),
+            "COLMAP_POINT": (
+                "A point is not finite, or its colour is not three numbers from 0 to 255.",
+                _FIX_COLMAP,
             ),
         },
     ),
@@ -581,6 +717,49 @@ CODES: dict[str, Code] = {
                 "Save it after .contiguous().",
             ),
             "CHECKPOINT_TENSOR_BOOL": ("A boolean is neither 0 nor 1.", _COPY_AGAIN),
+            # What the model's files hold, once they have been read:
+            "CHECKPOINT_UNKNOWN": (
+                "The file or folder holds no model of a method we know.",
+                "docs/export.md lists what each method's output looks like.",
+            ),
+            "CHECKPOINT_METHOD": (
+                "The model is of another method than --method says.",
+                "Leave out --method, or give the one the message names.",
+            ),
+            "CHECKPOINT_FILE_MISSING": (
+                "A file that the model needs is not there.",
+                "Copy the whole output folder; the message names the file.",
+            ),
+            "CHECKPOINT_FILE_CONTENT": (
+                "A file beside the model does not hold what it must.",
+                _COPY_AGAIN,
+            ),
+            "CHECKPOINT_KEY_MISSING": ("The model lacks a tensor or value.", _OTHER_LAYOUT),
+            "CHECKPOINT_KEY_TYPE": ("A tensor or number is something else.", _OTHER_LAYOUT),
+            "CHECKPOINT_KEY_DTYPE": ("A tensor has numbers of another type.", _OTHER_LAYOUT),
+            "CHECKPOINT_KEY_SHAPE": ("A tensor has another shape than the method's.", _OTHER_LAYOUT),
+            "CHECKPOINT_VALUE_NONFINITE": (
+                "A parameter is NaN or infinite: the training diverged.",
+                "Export an earlier iteration.",
+            ),
+            "CHECKPOINT_VALUE_INDEX": ("A face uses a vertex that does not exist.", _OTHER_LAYOUT),
+            "CHECKPOINT_VALUE_RANGE": ("A value is outside what the method allows.", _OTHER_LAYOUT),
+            "CHECKPOINT_ROUNDED": (
+                "A tensor was rounded to float32.",
+                "Nothing, unless the model was meant to be in double precision.",
+            ),
+            "CHECKPOINT_CONFIG_MISSING": (
+                "The training's configuration was not found, so defaults stand in for it.",
+                "Give --config FILE, or the settings with --set.",
+            ),
+            "CHECKPOINT_CONFIG_FILE": (
+                "A configuration cannot be read or parsed.",
+                "Correct it, or give the settings with --set.",
+            ),
+            "CHECKPOINT_CONFIG_VALUE": (
+                "A configuration has a value that its key cannot take.",
+                "Correct it, or give the setting with --set.",
+            ),
         },
     ),
 }

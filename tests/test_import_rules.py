@@ -33,11 +33,24 @@ ALLOWED: dict[str, set[str]] = {
     "bench": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "reference", "engines", "cl"},
 }
 ANYTHING = {"cli"}
-LAZY = {"torch", "pyvista", "igl", "pymeshlab", "manifold3d", "networkx", "dask", "bpy", "trimesh"}
+LAZY = {
+    "torch",
+    "pyvista",
+    "igl",
+    "pymeshlab",
+    "manifold3d",
+    "networkx",
+    "dask",
+    "bpy",
+    "trimesh",
+    "pyopencl",
+}
 """Imported inside the function that needs them, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
     "meshes": {"numpy", "trimesh"},
+    "cl": {"numpy", "pyopencl"},
+    "adapters": {"numpy", "yaml", "PIL"},
     "cli": {"numpy", "typer", "rich"},
     "report": {"numpy"},
 }

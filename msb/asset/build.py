@@ -24,6 +24,7 @@ from msb.asset.manifest import (
     StoredSetting,
     Topology,
 )
+from msb.asset.progress import Meter
 from msb.asset.reader import Asset
 from msb.errors import AssetError
 from msb.methods import METHODS, TIERS
@@ -33,8 +34,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from msb.asset.progress import Progress
+
 CHUNK_ROWS = 1 << 20
 """Rows looked at together when a whole buffer is read: bounds memory, costs nothing in speed."""
+
+CHUNK_BYTES = 1 << 24
+"""Bytes hashed or written at a time."""
 
 _ORDER = ("positions", "indices", "color", "f_dc", "f_rest", "opacity", "sigma")
 _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
@@ -63,6 +69,8 @@ def build_asset(
     buffers: Mapping[str, NDArray[Any]],
     domains: Mapping[str, Domain],
     description: Description | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> Asset:
     """Return an asset made of `buffers`, its manifest complete and checked.
 
@@ -75,6 +83,8 @@ def build_asset(
         For every buffer but `positions` and `indices`, whose domains are fixed.
     description : Description, optional
         A mesh with static colours if not given.
+    progress : callable, optional
+        Told how far hashing is, the longest step.
 
     Raises
     ------
@@ -98,6 +108,7 @@ def build_asset(
     _refuse_bad_geometry(positions, indices)
     bounds, sphere = measure_bounds(positions)
     passes = METHODS[description.method].passes if description.method in METHODS else {}
+    meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
         generator=f"meshsplatbench {__version__}",
@@ -117,7 +128,7 @@ def build_asset(
         color_space=description.color_space,
         coordinate_frame=description.coordinate_frame,
         source=description.source,
-        buffers={name: _spec(name, array, all_domains.get(name)) for name, array in arrays.items()},
+        buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     for item in check_manifest(manifest.to_dict()):
         if item.severity == "error":
@@ -207,7 +218,11 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
     return "triangle_soup"
 
 
-def _spec(name: str, array: NDArray[Any], domain: Any) -> BufferSpec:
+def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSpec:
+    digest, data = hashlib.sha256(), as_bytes(array)
+    for start in range(0, len(data), CHUNK_BYTES):
+        digest.update(data[start : start + CHUNK_BYTES])
+        meter.advance(len(data[start : start + CHUNK_BYTES]))
     return BufferSpec(
         file=f"buffers/{name}.bin",
         offset=0,
@@ -215,7 +230,7 @@ def _spec(name: str, array: NDArray[Any], domain: Any) -> BufferSpec:
         dtype=_DTYPE_NAMES[array.dtype],
         shape=array.shape,
         domain=domain,
-        sha256=hashlib.sha256(as_bytes(array)).hexdigest(),
+        sha256=digest.hexdigest(),
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from typing import Any, NoReturn
 
+from msb.asset.manifest import MANIFEST_NAME
 from msb.errors import AssetError, shorten
 
 MAX_BYTES = 1 << 20
@@ -19,7 +20,9 @@ MAX_DIGITS = 20
 """2^64 has 20 digits; no field of the format needs more."""
 
 
-def parse_strict_json(data: bytes, *, file: object) -> Any:
+def parse_strict_json(
+    data: bytes, *, file: object, name: str = MANIFEST_NAME, max_bytes: int = MAX_BYTES
+) -> Any:
     """Return the JSON value in `data`.
 
     Parameters
@@ -28,6 +31,10 @@ def parse_strict_json(data: bytes, *, file: object) -> Any:
         One UTF-8 document without byte-order mark.
     file : path-like
         Named in errors.
+    name : str
+        What the document is called in messages.
+    max_bytes : int
+        How long it may be.
 
     Raises
     ------
@@ -35,17 +42,19 @@ def parse_strict_json(data: bytes, *, file: object) -> Any:
         `TRIASSET_MANIFEST_...`: EMPTY, TOO_LARGE, ENCODING, TOO_DEEP, SYNTAX, DUPLICATE_KEY, NONFINITE or
         INTEGER.
     """
-    return _Parser(file).parse(data)
+    return _Parser(file, name, max_bytes).parse(data)
 
 
 class _Parser:
     """Parse one document; every method raises `AssetError` naming the file."""
 
-    def __init__(self, file: object) -> None:
+    def __init__(self, file: object, name: str, max_bytes: int) -> None:
         self.file = file
+        self.name = name
+        self.max_bytes = max_bytes
 
     def refuse(self, code: str, message: str, **where: Any) -> NoReturn:
-        raise AssetError(code, f"manifest.json {message}", file=self.file, **where)
+        raise AssetError(code, f"{self.name} {message}", file=self.file, **where)
 
     def parse(self, data: bytes) -> Any:
         text = self.decode(data)
@@ -73,10 +82,10 @@ class _Parser:
 
     def decode(self, data: bytes) -> str:
         if not data:
-            self.refuse("TRIASSET_MANIFEST_EMPTY", "is empty; it must hold one JSON object")
-        if len(data) > MAX_BYTES:
-            message = f"has more than {MAX_BYTES} bytes"
-            self.refuse("TRIASSET_MANIFEST_TOO_LARGE", message, value=len(data), limit=MAX_BYTES)
+            self.refuse("TRIASSET_MANIFEST_EMPTY", "is empty; it must hold one JSON document")
+        if len(data) > self.max_bytes:
+            message = f"has more than {self.max_bytes} bytes"
+            self.refuse("TRIASSET_MANIFEST_TOO_LARGE", message, value=len(data), limit=self.max_bytes)
         if data.startswith(b"\xef\xbb\xbf"):
             message = "starts with a byte-order mark; it must be plain UTF-8"
             self.refuse("TRIASSET_MANIFEST_ENCODING", message, pointer="byte 0")

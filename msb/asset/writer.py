@@ -6,9 +6,10 @@ import struct
 import zipfile
 from typing import IO, TYPE_CHECKING, Any, Literal
 
-from msb.asset.build import as_bytes
+from msb.asset.build import CHUNK_BYTES, as_bytes
 from msb.asset.check import check_manifest
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
+from msb.asset.progress import Meter
 from msb.asset.strict_json import MAX_BYTES
 from msb.atomic import new_file, new_folder
 from msb.errors import AssetError
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
+    from msb.asset.progress import Progress
     from msb.asset.reader import Asset
 
-_CHUNK = 1 << 24
 _LOCAL_HEADER = 30
 _ZIP64_EXTRA = 20
 _PADDING_ID = 0xD935
@@ -29,7 +30,13 @@ _ZIP64_FROM = 1 << 30
 """From this size on the ZIP64 record is written; `zipfile` would decide by itself only above 1.9 GiB."""
 
 
-def save(asset: Asset, path: str | os.PathLike[str], form: Literal["packed", "folder"] = "packed") -> None:
+def save(
+    asset: Asset,
+    path: str | os.PathLike[str],
+    form: Literal["packed", "folder"] = "packed",
+    *,
+    progress: Progress | None = None,
+) -> None:
     """Write `asset` to `path`, replacing what is there only once the new one is complete.
 
     Parameters
@@ -40,6 +47,8 @@ def save(asset: Asset, path: str | os.PathLike[str], form: Literal["packed", "fo
         By convention NAME.triasset, for both forms.
     form : {"packed", "folder"}
         A single file (ZIP of stored, 64-byte aligned members) or a folder.
+    progress : callable, optional
+        Called as ``progress("writing", done, total)``, in bytes.
 
     Raises
     ------
@@ -50,16 +59,19 @@ def save(asset: Asset, path: str | os.PathLike[str], form: Literal["packed", "fo
         shapes.
     """
     _refuse_unreadable(asset, path)
+    meter = Meter("writing", sum(spec.byte_length for spec in asset.manifest.buffers.values()), progress)
     if form == "folder":
         with new_folder(path) as folder:
             for name, chunks in _members(asset):
                 target = folder / name
                 target.parent.mkdir(exist_ok=True)
                 with target.open("wb") as file:
-                    file.writelines(chunks)
+                    for piece in _pieces(chunks):
+                        file.write(piece)
+                        meter.advance(len(piece))
     else:
         with new_file(path) as file:
-            _write_packed(asset, file)
+            _write_packed(asset, file, meter)
 
 
 def _refuse_unreadable(asset: Asset, path: object) -> None:
@@ -93,7 +105,7 @@ def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
         yield file, files[file]
 
 
-def _write_packed(asset: Asset, file: IO[bytes]) -> None:
+def _write_packed(asset: Asset, file: IO[bytes], meter: Meter) -> None:
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, chunks in _members(asset):
             size = sum(len(chunk) for chunk in chunks)
@@ -105,9 +117,15 @@ def _write_packed(asset: Asset, file: IO[bytes]) -> None:
             start = file.tell() + _LOCAL_HEADER + len(name) + (_ZIP64_EXTRA if large else 0)
             info.extra = _padding(start)
             with archive.open(info, "w", force_zip64=large) as member:
-                for chunk in chunks:
-                    for begin in range(0, len(chunk), _CHUNK):
-                        member.write(chunk[begin : begin + _CHUNK])
+                for piece in _pieces(chunks):
+                    member.write(piece)
+                    meter.advance(len(piece))
+
+
+def _pieces(chunks: list[Any]) -> Iterator[Any]:
+    for chunk in chunks:
+        for begin in range(0, len(chunk), CHUNK_BYTES):
+            yield chunk[begin : begin + CHUNK_BYTES]
 
 
 def _padding(start: int) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from msb.cli import audit, completion, convert, info, methods, validate
+from msb.cli import audit, completion, convert, export, info, methods, validate
 from msb.cli.options import Version, epilog
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -18,6 +18,7 @@ app = typer.Typer(
     epilog=epilog("msb audit data_stubs/splat_like.triasset", "msb audit --help"),
 )
 app.command(epilog=audit.EPILOG)(audit.audit)
+app.command(epilog=export.EPILOG)(export.export)
 app.command(epilog=info.EPILOG)(info.info)
 app.command(epilog=validate.EPILOG)(validate.validate)
 app.command(epilog=convert.EPILOG)(convert.convert)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,12 +12,10 @@ from msb.cli.output import Output
 from msb.cli.run import about
 from msb.errors import UsageError
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
 EPILOG = epilog(
     "msb convert data_stubs/splat_like.triasset out/splat_like.glb --up=-y",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
+    "msb convert --official data_stubs/splat_like.triasset out/official.ply",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 _FACE_COLOR_SUFFIXES = (".ply", ".off")
@@ -39,6 +36,9 @@ def convert(
     color: Annotated[
         Literal["stored", "linear"], typer.Option(help="Colours as stored, or sRGB converted to linear.")
     ] = "stored",
+    official: Annotated[
+        bool, typer.Option("--official", help="Write what the method's own exporter would write.")
+    ] = False,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -46,13 +46,18 @@ def convert(
 ) -> None:
     """Convert between .triasset and PLY, OBJ, OFF, STL and GLB, keeping rows, order and vertex colours.
 
-    An asset becomes its standard-tier mesh: opaque, unlit, with static colours.
+    An asset becomes its standard-tier mesh: opaque, unlit, with static colours. With --official it becomes
+    what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
     """
     from msb.cli.inputs import ASSET_SUFFIX
 
     output = Output(None, quiet, verbose, force)
     output.check_free(target)
-    if target.suffix.lower() == ASSET_SUFFIX:
+    if official:
+        if form is not None or up is not None or color != "stored":
+            raise UsageError("USAGE", "--official goes without --form, --up and --color")
+        _write_official(source, target, output)
+    elif target.suffix.lower() == ASSET_SUFFIX:
         if up is not None or color != "stored":
             raise UsageError("USAGE", "--up and --color are for mesh files; a .triasset keeps what is stored")
         _write_asset(source, target, form or "packed", output)
@@ -67,22 +72,27 @@ def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], 
     from msb.cli.inputs import is_asset
 
     with output.progress(f"reading {source.name}"):
-        asset = load(source) if is_asset(source) else _asset_from_file(source)
+        if is_asset(source):
+            asset = load(source)
+        else:
+            from msb.adapters import export
+
+            asset = export(source, method="mesh")
     with output.progress(f"writing {target.name}"):
         save(asset, target, form)
 
 
-def _asset_from_file(path: Path) -> Asset:
-    from msb.asset.manifest import Source, SourceFile
-    from msb.meshes import read_mesh
-    from msb.meshes.assets import asset_from_mesh
+def _write_official(source: Path, target: Path, output: Output) -> None:
+    from msb.adapters.official import official_exporter, write_official
+    from msb.asset import load
+    from msb.cli.inputs import is_asset
 
-    mesh = read_mesh(path)
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    origin = Source((SourceFile(path.name, digest, path.stat().st_size),))
-    with about(path):
-        return asset_from_mesh(mesh, origin)
+    if not is_asset(source):
+        official_exporter("mesh")  # which says that there is none
+    with output.progress(f"reading {source.name}"):
+        asset = load(source)
+    with output.progress(f"writing {target.name}"), about(source):
+        write_official(asset, target)
 
 
 def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: Output) -> None:

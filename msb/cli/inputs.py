@@ -1,4 +1,4 @@
-"""From what the user typed to meshes: assets, mesh files, and folders of these."""
+"""From what the user typed to meshes: assets, mesh files, checkpoints, and folders of these."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.adapters.locate import is_checkpoint
 from msb.asset.manifest import MANIFEST_NAME
-from msb.errors import InputError
+from msb.errors import InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:
@@ -35,18 +36,19 @@ def is_asset(path: Path) -> bool:
 
 
 def expand(path: Path) -> list[Path]:
-    """Return the input itself, or for a folder the assets and mesh files in and below it, sorted.
+    """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted.
 
     Raises
     ------
     InputError
         `FILE_NOT_FOUND`, or `FILE_NOT_RECOGNISED` for a folder without any.
     """
-    if path.is_dir() and not is_asset(path):
+    if path.is_dir() and not is_asset(path) and not is_checkpoint(path):
         found = sorted(_below(path))
         if not found:
             wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
-            raise InputError("FILE_NOT_RECOGNISED", f"the folder holds none of {wanted}", file=path)
+            text = f"the folder holds no checkpoint and none of {wanted}"
+            raise InputError("FILE_NOT_RECOGNISED", text, file=path)
         return found
     if not os.path.lexists(path):
         raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
@@ -56,7 +58,7 @@ def expand(path: Path) -> list[Path]:
 def _below(folder: Path) -> Iterator[Path]:
     for root, folders, files in os.walk(folder):
         here = Path(root)
-        assets = [name for name in folders if is_asset(here / name)]
+        assets = [name for name in folders if is_asset(here / name) or is_checkpoint(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)
         wanted = (ASSET_SUFFIX, *MESH_SUFFIXES)
@@ -68,14 +70,33 @@ def read_input(path: Path) -> MeshInput:
 
     Raises
     ------
-    InputError, AssetError, MeshFileError
+    InputError, AssetError, CheckpointError, MeshFileError, Unsupported
     """
     if is_asset(path):
         from msb.asset import load
 
         asset = load(path)
         return MeshInput(path, asset.buffers["positions"], asset.buffers["indices"], asset.manifest.method)
+    if is_checkpoint(path) or _is_table(path):
+        from msb.adapters import read_model
+
+        model = read_model(path, check_values=False)
+        buffers, method = model.buffers, model.description.method
+        return MeshInput(path, buffers["positions"], buffers["indices"], method)
     from msb.meshes import read_mesh
 
     mesh = read_mesh(path)
     return MeshInput(path, mesh.vertices, mesh.faces, None)
+
+
+def _is_table(path: Path) -> bool:
+    """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
+    from msb.meshes.ply_table import ply_names
+
+    if path.suffix.lower() != ".ply":
+        return False
+    try:
+        names, has_faces = ply_names(path)
+    except MsbError:  # the mesh reader says what is wrong
+        return False
+    return not has_faces and bool({"x1", "rot_0"} & set(names))

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from msb.asset.progress import Progress
+
 STDOUT = "-"
 
 
@@ -61,6 +63,27 @@ class Output:
 
         with Console(stderr=True).status(text):
             yield
+
+    @contextlib.contextmanager
+    def bars(self) -> Iterator[Progress | None]:
+        """Yield a function that draws a bar in bytes for each stage, on a terminal only; else None."""
+        if self.quiet or not sys.stderr.isatty():
+            yield None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, DownloadColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
+
+        columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+        tasks: dict[str, Any] = {}
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+
+            def update(stage: str, done: int, total: int) -> None:
+                if stage not in tasks:
+                    tasks[stage] = bars.add_task(stage, total=total)
+                bars.update(tasks[stage], completed=done)
+
+            yield update
 
     def check_free(self, path: Path | None) -> None:
         """Refuse to overwrite `path` without --force.

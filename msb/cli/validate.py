@@ -10,7 +10,17 @@ import typer
 from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.cli.run import report
-from msb.errors import CODES, EXIT_STATUS, Finding, InputError, MsbError, UsageError, error_finding, finding
+from msb.errors import (
+    CODES,
+    EXIT_STATUS,
+    Finding,
+    InputError,
+    MsbError,
+    Unsupported,
+    UsageError,
+    error_finding,
+    finding,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,8 +53,8 @@ def validate(
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
-    Errors make the command fail with status 1; warnings and infos do not. A mesh file is judged by the asset
-    that would be made of it.
+    Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
+    judged by the asset that would be made of it.
     """
     output = Output(json_file, quiet, verbose, force)
     if explain is not None:
@@ -114,16 +124,15 @@ def check(path: Path) -> list[Finding]:
 
 
 def _check_mesh(path: Path) -> list[Finding]:
-    from msb.meshes import read_mesh
-    from msb.meshes.assets import asset_from_mesh
+    from msb.adapters import export
 
     try:
-        asset = asset_from_mesh(read_mesh(path))
-    except InputError:
+        asset = export(path)
+    except (InputError, Unsupported):
         raise
     except MsbError as error:
         return [error_finding(error)]
-    return list(degenerate_findings(asset.buffers["positions"], asset.buffers["indices"]))
+    return [*asset.warnings, *degenerate_findings(asset.buffers["positions"], asset.buffers["indices"])]
 
 
 def degenerate_findings(positions: Any, indices: Any) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset import Asset, Description, build_asset
-from msb.asset.manifest import Source
+from msb.asset.visible import visible_faces
 from msb.errors import AssetError, Unsupported
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import check_indices
@@ -22,15 +22,8 @@ SH_C0 = 0.28209479177387814
 """Zeroth real spherical harmonic, 1 / (2 sqrt(pi)); the paper rounds it to 0.28209."""
 
 
-def asset_from_mesh(mesh: Mesh, source: Source | None = None) -> Asset:
+def asset_from_mesh(mesh: Mesh) -> Asset:
     """Return `mesh` as an asset of method "mesh": float32 positions, its colours as stored.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Its vertex colours are kept; without any, its face colours.
-    source : Source, optional
-        The file it came from.
 
     Raises
     ------
@@ -38,6 +31,22 @@ def asset_from_mesh(mesh: Mesh, source: Source | None = None) -> Asset:
         `MESH_INDEX_OUT_OF_RANGE`.
     AssetError
         `TRIASSET_VALUE_NONFINITE` or `TRIASSET_EMPTY`.
+    """
+    buffers, domains, kind = mesh_buffers(mesh)
+    return build_asset(buffers, domains, Description(appearance={"kind": kind}))
+
+
+def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], str]:
+    """Return the buffers of `mesh`, their domains, and the kind of its appearance.
+
+    Vertex colours are kept; without any, face colours.
+
+    Raises
+    ------
+    MeshError
+        `MESH_INDEX_OUT_OF_RANGE`.
+    AssetError
+        `TRIASSET_VALUE_NONFINITE`: a coordinate that float32 cannot hold.
     """
     check_indices(mesh)
     with np.errstate(over="ignore"):
@@ -54,16 +63,16 @@ def asset_from_mesh(mesh: Mesh, source: Source | None = None) -> Asset:
         if colors is not None and not domains:
             buffers["color"], kind = colors, "static_color"
             domains["color"] = domain  # type: ignore[assignment]
-    description = Description(appearance={"kind": kind}, source=source or Source())
-    return build_asset(buffers, domains, description)
+    return buffers, domains, kind
 
 
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
     Colours are those the asset brings, or the zeroth SH coefficient baked as clamp(C0 f_dc + 0.5, 0, 1)
-    (paper, "Standard deployment"). Colours of corners become colours of vertices, which needs unshared
-    vertices: the mesh is then a soup.
+    (paper, "Standard deployment"). The colour of a soup's face goes to its three vertices. Colours of
+    corners become colours of vertices, which needs unshared vertices: the mesh is then a soup. Faces an STE
+    threshold hides are left out.
 
     Raises
     ------
@@ -78,13 +87,17 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     faces = asset.buffers["indices"].astype(np.int64)
     colors = _static_colors(asset)
     if colors is None:
-        return Mesh(vertices, faces, None, None)
-    values, domain = colors
-    if domain == "vertex":
-        return Mesh(vertices, faces, values, None)
-    if domain == "face":
-        return Mesh(vertices, faces, None, values)
-    return _unshared(vertices, faces, values)
+        mesh = Mesh(vertices, faces, None, None)
+    elif colors[1] == "vertex":
+        mesh = Mesh(vertices, faces, colors[0], None)
+    elif colors[1] == "corner":
+        mesh = _unshared(vertices, faces, colors[0])
+    elif asset.manifest.topology == "triangle_soup":
+        mesh = Mesh(vertices, faces, np.repeat(colors[0], 3, axis=0), None)
+    else:
+        mesh = Mesh(vertices, faces, None, colors[0])
+    keep = visible_faces(asset)
+    return mesh if keep is None or keep.all() else _with_faces(mesh, keep)
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
@@ -95,6 +108,22 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
     return _unshared(mesh.vertices, mesh.faces, np.repeat(mesh.face_colors, 3, axis=0))
+
+
+def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return clamp(C0 f_dc + 0.5, 0, 1), the colour of the zeroth SH coefficient."""
+    return np.asarray(np.clip(np.float32(SH_C0) * f_dc + np.float32(0.5), 0, 1))
+
+
+def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
+    """Return the faces `keep` (F,) of `mesh` and the vertices they use, in their old order."""
+    faces = mesh.faces[keep]
+    used = np.zeros(len(mesh.vertices), bool)
+    used[faces] = True
+    number = np.cumsum(used) - 1
+    vertex_colors = None if mesh.vertex_colors is None else mesh.vertex_colors[used]
+    face_colors = None if mesh.face_colors is None else mesh.face_colors[keep]
+    return Mesh(mesh.vertices[used], number[faces], vertex_colors, face_colors)
 
 
 def _unshared(vertices: NDArray[Any], faces: NDArray[np.int64], colors: NDArray[Any]) -> Mesh:
@@ -108,6 +137,6 @@ def _static_colors(asset: Asset) -> tuple[NDArray[Any], str] | None:
         if name in asset.buffers:
             values, domain = asset.buffers[name], asset.manifest.buffers[name].domain
             if name == "f_dc":
-                values = np.clip(np.float32(SH_C0) * values + np.float32(0.5), 0, 1).astype(np.float32)
+                values = baked_colors(values)
             return values, domain
     return None

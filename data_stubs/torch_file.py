@@ -1,0 +1,81 @@
+"""Write what `torch.save` writes for a dictionary of tensors, without torch: for stubs, tests and benchmarks.
+
+Layout: a ZIP of stored members, `data.pkl` (protocol 2) beside one raw storage a tensor, each on a 64-byte
+boundary (pytorch/pytorch: torch/serialization.py, caffe2/serialize). Tensors are written a piece at a time,
+so that one may be a memory map.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+_STORAGES = {"<f4": "FloatStorage", "<i4": "IntStorage", "<i8": "LongStorage", "<f8": "DoubleStorage"}
+_PIECE = 1 << 24
+_DATE = (1980, 1, 1, 0, 0, 0)
+_ORDERED_DICT = b"ccollections\nOrderedDict\n)R"
+
+
+def write_torch(path: Path, values: dict[str, Any], root: str = "archive") -> None:
+    """Write `values`, whose items are tensors, numbers or None, as a torch file to `path`."""
+    storages: list[NDArray[Any]] = []
+    pickle = b"\x80\x02}(" + b"".join(_text(k) + _value(v, storages) for k, v in values.items()) + b"u."
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        _member(archive, f"{root}/data.pkl", [pickle])
+        _member(archive, f"{root}/byteorder", [b"little"])
+        for number, array in enumerate(storages):
+            flat = array.reshape(-1).view(np.uint8)
+            pieces = [flat[start : start + _PIECE] for start in range(0, len(flat), _PIECE)]
+            _member(archive, f"{root}/data/{number}", pieces)
+        _member(archive, f"{root}/version", [b"3\n"])
+
+
+def _member(archive: zipfile.ZipFile, name: str, pieces: list[Any]) -> None:
+    info = zipfile.ZipInfo(name, _DATE)
+    size = sum(len(piece) for piece in pieces)
+    large = size >= 1 << 30
+    assert archive.fp is not None
+    start = archive.fp.tell() + 30 + len(name) + 4 + (20 if large else 0)
+    padding = -start % 64
+    info.extra = struct.pack("<2H", 0x4246, padding) + b"Z" * padding
+    info.file_size = size
+    with archive.open(info, "w", force_zip64=large) as member:
+        for piece in pieces:
+            member.write(piece)
+
+
+def _text(value: str) -> bytes:
+    raw = value.encode()
+    return b"X" + struct.pack("<I", len(raw)) + raw
+
+
+def _integer(value: int) -> bytes:
+    if -(1 << 31) <= value < 1 << 31:
+        return b"J" + struct.pack("<i", value)
+    return b"\x8a\x08" + struct.pack("<q", value)
+
+
+def _value(value: Any, storages: list[NDArray[Any]]) -> bytes:
+    if value is None or isinstance(value, bool):
+        return {None: b"N", True: b"\x88", False: b"\x89"}[value]
+    if isinstance(value, int):
+        return _integer(value)
+    if isinstance(value, float):
+        return b"G" + struct.pack(">d", value)
+    array = np.ascontiguousarray(value)
+    storages.append(array)
+    kind = _STORAGES[array.dtype.newbyteorder("<").str]
+    reference = _text("storage") + f"ctorch\n{kind}\n".encode() + _text(str(len(storages) - 1))
+    reference += _text("cuda:0") + _integer(array.size)
+    strides = [step // array.itemsize for step in array.strides]
+    rows = [b"(" + b"".join(map(_integer, numbers)) + b"t" for numbers in (array.shape, strides)]
+    tensor = b"ctorch._utils\n_rebuild_tensor_v2\n((" + reference + b"tQ" + _integer(0) + rows[0] + rows[1]
+    return tensor + b"\x89" + _ORDERED_DICT + b"tR"

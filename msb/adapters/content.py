@@ -1,0 +1,66 @@
+"""What a located file holds, read once and then shown to the adapters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from msb.adapters.checkpoint import read_checkpoint
+from msb.errors import CheckpointError
+from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from msb.adapters.locate import Place
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user says beside the path: settings by name, and the file with the training's config.
+
+    Without `check_values` parameters may be NaN: the audit counts such vertices.
+    """
+
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    config: Path | None = None
+    check_values: bool = True
+
+
+@dataclass(frozen=True)
+class Content:
+    """A file of one of the kinds of `Place`; each adapter looks at what concerns it."""
+
+    place: Place
+
+    @cached_property
+    def value(self) -> Any:
+        """What torch saved; None for other kinds of files."""
+        return read_checkpoint(self.place.file) if self.place.kind == "torch" else None
+
+    @cached_property
+    def ply_names(self) -> tuple[str, ...]:
+        """The vertex properties of a PLY without faces; empty for other files."""
+        if self.place.kind != "ply":
+            return ()
+        names, has_faces = ply_names(self.place.file)
+        return () if has_faces else names
+
+    def table(self) -> PlyTable:
+        """Return the rows of a PLY without faces."""
+        return read_ply_table(self.place.file)
+
+    def mapping(self, file: Path) -> Mapping[Any, Any]:
+        """Return the dictionary that torch saved.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_KEY_TYPE`: it is something else.
+        """
+        if not isinstance(self.value, dict):
+            text = f"it holds a {type(self.value).__name__}; it must be a dictionary of tensors"
+            raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file)
+        return self.value

@@ -1,0 +1,204 @@
+"""From the path a user gives to the file that holds the model: the output folders of every method.
+
+Only names are looked at here, so asking whether a folder is a checkpoint costs a directory listing. What a
+file holds decides about the method (`detect`).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from msb.errors import CheckpointError, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+Kind = Literal["torch", "ply", "mesh", "web"]
+TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
+WEB_FILES = ("lut0.png", "lut1.png", "mlp_weights.json")
+"""What the web export of DiffSoup puts beside its mesh.ply."""
+STATE_DICT = "point_cloud_state_dict.pt"
+SPLATS = "point_cloud.ply"
+FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
+"""Meshes 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting: render.py)."""
+_OTHER_MESHES = (".obj", ".off", ".stl", ".glb")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a model is.
+
+    Attributes
+    ----------
+    file : Path
+        The file that holds it; of a web export its mesh.ply.
+    root : Path
+        The output folder of the training, where configs and logs are looked for.
+    kind : {"torch", "ply", "mesh", "web"}
+        How the file is read.
+    """
+
+    file: Path
+    root: Path
+    kind: Kind
+
+
+def is_checkpoint(path: Path) -> bool:
+    """Return whether `path` is named like a checkpoint: a torch file, or an output folder of a method."""
+    return path.suffix.lower() in TORCH_SUFFIXES if path.is_file() else _pick(path) is not None
+
+
+def locate(path: str | os.PathLike[str]) -> Place:
+    """Return where the model below `path` is, the latest iteration if there are several.
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND`.
+    CheckpointError
+        `CHECKPOINT_UNKNOWN` for a folder that is none of those we know, or that holds several;
+        `CHECKPOINT_FILE_MISSING` for an iteration without its model.
+    """
+    path = Path(path)
+    try:
+        is_folder = path.is_dir()
+    except ValueError:  # a NUL in the name
+        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path) from None
+    if not is_folder:
+        if not os.path.lexists(path):
+            raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
+        return _of_file(path)
+    file = _pick(path)
+    if file is None:
+        below = [folder for folder in _folders(path) if _pick(folder) is not None]
+        if len(below) == 1:
+            return locate(below[0])
+        text = "it is not the output folder of a method we know; docs/export.md shows how these look"
+        if below:
+            names = ", ".join(folder.name for folder in below[:8])
+            text = f"it holds {len(below)} checkpoints ({names}); give one of them"
+        raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=path)
+    if not file.exists():
+        text = f"{file.relative_to(path)} is missing: the latest iteration has no model"
+        raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=path, pointer=file.name)
+    return _of_file(file)
+
+
+def _of_file(file: Path) -> Place:
+    suffix = file.suffix.lower()
+    if file.name == "mesh.ply" and any((file.parent / name).exists() for name in WEB_FILES):
+        return Place(file, file.parent, "web")
+    kind: Kind = "ply" if suffix == ".ply" else "mesh" if suffix in _OTHER_MESHES else "torch"
+    return Place(file, _root(file), kind)
+
+
+def _root(file: Path) -> Path:
+    """Return the output folder that `file` lies in, by the names of the folders above it."""
+    above = [folder.name for folder in file.absolute().parents]
+    if (
+        len(above) > 2
+        and above[1] in ("point_cloud", "train")
+        and re.match(r"(iteration|ours)_\d+\Z", above[0])
+    ):
+        return file.absolute().parents[2]
+    if len(above) > 1 and above[0] in ("ckpt", "point_cloud", "glb", "mesh_ply"):
+        return file.absolute().parents[1]
+    return file.parent
+
+
+def _pick(folder: Path) -> Path | None:
+    """Return the file of the model in `folder`, None if the folder looks like no method's.
+
+    The file of the latest iteration is returned even if it is missing.
+    """
+    return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
+
+
+def _diffsoup(folder: Path) -> Path | None:
+    file = folder / "final_params.pt"
+    return file if file.exists() else None
+
+
+def _diffsoup_web(folder: Path) -> Path | None:
+    if any((folder / name).exists() for name in WEB_FILES):
+        return folder / "mesh.ply"
+    return None
+
+
+def _two_dts(folder: Path) -> Path | None:
+    for name in (folder / "ckpt", folder) if folder.name == "ckpt" else (folder / "ckpt",):
+        if found := _latest(name, r"(\d+)\.ckpt"):
+            return found
+    return None
+
+
+def _two_dts_ply(folder: Path) -> Path | None:
+    return _latest(folder if folder.name == "point_cloud" else folder / "point_cloud", r"(\d+)\.ply")
+
+
+def _iteration(folder: Path) -> Path | None:
+    """Return the latest model of the 3DGS family: a state dict, or the splats of 3DGS and 2DGS."""
+    if re.match(r"iteration_\d+\Z", folder.name):
+        latest: Path | None = folder
+    else:
+        inside = folder if folder.name == "point_cloud" else folder / "point_cloud"
+        latest = _latest(inside, r"iteration_(\d+)")
+    if latest is None:
+        return None
+    if (latest / STATE_DICT).exists():
+        return latest / STATE_DICT
+    if (latest / SPLATS).exists():
+        return _fused(latest.parent.parent) or latest / SPLATS
+    return latest / STATE_DICT
+
+
+def _fused(folder: Path) -> Path | None:
+    latest = _latest(folder / "train", r"ours_(\d+)")
+    if latest is None:
+        return None
+    return next((latest / name for name in FUSED if (latest / name).exists()), None)
+
+
+def _state_dict(folder: Path) -> Path | None:
+    file = folder / STATE_DICT
+    return file if file.exists() else None
+
+
+def _gaussian_checkpoint(folder: Path) -> Path | None:
+    return _latest(folder, r"chkpnt(\d+)\.pth")
+
+
+_RULES: tuple[Callable[[Path], Path | None], ...] = (
+    _diffsoup,
+    _diffsoup_web,
+    _two_dts,
+    _iteration,
+    _state_dict,
+    _two_dts_ply,
+    _fused,
+    _gaussian_checkpoint,
+)
+
+
+def _latest(folder: Path, pattern: str) -> Path | None:
+    """Return the entry of `folder` whose number in `pattern` is the largest, as a number: 7000 < 30000."""
+    numbered: dict[int, str] = {}
+    for name in _names(folder):
+        if (match := re.fullmatch(pattern, name)) and len(match[1]) < 19:
+            numbered[int(match[1])] = name
+    return folder / numbered[max(numbered)] if numbered else None
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return [path.name for path in folder.iterdir()]
+    except OSError:
+        return []
+
+
+def _folders(folder: Path) -> Iterator[Path]:
+    return (folder / name for name in sorted(_names(folder)) if (folder / name).is_dir())

@@ -1,0 +1,83 @@
+"""Collect a method's settings, each with its source; a flag rules over what the files say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msb.asset.manifest import StoredSetting
+from msb.asset.settings import check_overrides
+from msb.errors import CheckpointError, UsageError, json_safe, shorten
+from msb.methods import METHODS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from msb.methods import SettingSource
+
+
+class Settings:
+    """The settings of one model while they are found.
+
+    Parameters
+    ----------
+    method : str
+        Its name in `METHODS`.
+    flags : mapping
+        What the user set; it is checked here.
+
+    Raises
+    ------
+    UsageError
+        `SETTING_UNKNOWN` or `SETTING_VALUE`.
+    """
+
+    def __init__(self, method: str, flags: Mapping[str, Any]) -> None:
+        self._known = METHODS[method].settings
+        self._flags = check_overrides(method, flags)
+        self._found: dict[str, StoredSetting] = {}
+
+    def add(
+        self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
+    ) -> None:
+        """Take `value` for setting `name`, as found in `file` under `key`; a flag makes it void.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_VALUE_RANGE` or `CHECKPOINT_CONFIG_VALUE`: the setting cannot take the value.
+        """
+        if name in self._flags:
+            return
+        if not isinstance(value, bool | int | float | str | None):
+            value = f"a {type(value).__name__}"
+        if problem := self._known[name].problem(value):
+            code = "CHECKPOINT_CONFIG_VALUE" if source == "config" else "CHECKPOINT_VALUE_RANGE"
+            text = f"{key or name} is {shorten(repr(value), 40)}; it {problem}"
+            raise CheckpointError(code, text, file=file, pointer=key or name, value=json_safe(value))
+        self._found[name] = StoredSetting(value, source)
+
+    def finish(self, degree: int | None = None) -> dict[str, StoredSetting]:
+        """Return all settings, in the method's order; `degree` is the stored SH degree.
+
+        Raises
+        ------
+        UsageError
+            `SETTING_VALUE`: a flag asks for a degree that is not stored.
+        """
+        wanted = self._flags.get("sh_degree")
+        if isinstance(wanted, int) and degree is not None and wanted > degree:
+            text = f"setting sh_degree is {wanted}; the checkpoint stores degree {degree} only"
+            raise UsageError("SETTING_VALUE", text, value=wanted, limit=degree)
+        settings = {}
+        for name, setting in self._known.items():
+            default = setting.default if name != "sh_degree" else degree
+            settings[name] = self._found.get(name, StoredSetting(default, "default"))
+            if name in self._flags:
+                settings[name] = StoredSetting(self._flags[name], "flag")
+        return settings
+
+
+def background(white: bool) -> str:
+    """Return the background colour of the official evaluation as the manifest names it."""
+    return "#ffffff" if white else "#000000"

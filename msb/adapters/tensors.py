@@ -1,0 +1,210 @@
+"""The tensors of a checkpoint by key: there, of the right shape and type, finite."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.adapters.checkpoint import BFloat16Array
+from msb.asset.build import CHUNK_ROWS
+from msb.errors import CheckpointError, Finding, finding, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+Axis = int | str
+"""A length, or a letter for a length that all tensors with this letter share."""
+
+SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
+"""Coefficients per channel beyond the first -> degree L: K = (L + 1)^2 - 1."""
+
+
+class Tensors:
+    """The named tensors of one file, checked when asked for.
+
+    Parameters
+    ----------
+    values : mapping
+        What `read_checkpoint` gave: tensors by key, other values too.
+    file : Path
+        Named in errors.
+    check_values : bool
+        Refuse numbers that are not finite.
+    """
+
+    def __init__(self, values: Mapping[Any, Any], file: Path, check_values: bool = True) -> None:
+        self._values, self._file, self._check_values = values, file, check_values
+        self._lengths: dict[str, tuple[int, str]] = {}
+        self.warnings: list[Finding] = []
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def value(self, key: str) -> Any:
+        """Return what is stored under `key`.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_KEY_MISSING`.
+        """
+        if key not in self._values:
+            there = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
+            text = f'it has no key "{key}"; it has {there}'
+            raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=self._file, pointer=key)
+        return self._values[key]
+
+    def floats(self, key: str, *shape: Axis, infinite: bool = False) -> NDArray[np.float32]:
+        """Return the float32 tensor `key` of `shape`, whose values are all numbers.
+
+        float16 and bfloat16 are widened, which is exact; float64 is rounded, with a warning. `infinite`
+        allows infinities: the logit of an opacity that is exactly 0 or 1.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_KEY_MISSING`, `CHECKPOINT_KEY_TYPE`, `CHECKPOINT_KEY_DTYPE`,
+            `CHECKPOINT_KEY_SHAPE` or `CHECKPOINT_VALUE_NONFINITE`.
+        """
+        array = self._tensor(key, "float32", "f")
+        self._check_shape(key, array.shape, shape)
+        if array.dtype.itemsize > 4:
+            text = f"{key} is {array.dtype.name}; it was rounded to float32, which is what assets hold"
+            self.warnings.append(finding("CHECKPOINT_ROUNDED", text, severity="warning", pointer=key))
+        with np.errstate(over="ignore"):  # what overflows is found below
+            values = array.astype(np.float32, copy=False)
+        if self._check_values:
+            self._check_finite(key, values, infinite=infinite)
+        return values
+
+    def indices(self, key: str, vertices: int, *shape: Axis) -> NDArray[np.uint32]:
+        """Return the integer tensor `key`, whose values number `vertices` rows, as uint32.
+
+        Raises
+        ------
+        CheckpointError
+            As `floats`, and `CHECKPOINT_VALUE_INDEX` for one that is negative or too large.
+        """
+        array = self._tensor(key, "int32 or int64", "iu")
+        self._check_shape(key, array.shape, shape)
+        if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
+            at = np.argwhere((array < 0) | (array >= vertices))[0].tolist()
+            found = int(array[tuple(at)])
+            text = f"{key}{at} is {found}; it must be 0 to {vertices - 1}"
+            raise self.error("CHECKPOINT_VALUE_INDEX", text, f"{key}{at}", found, vertices - 1)
+        return array.astype(np.uint32)
+
+    def number(self, key: str) -> float:
+        """Return the number `key`: a Python number, or a tensor with one element.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_KEY_MISSING`, `CHECKPOINT_KEY_TYPE` or `CHECKPOINT_VALUE_NONFINITE`.
+        """
+        value = self.value(key)
+        if isinstance(value, BFloat16Array):
+            value = value.to_float32()
+        if isinstance(value, np.ndarray) and value.size == 1:
+            value = value.item()
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._wrong_type(key, value, "a number")
+        if not abs(value) < 1e300:  # NaN too; an integer may be past any float
+            text = f"{key} is {shorten(repr(value), 40)}; it must be a finite number"
+            raise self.error("CHECKPOINT_VALUE_NONFINITE", text, key, str(value))
+        return float(value)
+
+    def integer(self, key: str, low: int, high: int) -> int:
+        """Return the integer `key`, from `low` to `high`.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_KEY_MISSING`, `CHECKPOINT_KEY_TYPE` or `CHECKPOINT_VALUE_RANGE`.
+        """
+        number = self.number(key)
+        if number != int(number) or not low <= number <= high:
+            text = f"{key} is {number:g}; it must be a whole number from {low} to {high}"
+            raise self.error("CHECKPOINT_VALUE_RANGE", text, key, number, high)
+        return int(number)
+
+    def degree(self, key: str, coefficients: int) -> int:
+        """Return L for a tensor `key` with `coefficients` per channel beyond the first.
+
+        Raises
+        ------
+        CheckpointError
+            `CHECKPOINT_KEY_SHAPE`.
+        """
+        if coefficients not in SH_COEFFICIENTS:
+            text = f"{key} has {coefficients} SH coefficients per channel; degree 0 to 3 has 0, 3, 8 or 15"
+            raise self.error("CHECKPOINT_KEY_SHAPE", text, key, coefficients)
+        return SH_COEFFICIENTS[coefficients]
+
+    def axis(self, key: str, number: int) -> int:
+        """Return the length of one axis of the tensor `key`, before its shape is known to be right."""
+        shape = self._tensor(key, "float32", "fiu").shape
+        return int(shape[number]) if number < len(shape) else 0
+
+    def length(self, letter: str) -> int:
+        """Return the length that the tensors asked for so far share under `letter`."""
+        return self._lengths[letter][0]
+
+    def error(
+        self, code: str, text: str, pointer: str, value: Any = None, limit: Any = None
+    ) -> CheckpointError:
+        """Return the error about this file."""
+        return CheckpointError(code, text, file=self._file, pointer=pointer, value=value, limit=limit)
+
+    def _tensor(self, key: str, wanted: str, kinds: str) -> NDArray[Any]:
+        value = self.value(key)
+        if isinstance(value, BFloat16Array):
+            value = value.to_float32()
+        if not isinstance(value, np.ndarray):
+            raise self._wrong_type(key, value, "a tensor")
+        if value.dtype.kind not in kinds:
+            text = f"{key} is {value.dtype.name}; it must be {wanted}"
+            raise self.error("CHECKPOINT_KEY_DTYPE", text, key, value.dtype.name)
+        return value
+
+    def _wrong_type(self, key: str, value: Any, wanted: str) -> CheckpointError:
+        if isinstance(value, np.ndarray):
+            found = f"a tensor {list(value.shape)}"
+        else:
+            found = {type(None): "None", dict: "a dictionary", str: "text"}.get(
+                type(value), f"of type {type(value).__name__}"
+            )
+        return self.error("CHECKPOINT_KEY_TYPE", f"{key} is {found}; it must be {wanted}", key)
+
+    def _check_shape(self, key: str, found: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
+        ok = len(found) == len(wanted)
+        for axis, length in zip(wanted, found, strict=False):
+            if isinstance(axis, int):
+                ok = ok and axis == length
+            elif ok:
+                ok = self._lengths.setdefault(axis, (length, key))[0] == length
+        if not ok:
+            known = {a: self._lengths[a] for a in wanted if isinstance(a, str) and a in self._lengths}
+            text = f"{key} has shape {list(found)}; it must be {' x '.join(map(str, wanted))}"
+            where = [f"{a} = {n} as in {k}" for a, (n, k) in known.items() if k != key]
+            text += f" with {', '.join(where)}" if where else ""
+            raise self.error("CHECKPOINT_KEY_SHAPE", text, key, list(found))
+        if 0 in [n for axis, n in zip(wanted, found, strict=True) if isinstance(axis, str)]:
+            text = f"{key} has shape {list(found)}: the model is empty"
+            raise self.error("CHECKPOINT_KEY_SHAPE", text, key, list(found))
+
+    def _check_finite(self, key: str, array: NDArray[np.float32], *, infinite: bool) -> None:
+        rows = max(1, CHUNK_ROWS * 8 // max(1, array[:1].size))
+        for start in range(0, len(array), rows):
+            part = array[start : start + rows]
+            bad = np.isnan(part) if infinite else ~np.isfinite(part)
+            if bad.any():
+                at = np.argwhere(bad)[0].tolist()
+                value = part[tuple(at)]
+                at[0] += start
+                text = f"{key}{at} is {value}; it must be {'a' if infinite else 'a finite'} number"
+                raise self.error("CHECKPOINT_VALUE_NONFINITE", text, f"{key}{at}", str(value))

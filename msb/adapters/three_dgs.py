@@ -1,0 +1,41 @@
+"""3DGS: recognised, and refused with the reason; its primitives are Gaussians."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NoReturn
+
+from msb.errors import Unsupported
+from msb.methods import METHODS
+
+if TYPE_CHECKING:
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+
+_CAPTURED = 12
+"""Items of the tuple that its training captures in chkpntN.pth (graphdeco-inria/gaussian-splatting)."""
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a PLY of Gaussians with three scales, or a training checkpoint."""
+    if content.ply_names:
+        return {"rot_0", "scale_2"} <= set(content.ply_names)
+    value = content.value
+    return (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and isinstance(value[0], tuple)
+        and len(value[0]) == _CAPTURED
+    )
+
+
+def read(place: Place, content: Content, options: Options) -> NoReturn:
+    """Refuse.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_METHOD`.
+    """
+    why = METHODS["three_dgs"].unsupported["standard"]
+    text = f"three_dgs on every tier: {why}, so there is no asset to export"
+    raise Unsupported("UNSUPPORTED_METHOD", text, file=place.file)

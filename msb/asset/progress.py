@@ -1,0 +1,22 @@
+"""How long work tells whoever watches how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[str, int, int], None]
+"""Called as ``progress(stage, done, total)``, in bytes; often, so it must be cheap."""
+
+
+class Meter:
+    """Count the bytes of one stage."""
+
+    def __init__(self, stage: str, total: int, progress: Progress | None) -> None:
+        self._stage, self._total, self._progress = stage, total, progress
+        self._done = 0
+
+    def advance(self, count: int) -> None:
+        """Say that `count` more bytes are done."""
+        self._done += count
+        if self._progress is not None:
+            self._progress(self._stage, self._done, self._total)

@@ -1,0 +1,94 @@
+"""Settings of a method: stored in an asset, overridden by a call, written on a command line."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING, Any
+
+from msb.errors import UsageError, shorten
+from msb.methods import METHODS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from msb.asset.manifest import Manifest
+    from msb.methods import SettingValue
+
+_BOOLS = {"true": True, "yes": True, "on": True, "1": True}
+_BOOLS |= {"false": False, "no": False, "off": False, "0": False}
+
+
+def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return every setting of the asset's method: the override, else the stored value, else the default.
+
+    Raises
+    ------
+    UsageError
+        As `check_overrides`, and `SETTING_VALUE` for an `sh_degree` above the stored one.
+    """
+    method = METHODS[manifest.method]
+    overrides = check_overrides(manifest.method, overrides or {})
+    degree = overrides.get("sh_degree")
+    if isinstance(degree, int) and degree > manifest.sh_degree:
+        text = f"setting sh_degree is {degree}; the asset stores degree {manifest.sh_degree} only"
+        raise UsageError("SETTING_VALUE", text, value=degree, limit=manifest.sh_degree)
+    values = {name: setting.default for name, setting in method.settings.items()}
+    if "sh_degree" in values:
+        values["sh_degree"] = manifest.sh_degree
+    values.update({name: stored.value for name, stored in manifest.settings.items()})
+    return {**values, **overrides}
+
+
+def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, SettingValue]:
+    """Return `overrides`, every name and value of which `method` can take.
+
+    Raises
+    ------
+    UsageError
+        `SETTING_UNKNOWN` or `SETTING_VALUE`.
+    """
+    known = METHODS[method].settings
+    for name, value in overrides.items():
+        if name not in known:
+            valid = ", ".join(known) or "none"
+            near = difflib.get_close_matches(str(name), known, 1)
+            text = f'{method} has no setting "{shorten(str(name), 40)}"; it has {valid}'
+            text += f"; did you mean {near[0]}?" if near else ""
+            raise UsageError("SETTING_UNKNOWN", text, value=str(name))
+        if problem := known[name].problem(value):
+            text = f"setting {name} is {shorten(repr(value), 40)}; it {problem}"
+            raise UsageError("SETTING_VALUE", text, value=value)
+    return dict(overrides)
+
+
+def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, SettingValue]:
+    """Return the settings that texts like ``gamma=20`` or ``ste_threshold=none`` assign.
+
+    Raises
+    ------
+    UsageError
+        `USAGE` for a text that is no assignment; as `check_overrides` otherwise.
+    """
+    known = METHODS[method].settings
+    found: dict[str, Any] = {}
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise UsageError("USAGE", f'--set takes name=value; "{shorten(text, 40)}" has no "="')
+        name = name.strip()
+        found[name] = _parse(known[name].kind, value.strip()) if name in known else value
+    return check_overrides(method, found)
+
+
+def _parse(kind: str, text: str) -> SettingValue:
+    """Return the value `text` stands for; what is no such value stays text, which the check refuses."""
+    if text.lower() in ("none", "null"):
+        return None
+    if kind == "bool":
+        return _BOOLS.get(text.lower(), text)
+    if kind in ("int", "float"):
+        try:
+            return int(text) if kind == "int" else float(text)
+        except ValueError:
+            return text
+    return text

@@ -1,0 +1,106 @@
+"""`msb export`: a trained checkpoint as a .triasset, without torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+EPILOG = epilog(
+    "msb export data_stubs/checkpoint out/demo.triasset",
+    "msb export --set opacity_floor=0.9999 data_stubs/checkpoint out/floor.triasset",
+    "msb export --json - --quiet data_stubs/checkpoint out/quiet.triasset",
+)
+SCHEMA = "msb.export/1"
+
+
+def export(
+    source: Annotated[
+        Path, typer.Argument(metavar="CHECKPOINT", help="A training's output folder, or the model's file.")
+    ],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="The .triasset to write.")],
+    method: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The method, if it is not to be detected.")
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Override a setting; msb methods lists them."),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML config or log of a 2DTS training.")
+    ] = None,
+    form: Annotated[Literal["packed", "folder"], typer.Option(help="Form of the .triasset.")] = "packed",
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Turn a trained checkpoint into a .triasset, on any machine: no PyTorch, no CUDA.
+
+    The method is found from what the files hold. Settings come from the checkpoint, the training's
+    config, --set, or defaults; the asset records which.
+    """
+    from msb.adapters.exporter import finish, read_model
+    from msb.asset import save
+    from msb.cli.inputs import ASSET_SUFFIX
+
+    output = Output(json_file, quiet, verbose, force)
+    if target.suffix.lower() != ASSET_SUFFIX:
+        raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in {ASSET_SUFFIX}')
+    output.check_free(target)
+    output.check_free(json_file)
+    with output.progress(f"reading {source.name}"):
+        settings = _settings(source, method, config, assignments or [])
+        model = read_model(source, method=method, settings=settings, config=config)
+    with output.bars() as progress:
+        asset = finish(model, progress=progress)
+        save(asset, target, form, progress=progress)
+    for warning in asset.warnings:
+        output.note(f"{warning.code}: {source}: {warning.message}")
+    manifest = asset.manifest.to_dict()
+    warnings = [warning.to_dict() for warning in asset.warnings]
+    output.write_json({"schema": SCHEMA, "path": str(target), "warnings": warnings, "manifest": manifest})
+    if output.prints_text:
+        _print(asset, target, output)
+
+
+def _settings(
+    source: Path, method: str | None, config: Path | None, assignments: list[str]
+) -> dict[str, object]:
+    """Return what --set assigns; which values it can take depends on the method."""
+    from msb.adapters.exporter import detect
+    from msb.asset.settings import parse_overrides
+
+    if not assignments:
+        return {}
+    return dict(parse_overrides(method or detect(source), assignments))
+
+
+def _print(asset: Asset, target: Path, output: Output) -> None:
+    from rich.markup import escape
+
+    from msb.methods import METHODS
+
+    m, console = asset.manifest, output.console()
+    size = sum(spec.byte_length for spec in m.buffers.values())
+    console.print(
+        f"{escape(str(target))}: [bold]{METHODS[m.method].title}[/bold], {m.topology.replace('_', ' ')}, "
+        f"{m.vertex_count:,} vertices, {m.face_count:,} faces, SH degree {m.sh_degree}, {size:,} bytes",
+        soft_wrap=True,
+    )
+    if output.quiet or not m.settings:
+        return
+    table = plain_table("Setting", "Value", "From")
+    for name, stored in m.settings.items():
+        value = "none" if stored.value is None else str(stored.value)
+        table.add_row(name, escape(value), stored.source)
+    console.print(table)
