@@ -17,7 +17,10 @@ $(STAMP): pyproject.toml | $(BIN)/python
 	@touch $@
 
 demo: $(STAMP)
-	@echo "== What the demo asset holds: msb info"
+	@echo "== From a trained checkpoint to an asset, without torch: msb export"
+	@$(BIN)/msb export --force data_stubs/checkpoint out/demo/checkpoint.triasset
+	@echo
+	@echo "== What an asset holds: msb info"
 	@$(BIN)/msb info data_stubs/splat_like.triasset
 	@echo
 	@echo "== Is it structurally usable, and do the peers agree? msb-audit --paper --cross-check"
@@ -39,6 +42,7 @@ lint: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.audit
+	$(BIN)/python -m benchmarks.export
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -12,22 +12,18 @@ is the rise of the process's high-water mark above the loaded arrays and librari
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import os
-import platform
-import re
-import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from benchmarks.measure import machine, peak, reset_peak
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -174,24 +170,6 @@ def measure(tool: str, folder: Path, warm: bool) -> None:
     print(json.dumps({"seconds": seconds, "bytes": peak() - before, "answers": answers}))
 
 
-def reset_peak() -> int:
-    """Set the process's peak of memory to what it uses now, where the system can, and return it (bytes)."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-    return peak()
-
-
-def peak() -> int:
-    """Return the process's peak of memory in bytes.
-
-    Not from getrusage where /proc has it: there a child starts with the peak of the parent that forked it.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-
-
 def run_round(tools: list[str], folder: Path, cold: bool) -> dict[str, dict[str, Any]]:
     """Return one measurement of each tool, each in its own process."""
     results = {}
@@ -230,25 +208,6 @@ def summarise(rounds: list[dict[str, dict[str, Any]]], faces: int) -> list[dict[
     return rows
 
 
-def machine() -> dict[str, str]:
-    """Return what the figures were measured on and with."""
-    model = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-        model = names[0].split(":", 1)[1].strip() if names else model
-    from msb import __version__
-
-    packages = {"meshsplatbench": __version__}
-    for name in ("numpy", "scipy", "libigl", "pymeshlab", "trimesh"):
-        try:
-            packages[name] = version(name)
-        except PackageNotFoundError:
-            packages[name] = "not installed"
-    cores = f"{len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"
-    return {"machine": f"{model}, {cores}", "python": platform.python_version(), **packages}
-
-
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -266,7 +225,8 @@ def main() -> None:
     from data_stubs.splat_like import splat_like
 
     tools = ["msb", *(tool for tool in options.tools if tool != "msb")]
-    record: dict[str, Any] = {"machine": machine(), "cold": options.cold, "what": WHAT, "sizes": []}
+    about = machine("numpy", "scipy", "libigl", "pymeshlab", "trimesh")
+    record: dict[str, Any] = {"machine": about, "cold": options.cold, "what": WHAT, "sizes": []}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     for n in options.sizes:
         vertices, faces = splat_like(n)

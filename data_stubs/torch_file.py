@@ -19,15 +19,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _STORAGES = {"<f4": "FloatStorage", "<i4": "IntStorage", "<i8": "LongStorage", "<f8": "DoubleStorage"}
+_STORAGES |= {"<f2": "HalfStorage", "|u1": "ByteStorage", "|b1": "BoolStorage"}
 _PIECE = 1 << 24
 _DATE = (1980, 1, 1, 0, 0, 0)
 _ORDERED_DICT = b"ccollections\nOrderedDict\n)R"
 
 
-def write_torch(path: Path, values: dict[str, Any], root: str = "archive") -> None:
-    """Write `values`, whose items are tensors, numbers or None, as a torch file to `path`."""
+def write_torch(path: Path, value: Any, root: str = "archive") -> None:
+    """Write `value`, dictionaries, tuples and lists of tensors, numbers, text and None, as a torch file."""
     storages: list[NDArray[Any]] = []
-    pickle = b"\x80\x02}(" + b"".join(_text(k) + _value(v, storages) for k, v in values.items()) + b"u."
+    pickle = b"\x80\x02" + _value(value, storages) + b"."
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         _member(archive, f"{root}/data.pkl", [pickle])
         _member(archive, f"{root}/byteorder", [b"little"])
@@ -70,7 +71,14 @@ def _value(value: Any, storages: list[NDArray[Any]]) -> bytes:
         return _integer(value)
     if isinstance(value, float):
         return b"G" + struct.pack(">d", value)
-    array = np.ascontiguousarray(value)
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, dict):
+        return b"}(" + b"".join(_text(k) + _value(v, storages) for k, v in value.items()) + b"u"
+    if isinstance(value, list | tuple):
+        items = b"".join(_value(item, storages) for item in value)
+        return b"(" + items + b"t" if isinstance(value, tuple) else b"](" + items + b"e"
+    array = np.asarray(value, order="C")
     storages.append(array)
     kind = _STORAGES[array.dtype.newbyteorder("<").str]
     reference = _text("storage") + f"ctorch\n{kind}\n".encode() + _text(str(len(storages) - 1))

@@ -30,7 +30,10 @@ class MsbError(Exception):
         What was found and what is allowed.
     """
 
-    exit_status = 3
+    @property
+    def exit_status(self) -> int:
+        """What the command line ends with."""
+        return EXIT_STATUS[type(self)]
 
     def __init__(
         self,
@@ -336,6 +339,10 @@ CODES: dict[str, Code] = {
                 "Models of this method are not made of triangles, so they cannot be exported.",
                 "Extract a mesh with the method's own tools, and give that.",
             ),
+            "UNSUPPORTED_TIER": (
+                "The method cannot be drawn on this tier.",
+                "The message says why; msb methods lists the tiers of each method.",
+            ),
             "UNSUPPORTED_OFFICIAL": (
                 "The method has no exporter of its own.",
                 "Leave out --official to get the standard-tier mesh.",
@@ -434,6 +441,7 @@ CODES: dict[str, Code] = {
                 "Give a COLMAP folder, a transforms_*.json, a cameras.json or a views.json.",
             ),
             "CAMERA_NONE": ("There is no camera in it.", "Give a file with at least one."),
+            "CAMERA_TOO_MANY": ("There are more cameras than we accept.", "Split the model."),
             "CAMERA_DUPLICATE": ("Two cameras have the same name or id.", "Rename one of them."),
             "CAMERA_DISTORTED": (
                 "The camera is not a pinhole camera: its lens distorts.",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,17 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give PoCL a kernel cache of this session's own, child processes included, unless one is set.
+
+    What a killed compiler leaves in a cache, or another version of the kernels, must not decide a test.
+    """
+    if "POCL_CACHE_DIR" not in os.environ:
+        folder = tempfile.TemporaryDirectory(prefix="msb-test-pocl-", ignore_cleanup_errors=True)
+        os.environ["POCL_CACHE_DIR"] = folder.name
+        config.add_cleanup(folder.cleanup)
 
 
 @pytest.fixture(scope="session")

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 1 << 16
 """Configs have some kilobytes, and a log starts with one; the limit bounds the work on anything else."""
-_LOG_HEAD = re.compile(
-    r"config args:[ \t]*\r?\n=+[^\n]*=+[ \t]*\r?\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE
-)
+_LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 """GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "="."""
 
 
@@ -50,7 +48,9 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
             call = ast.parse(text.strip(), mode="eval").body
         if not isinstance(call, ast.Call) or call.args or getattr(call.func, "id", "") != "Namespace":
             raise ValueError
-        values = {str(word.arg): ast.literal_eval(word.value) for word in call.keywords}
+        values = {word.arg: ast.literal_eval(word.value) for word in call.keywords if word.arg}
+        if len(values) != len(call.keywords):  # **mapping, or a name twice
+            raise ValueError
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
         text = "cfg_args is not one line Namespace(name=value, ...); it was ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG_FILE", text, severity="warning", pointer="cfg_args")]
@@ -80,7 +80,7 @@ def read_two_dts_config(
     logs = sorted((root / "log").glob("*_outputs.log"), reverse=True) or sorted((root / "log").glob("*.log"))
     for path in (*sorted(root.glob("*.y*ml")), *logs):
         try:
-            return _config_of(path), (path,), []
+            return _config_of(path), (path,), ignored
         except CheckpointError as error:
             text = f"{path.relative_to(root)}: {error.message}; it was ignored"
             ignored.append(finding(error.code, text, severity="warning", pointer=path.name))
@@ -116,7 +116,7 @@ def _config_of(path: Path) -> dict[str, Any]:
 def _read_text(path: Path) -> str:
     try:
         with path.open("rb") as file:
-            return file.read(MAX_BYTES).decode("utf-8", "replace")
+            return file.read(MAX_BYTES).decode("utf-8", "replace").replace("\r\n", "\n")
     except OSError as error:
         raise _unusable(path, f"it cannot be read: {error.strerror}") from error
 

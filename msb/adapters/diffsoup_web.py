@@ -106,6 +106,8 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
                 wanted = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
                 raise refuse(f"is {width} x {height}; {faces} faces need one of {wanted}")
+            image.verify()  # all checksums; the file has to be opened again then
+        with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:
         raise
@@ -124,7 +126,8 @@ def _read_weights(path: Path) -> dict[str, NDArray[np.float32]]:
         if not isinstance(values, list) or len(values) != count or not _are_numbers(values):
             text = f'{path.name}: "{key}" must be a list of {count} numbers'
             raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
-        array = np.array(values, np.float64).astype(np.float32).reshape(shape)
+        with np.errstate(over="ignore"):
+            array = np.array(values, np.float64).astype(np.float32).reshape(shape)
         if not np.isfinite(array).all():
             text = f'{path.name}: "{key}" holds numbers that float32 cannot'
             raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")

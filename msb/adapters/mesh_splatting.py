@@ -63,7 +63,9 @@ def read(place: Place, content: Content, options: Options) -> Model:
     if degree:
         buffers["f_rest"] = tensors.floats("features_rest", "V", "K", 3).reshape(count, -1)
     if "active_sh_degree" in tensors:
-        settings.add("sh_degree", tensors.integer("active_sh_degree", 0, degree), "checkpoint", place.file)
+        highest = degree if "features_rest" in tensors else 3
+        active = min(tensors.integer("active_sh_degree", 0, highest), degree)
+        settings.add("sh_degree", active, "checkpoint", place.file)
     settings.add("sigma", _exp(tensors.number("sigma")), "checkpoint", place.file, "exp(sigma)")
     if "pixel_count" not in tensors:
         settings.add("opacity_floor", _OLDER_FLOOR, "default")

@@ -75,7 +75,9 @@ def audit(
         _explain(explain, Output(json_file, quiet, verbose, force))
         return
     if not paths:
-        raise UsageError("USAGE", "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these")
+        raise UsageError(
+            "USAGE", "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these"
+        )
     output = Output(json_file, quiet, verbose, force)
     task = _Task(output, weld, cross_check, elements, fail_on or [], csv_file, paper)
     raise typer.Exit(task.run(paths))

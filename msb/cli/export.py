@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 EPILOG = epilog(
     "msb export data_stubs/checkpoint out/demo.triasset",
-    "msb export --set opacity_floor=0.9999 data_stubs/checkpoint out/floor.triasset",
+    "msb export --set opacity_floor=0.9999 data_stubs/checkpoint out/f.triasset",
     "msb export --json - --quiet data_stubs/checkpoint out/quiet.triasset",
 )
 SCHEMA = "msb.export/1"

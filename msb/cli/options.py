@@ -16,6 +16,14 @@ JsonFile = Annotated[
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say less: no progress, no notes, short results.")]
 Verbose = Annotated[int, typer.Option("--verbose", "-v", count=True, help="Say more; twice for even more.")]
+DeviceName = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="cpu|gpu|PLATFORM:INDEX",
+        help="The OpenCL device, as msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL.",
+    ),
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 

@@ -126,7 +126,9 @@ def test_folders_are_searched(msb: Msb, tmp_path: Path) -> None:
 def test_folder_without_meshes_is_an_error(msb: Msb, tmp_path: Path) -> None:
     result = msb("audit", tmp_path)
     assert result.status == 3
-    assert result.err.startswith(f"FILE_NOT_RECOGNISED: {tmp_path}: the folder holds no checkpoint and none of .triasset")
+    assert result.err.startswith(
+        f"FILE_NOT_RECOGNISED: {tmp_path}: the folder holds no checkpoint and none of .triasset"
+    )
 
 
 def test_index_error_names_file_and_row_and_leaves_stdout_empty(msb: Msb, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from tests.cli.conftest import Msb
 
-COMMANDS = ("audit", "info", "validate", "convert", "methods", "completion")
+COMMANDS = ("audit", "export", "info", "validate", "convert", "methods", "completion")
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

@@ -1,0 +1,48 @@
+"""What every benchmark needs: the machine it ran on, and a process's peak of memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import re
+import resource
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+
+def machine(*packages: str) -> dict[str, str]:
+    """Return what the figures were measured on, and the versions of `packages`."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        model = names[0].split(":", 1)[1].strip() if names else model
+    from msb import __version__
+
+    versions = {"meshsplatbench": __version__}
+    for name in packages:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "not installed"
+    cores = f"{len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"
+    return {"machine": f"{model}, {cores}", "python": platform.python_version(), **versions}
+
+
+def reset_peak() -> int:
+    """Set the process's peak of memory to what it uses now, where the system can, and return it (bytes)."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+    return peak()
+
+
+def peak() -> int:
+    """Return the process's peak of memory in bytes.
+
+    Not from getrusage where /proc has it: there a child starts with the peak of the parent that forked it.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) * 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

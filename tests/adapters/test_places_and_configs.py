@@ -1,0 +1,279 @@
+"""Which file of an output folder holds the model, and where the settings beside it come from."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.adapters.config import MAX_BYTES, read_cfg_args
+from msb.errors import CheckpointError, InputError
+from tests.adapters import models
+from tests.adapters.models import GOLDEN, write_model, write_web_export
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TORUS = GOLDEN / "triangle_splatting" / "torus_sh0_white" / "checkpoint"
+
+
+def test_the_latest_iteration_is_the_largest_number() -> None:
+    asset = msb.export(TORUS)  # "7000" > "30000" as text
+    assert asset.manifest.face_count == 2136
+    older = msb.export(TORUS / "point_cloud" / "iteration_7000")
+    assert older.manifest.face_count == 40
+    assert [f.path for f in older.manifest.source.files] == [
+        "point_cloud/iteration_7000/point_cloud_state_dict.pt",
+        "cfg_args",
+    ]
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        "",
+        "point_cloud",
+        "point_cloud/iteration_30000",
+        "point_cloud/iteration_30000/point_cloud_state_dict.pt",
+    ],
+)
+def test_any_level_of_the_folder_will_do(inside: str) -> None:
+    asset = msb.export(TORUS / inside)
+    assert (asset.manifest.face_count, asset.warnings) == (2136, ())
+
+
+@pytest.mark.parametrize("inside", ["", "ckpt", "ckpt/60000.ckpt"])
+def test_two_dts_at_any_level(inside: str) -> None:
+    asset = msb.export(GOLDEN / "two_dts" / "ring_solid" / "checkpoint" / inside)
+    assert asset.manifest.settings["rasterizer"].value == "3D"
+
+
+def test_a_folder_around_one_checkpoint_stands_for_it(tmp_path: Path) -> None:
+    write_model(tmp_path / "a" / "run", "diffsoup", models.diffsoup())
+    assert msb.export(tmp_path / "a").manifest.method == "diffsoup"
+    write_model(tmp_path / "a" / "other", "two_dts", models.two_dts())
+    with pytest.raises(CheckpointError, match=r"it holds 2 checkpoints \(other, run\); give one of them"):
+        msb.export(tmp_path / "a")
+
+
+def test_the_folder_of_web_exports(tmp_path: Path) -> None:
+    write_web_export(tmp_path / "data" / "garden")
+    (tmp_path / "data" / "models.json").write_text('["garden"]')
+    assert msb.export(tmp_path / "data").manifest.method == "diffsoup"
+    assert msb.export(tmp_path / "data" / "garden" / "mesh.ply").manifest.method == "diffsoup"
+
+
+def test_paths_that_hold_nothing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no such file or folder"):
+        msb.export(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="there is no such file or folder"):
+        msb.export("a\0b")
+    with pytest.raises(CheckpointError, match="it is not the output folder of a method we know"):
+        msb.export(tmp_path)
+
+
+def test_a_latest_iteration_without_its_model_is_not_passed_over(tmp_path: Path) -> None:
+    shutil.copytree(TORUS, tmp_path / "run")
+    (tmp_path / "run" / "point_cloud" / "iteration_100000").mkdir()
+    with pytest.raises(
+        CheckpointError, match=r"point_cloud/iteration_100000/point_cloud_state_dict.pt is missing"
+    ) as e:
+        msb.export(tmp_path / "run")
+    assert e.value.code == "CHECKPOINT_FILE_MISSING"
+
+
+def settings_of(folder: Path, **options: Any) -> dict[str, tuple[Any, str]]:
+    return {k: (s.value, s.source) for k, s in msb.export(folder, **options).manifest.settings.items()}
+
+
+def test_without_a_config_there_are_defaults_and_one_warning(tmp_path: Path) -> None:
+    folder = write_model(tmp_path, "two_dts", models.two_dts())
+    asset = msb.export(folder)
+    assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG_MISSING"]
+    found = settings_of(folder)
+    assert found["rasterizer"] == ("2D", "default")
+    assert found["gamma"] == (1.0, "checkpoint")
+    assert found["sh_degree"] == (3, "checkpoint")
+
+
+CONFIG = (
+    "model:\n  rasterizer_type: 3D\n  max_sh_degree: 2\n  ste_threshold: 0.25\n"
+    "trainer:\n  eval_background: black\n"
+)
+
+
+def test_a_yaml_in_the_folder_a_given_config_and_flags(tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "run", "two_dts", models.two_dts())
+    (folder / "config.yaml").write_text(CONFIG)
+    found = settings_of(folder)
+    assert found["rasterizer"] == ("3D", "config")
+    assert found["sh_degree"] == (2, "config")
+    assert found["ste_threshold"] == (0.25, "config")
+    assert found["back_culling"] == (False, "default")
+    assert msb.export(folder).manifest.appearance["background"] == "#000000"
+    (tmp_path / "other.yml").write_text("model:\n  rasterizer_type: 2D\n  render_up_scale: 2\n")
+    found = settings_of(
+        folder, config=tmp_path / "other.yml", settings={"ste_threshold": None, "gamma": 20.0}
+    )
+    assert found["rasterizer"] == ("2D", "config")
+    assert found["render_up_scale"] == (2, "config")
+    assert found["ste_threshold"] == (None, "flag")
+    assert found["gamma"] == (20.0, "flag")
+
+
+def test_a_config_without_the_rasterizer_means_the_official_default(tmp_path: Path) -> None:
+    folder = write_model(tmp_path, "two_dts", models.two_dts())
+    (folder / "config.yaml").write_text("model:\n  max_sh_degree: 3\n")
+    assert settings_of(folder)["rasterizer"] == ("3D", "default")
+
+
+def test_the_latest_log_with_a_config_counts(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(GOLDEN / "two_dts" / "ring_solid" / "checkpoint", folder)
+    log = next((folder / "log").iterdir())
+    (folder / "log" / "2025-08-01_12-00-00_outputs.log").write_text("2025 - INFO: nothing here\n")
+    asset = msb.export(folder)
+    assert asset.manifest.settings["rasterizer"].value == "3D"
+    assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG_FILE"]
+    assert 'it has no "config args:" record' in asset.warnings[0].message
+    (folder / "log" / "2025-08-01_12-00-00_outputs.log").write_text(log.read_text().replace("3D", "2D"))
+    assert msb.export(folder).manifest.settings["rasterizer"].value == "2D"
+    crlf = log.read_text().replace("\n", "\r\n")
+    (folder / "log" / "2025-08-01_12-00-00_outputs.log").write_bytes(crlf.encode())
+    assert msb.export(folder).manifest.settings["rasterizer"].value == "3D"
+
+
+def test_a_degree_above_the_stored_one_is_lowered_with_a_warning(tmp_path: Path) -> None:
+    folder = write_model(tmp_path, "two_dts", models.two_dts(coefficients=3))
+    (folder / "config.yaml").write_text("model:\n  max_sh_degree: 3\n")
+    asset = msb.export(folder)
+    assert asset.manifest.settings["sh_degree"].value == 1
+    assert "max_sh_degree is 3, but the checkpoint holds degree 1" in asset.warnings[0].message
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("rasterizer_type: 4D", "model.rasterizer_type is '4D'; it must be one of 2D, 3D"),
+        ("ste_threshold: 2", "model.ste_threshold is 2.0; it must be at most 1"),
+        ("back_culling: maybe", "model.back_culling is 'maybe'; it must be true or false"),
+        ("render_up_scale: 1.5", "model.render_up_scale is 1.5; it must be an integer"),
+        ("render_up_scale: [2]", "model.render_up_scale is 'a list'; it must be a number or null"),
+        ("max_sh_degree: -1", "model.max_sh_degree is -1; it must be at least 0"),
+    ],
+)
+def test_a_config_value_that_cannot_be_is_an_error_unless_a_flag_replaces_it(
+    line: str, text: str, tmp_path: Path
+) -> None:
+    folder = write_model(tmp_path, "two_dts", models.two_dts())
+    (folder / "config.yaml").write_text(f"model:\n  {line}\n")
+    with pytest.raises(CheckpointError) as caught:
+        msb.export(folder)
+    assert (caught.value.code, caught.value.message) == ("CHECKPOINT_CONFIG_VALUE", text)
+    assert str(caught.value.file).endswith("config.yaml")
+    name = {"rasterizer_type": "rasterizer", "max_sh_degree": "sh_degree"}.get(
+        line.split(":")[0], line.split(":")[0]
+    )
+    value = {"rasterizer": "3D", "back_culling": True, "ste_threshold": 0.5}.get(name, 2)
+    assert msb.export(folder, settings={name: value}).manifest.settings[name].source == "flag"
+
+
+HOSTILE_YAML = {
+    "laughs": "a: &a [x,x]\nb: &b [*a,*a]\nmodel: {rasterizer_type: *b}\n",
+    "merge": "a: &a {x: 1}\nmodel:\n  <<: [*a, *a]\n",
+    "object": "model: !!python/object/apply:os.system [echo]\n",
+    "deep": "model: " + "[" * 20000,
+    "huge number": "model: {max_sh_degree: " + "9" * 20000 + "}\n",
+    "binary": "\x00\x01\x02",
+    "long": "model:\n" + "  x: 1\n" * MAX_BYTES,
+    "scalar": "hello",
+    "no section": "trainer: {}\n",
+    "tab": "model:\n\trasterizer_type: 3D\n",
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE_YAML)
+def test_a_hostile_config_is_ignored_with_a_warning_and_refused_if_given(case: str, tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "run", "two_dts", models.two_dts())
+    (folder / "config.yaml").write_text(HOSTILE_YAML[case])
+    asset = msb.export(folder)
+    assert [w.code for w in asset.warnings] in (
+        ["CHECKPOINT_CONFIG_FILE", "CHECKPOINT_CONFIG_MISSING"],
+        [] if case == "long" else None,  # cut off where the limit is, it is still a config
+    )
+    assert asset.manifest.settings["rasterizer"].value in ("2D", "3D")
+    if asset.warnings:
+        with pytest.raises(CheckpointError) as caught:
+            msb.export(folder, config=folder / "config.yaml")
+        assert caught.value.code == "CHECKPOINT_CONFIG_FILE"
+    with pytest.raises(InputError, match="there is no such file"):
+        msb.export(folder, config=folder / "nothing.yaml")
+
+
+CFG_ARGS = {
+    "Namespace(white_background=True)": {"white_background": True},
+    "Namespace(a=1, b='x', c=None, d=-2.5, e=[1, 2])\n": {
+        "a": 1,
+        "b": "x",
+        "c": None,
+        "d": -2.5,
+        "e": [1, 2],
+    },
+    "Namespace()": {},
+    "Namespace(a=__import__('os').getcwd())": None,
+    "Namespace(**{'a': 1})": None,
+    "open('x')": None,
+    "os.Namespace(a=1)": None,
+    "Namespace(1)": None,
+    "Namespace(a=1); x": None,
+    "": None,
+    "Namespace(a=" + "-" * 30000 + "1)": None,
+    "Namespace(a=" + "[" * 30000: None,
+    "Namespace(a=" + "1+" * 30000 + "1)": None,
+    "Namespace(a='\\d')": {"a": "\\d"},
+}
+
+
+@pytest.mark.parametrize("text", CFG_ARGS, ids=lambda text: text[:20])
+def test_cfg_args_are_literals(text: str, tmp_path: Path) -> None:
+    (tmp_path / "cfg_args").write_text(text)
+    values, files, warnings = read_cfg_args(tmp_path)
+    expected = CFG_ARGS[text]
+    if expected is None:
+        assert (values, files) == ({}, ())
+        assert [w.code for w in warnings] == ["CHECKPOINT_CONFIG_FILE"]
+    else:
+        assert (values, files, warnings) == (expected, (tmp_path / "cfg_args",), [])
+
+
+def test_a_checkpoint_without_cfg_args_is_complete_but_for_the_background(tmp_path: Path) -> None:
+    asset = msb.export(write_model(tmp_path, "triangle_splatting", models.triangle_splatting()))
+    assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG_MISSING"]
+    assert "background" not in asset.manifest.appearance
+
+
+def test_optional_keys_of_mesh_splatting(tmp_path: Path) -> None:
+    values = models.mesh_splatting()
+    del values["features_rest"], values["active_sh_degree"], values["pixel_count"]
+    asset = msb.export(write_model(tmp_path, "mesh_splatting", values))
+    assert asset.manifest.sh_degree == 0
+    found = {k: (s.value, s.source) for k, s in asset.manifest.settings.items()}
+    assert found["sh_degree"] == (0, "default")
+    assert found["opacity_floor"] == (0.9999, "default")
+
+
+def test_diffsoup_up_axis_and_layout_overrides(tmp_path: Path) -> None:
+    values = {**models.diffsoup(), "up": [0.0, 0.0, -1.0]}
+    folder = write_model(tmp_path, "diffsoup", values)
+    asset = msb.export(folder)
+    assert asset.manifest.coordinate_frame.up == "-z"
+    values["up"] = np.array([0.5, 0.5, 0.0], np.float32)
+    asset = msb.export(write_model(tmp_path, "diffsoup", values))
+    assert asset.manifest.coordinate_frame.up == "unknown"
+    assert asset.manifest.appearance["up_x"] == 0.5
+    asset = msb.export(folder, settings={"layout": "synthetic"})
+    assert asset.manifest.settings["z_far"].value == 10.0
+    assert asset.manifest.appearance["background"] == "#ffffff"

@@ -1,0 +1,84 @@
+"""`msb devices`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+CLEAN = {"MSB_DEVICE": "", "PYOPENCL_CTX": ""}
+
+
+def test_the_table_says_what_to_type_and_what_is_taken(msb: Msb) -> None:
+    result = msb("devices", **CLEAN)
+    assert result.status == 0
+    assert result.err == ""
+    lines = result.out.splitlines()
+    assert lines[0].split() == ["--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver"]
+    assert any(line.startswith("pocl:0 *") for line in lines)
+    assert any(line.startswith("* is taken unless") for line in lines)
+    assert max(map(len, lines)) <= 80
+
+
+def test_verbose_shows_every_capability(msb: Msb) -> None:
+    result = msb("devices", "-v", **CLEAN)
+    for text in ("max work group", "int64 atomics", "alignment", "opencl c", "host unified"):
+        assert text in result.out
+    assert max(map(len, result.out.splitlines())) <= 80
+
+
+def test_quiet_leaves_hints_out(msb: Msb) -> None:
+    assert not [line for line in msb("devices", "-q", **CLEAN).out.splitlines() if line.startswith("- ")]
+
+
+def test_json(msb: Msb) -> None:
+    result = msb("devices", "--json", "-", **CLEAN)
+    assert result.status == 0
+    data = result.json
+    assert data["schema"] == "msb.devices/1"
+    assert data["chosen"] == "pocl:0"
+    assert data["chosen_by"] == "default"
+    assert "pocl:0" in {device["selector"] for device in data["devices"]}
+    assert isinstance(data["notes"], list)
+
+
+def test_why_is_told(msb: Msb) -> None:
+    assert "because of --device cpu" in msb("devices", "--device", "cpu").out
+    assert "because of MSB_DEVICE pocl" in msb("devices", MSB_DEVICE="pocl").out
+
+
+@pytest.mark.parametrize("json_wanted", [False, True])
+def test_a_device_that_is_not_there_ends_with_5_after_the_list(msb: Msb, json_wanted: bool) -> None:
+    result = msb("devices", "--device", "nosuch:3", *(["--json", "-"] if json_wanted else []))
+    assert result.status == 5
+    assert result.err.startswith("DEVICE_NOT_FOUND: device 'nosuch:3'")
+    assert result.err.count("\n") == 1
+    assert "pocl:0" in result.out
+    if json_wanted:
+        assert result.json["chosen"] is None
+
+
+def test_wrong_text_ends_with_2(msb: Msb) -> None:
+    result = msb("devices", "--device", "a:b:c")
+    assert result.status == 2
+    assert result.err.startswith("DEVICE_SELECTOR: ")
+
+
+def test_no_device_at_all_ends_with_5(msb: Msb, tmp_path: Path) -> None:
+    result = msb("devices", OCL_ICD_VENDORS=str(tmp_path / "absent"))
+    assert result.status == 5
+    assert result.out == ""
+    assert result.err.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
+    assert result.err.count("\n") == 1
+
+
+def test_help_fits_and_has_examples(msb: Msb) -> None:
+    result = msb("devices", "--help")
+    assert result.status == 0
+    assert "Examples:" in result.out
+    assert max(map(len, result.out.splitlines())) <= 80

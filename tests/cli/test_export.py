@@ -1,0 +1,207 @@
+"""`msb export`, `msb convert --official` and audits of checkpoints, as users meet them."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb as library
+from msb.meshes import read_mesh
+from tests.adapters import models
+from tests.adapters.models import GOLDEN, write_model
+from tests.adapters.test_bad_models import gaussians
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+RING = GOLDEN / "two_dts" / "ring_solid" / "checkpoint"
+CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
+
+
+def test_export_says_what_it_made_and_where_settings_come_from(msb: Msb, tmp_path: Path) -> None:
+    target = tmp_path / "ring.triasset"
+    result = msb("export", RING, target)
+    assert (result.status, result.err) == (0, "")
+    first, header, *rows = result.out.splitlines()
+    assert first.startswith(f"{target}: 2DTS, triangle soup, 11,952 vertices, 3,984 faces, SH degree 0, ")
+    assert header.split() == ["Setting", "Value", "From"]
+    assert rows[0].split() == ["rasterizer", "3D", "config"]
+    assert ["ste_threshold", "0.3", "config"] in [row.split() for row in rows]
+    assert msb("validate", target).status == 0
+    assert library.load(target).manifest == library.export(RING).manifest
+
+
+def test_export_json_and_quiet(msb: Msb, tmp_path: Path) -> None:
+    result = msb("export", "--json", "-", CHECKPOINT, tmp_path / "a.triasset")
+    assert (result.status, result.err) == (0, "")
+    assert result.json["schema"] == "msb.export/1"
+    assert result.json["warnings"] == []
+    assert result.json["manifest"]["settings"]["sh_degree"] == {"value": 1, "source": "checkpoint"}
+    result = msb("export", "--quiet", CHECKPOINT, tmp_path / "b.triasset")
+    assert len(result.out.splitlines()) == 1
+    result = msb("export", "--form", "folder", CHECKPOINT, tmp_path / "c.triasset")
+    assert (tmp_path / "c.triasset" / "manifest.json").is_file()
+
+
+def test_export_set_overrides_and_checks(msb: Msb, tmp_path: Path) -> None:
+    target = tmp_path / "a.triasset"
+    result = msb(
+        "export",
+        "--set",
+        "ste_threshold=none",
+        "--set",
+        "gamma=20",
+        "--set",
+        "back_culling=yes",
+        RING,
+        target,
+    )
+    assert result.status == 0
+    stored = {k: (s.value, s.source) for k, s in library.load(target).manifest.settings.items()}
+    assert stored["ste_threshold"] == (None, "flag")
+    assert stored["gamma"] == (20.0, "flag")
+    assert stored["back_culling"] == (True, "flag")
+    for text, line in (
+        ("gama=2", 'SETTING_UNKNOWN: two_dts has no setting "gama"; it has rasterizer, sh_degree, gamma, '),
+        ("gamma=two", "SETTING_VALUE: setting gamma is 'two'; it must be a number"),
+        ("gamma", 'USAGE: --set takes name=value; "gamma" has no "="'),
+    ):
+        result = msb("export", "--force", "--set", text, RING, target)
+        assert (result.status, result.err.startswith(line), result.out) == (2, True, ""), result.err
+        assert len(result.err.splitlines()) == 1
+
+
+def test_missing_config_is_one_warning_and_status_0(msb: Msb, tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "run", "two_dts", models.two_dts())
+    result = msb("export", folder, tmp_path / "a.triasset")
+    assert result.status == 0
+    assert result.err.startswith(f"CHECKPOINT_CONFIG_MISSING: {folder}: there is no YAML config and no log")
+    assert len(result.err.splitlines()) == 1
+    config = tmp_path / "c.yaml"
+    config.write_text("model: {rasterizer_type: 3D}")
+    result = msb("export", "--force", "--config", config, folder, tmp_path / "a.triasset")
+    assert (result.status, result.err) == (0, "")
+    assert library.load(tmp_path / "a.triasset").manifest.settings["rasterizer"].value == "3D"
+
+
+def test_statuses_of_what_cannot_be_exported(msb: Msb, tmp_path: Path) -> None:
+    gaussians(tmp_path / "gs" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
+    target = tmp_path / "a.triasset"
+    for args, status, line in (
+        ([tmp_path / "gs", target], 4, "UNSUPPORTED_METHOD: "),
+        ([tmp_path / "nothing", target], 3, "FILE_NOT_FOUND: "),
+        ([tmp_path, tmp_path / "a.ply"], 2, 'USAGE: OUT is "a.ply"; it must end in .triasset'),
+        (["--method", "nerf", RING, target], 2, 'USAGE: there is no method "nerf"; there are two_dts, '),
+        (["--method", "diffsoup", RING, target], 3, "CHECKPOINT_METHOD: "),
+        ([RING, "/proc/nowhere/a.triasset"], 3, "OUTPUT_UNWRITABLE: "),
+    ):
+        result = msb("export", *args)
+        assert (result.status, result.err.startswith(line), result.out) == (status, True, ""), result.err
+        assert len(result.err.splitlines()) == 1
+    target.write_text("mine")
+    result = msb("export", RING, target)
+    assert (result.status, result.err.startswith("OUTPUT_EXISTS: ")) == (2, True)
+    assert target.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.triasset", "gs"]
+
+
+def test_progress_bars_on_a_terminal_only(tmp_path: Path) -> None:
+    leader, follower = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "msb", "export", str(RING), str(tmp_path / "a.triasset")],
+        stdout=subprocess.DEVNULL,
+        stderr=follower,
+        cwd=ROOT,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )
+    os.close(follower)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(leader, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(leader)
+    assert process.wait() == 0
+    for stage in (b"hashing the source", b"hashing buffers", b"writing"):
+        assert stage in shown
+
+
+def test_convert_official(msb: Msb, tmp_path: Path) -> None:
+    asset = tmp_path / "ring.triasset"
+    msb("export", "--quiet", RING, asset)
+    result = msb("convert", "--official", asset, tmp_path / "ring.glb")
+    assert (result.status, result.out, result.err) == (0, "", "")
+    ours, theirs = read_mesh(tmp_path / "ring.glb"), read_mesh(RING / "glb" / "60000.glb")
+    np.testing.assert_array_equal(ours.vertex_colors, theirs.vertex_colors)
+    standard = msb("convert", asset, tmp_path / "standard.glb")
+    assert standard.status == 0
+    assert len(read_mesh(tmp_path / "standard.glb").faces) == len(theirs.faces) // 2
+    for args, status, line in (
+        ([asset, tmp_path / "ring.off"], 2, "OFFICIAL_FORMAT: "),
+        (
+            ["--up=-y", asset, tmp_path / "up.glb"],
+            2,
+            "USAGE: --official goes without --form, --up and --color",
+        ),
+        ([tmp_path / "ring.glb", tmp_path / "again.glb"], 4, "UNSUPPORTED_OFFICIAL: "),
+    ):
+        result = msb("convert", "--official", *args)
+        assert (result.status, result.err.startswith(line)) == (status, True), result.err
+
+
+def test_convert_official_folder_of_diffsoup_and_no_standard_tier(msb: Msb, tmp_path: Path) -> None:
+    asset = tmp_path / "ico.triasset"
+    msb("export", "--quiet", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint", asset)
+    assert msb("convert", "--official", asset, tmp_path / "web").status == 0
+    assert library.export(tmp_path / "web").manifest.method == "diffsoup"
+    assert msb("convert", asset, tmp_path / "ico.glb").status == 4
+
+
+def test_audit_takes_checkpoints(msb: Msb, tmp_path: Path) -> None:
+    result = msb("audit", "--json", "-", RING)
+    assert result.status == 0
+    assert (result.json["method"], result.json["counts"]["faces"]) == ("two_dts", 3984)
+    file = RING / "ckpt" / "60000.ckpt"
+    assert msb("audit", "--json", "-", file).json["counts"] == result.json["counts"]
+    ply = msb("audit", "--json", "-", RING / "point_cloud" / "60000.ply").json
+    assert ply["counts"]["faces"] < 3984  # the official PLY leaves out what STE hides
+    nasty = GOLDEN / "mesh_splatting" / "nasty_topology_sh0"
+    found = msb("audit", "--json", "-", nasty).json  # a folder with two checkpoints
+    assert [item["counts"]["faces"] for item in found] == [1301, 1301]
+    assert [item["method"] for item in found] == ["mesh_splatting"] * 2
+    gaussians(tmp_path / "point_cloud" / "iteration_1" / "point_cloud.ply", 3)
+    result = msb("audit", tmp_path)
+    assert (result.status, result.err.startswith("UNSUPPORTED_METHOD: ")) == (4, True)
+
+
+def test_audit_counts_a_vertex_that_is_nan_and_export_refuses_it(msb: Msb, tmp_path: Path) -> None:
+    values = models.mesh_splatting()
+    values["triangles_points"][values["_triangle_indices"][0, 0], 1] = np.nan
+    folder = write_model(tmp_path / "run", "mesh_splatting", values)
+    assert msb("audit", "--json", "-", folder).json["counts"]["nonfinite_faces"] > 0
+    result = msb("export", folder, tmp_path / "a.triasset")
+    assert (result.status, result.err.startswith("CHECKPOINT_VALUE_NONFINITE: ")) == (3, True)
+    assert not (tmp_path / "a.triasset").exists()
+
+
+@pytest.mark.parametrize("folder", ["two_dts/ring_solid", "diffsoup/ico_l2_white"])
+def test_validate_judges_the_asset_that_would_be_made(msb: Msb, folder: str, tmp_path: Path) -> None:
+    assert msb("validate", GOLDEN / folder / "checkpoint").status == 0
+    values = models.triangle_splatting()
+    values["sigma"][0] = np.nan
+    bad = write_model(tmp_path, "triangle_splatting", values)
+    result = msb("validate", bad)
+    assert (result.status, "CHECKPOINT_VALUE_NONFINITE" in result.out) == (1, True)

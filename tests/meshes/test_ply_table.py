@@ -1,0 +1,62 @@
+"""PLY files that are tables of primitives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.errors import InputError, MeshFileError
+from msb.meshes.ply_table import ply_names, read_ply_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEAD = "ply\nformat {} 1.0\nelement vertex 3\n"
+HEAD += "property float a\nproperty double b\nproperty uchar c\nend_header\n"
+ROWS = [(1.5, 2.5, 3), (-1.0, 1e300, 4), (0.25, 7.0, 255)]
+
+
+def binary(order: str) -> bytes:
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    row = np.dtype([("a", order + "f4"), ("b", order + "f8"), ("c", "u1")])
+    return HEAD.format(name).encode() + np.array(ROWS, row).tobytes()
+
+
+TEXT = HEAD.format("ascii").encode() + b"".join(b"%r %r %d\n" % row for row in ROWS)
+
+
+@pytest.mark.parametrize("data", [binary("<"), binary(">"), TEXT], ids=["little", "big", "text"])
+def test_columns_of_every_form(data: bytes, tmp_path: Path) -> None:
+    (tmp_path / "t.ply").write_bytes(data)
+    assert ply_names(tmp_path / "t.ply") == (("a", "b", "c"), False)
+    table = read_ply_table(tmp_path / "t.ply")
+    assert (table.count, table.names) == (3, ("a", "b", "c"))
+    found = table.columns(["c", "a"])
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, [[3, 1.5], [4, -1.0], [255, 0.25]])
+
+
+BAD = {
+    "short": (binary("<")[:-1], "MESH_FILE_TRUNCATED"),
+    "long": (binary("<") + b"x", "MESH_FILE_TRAILING"),
+    "much longer": (binary("<") + bytes(5000), "MESH_FILE_TRAILING"),
+    "text short": (TEXT[:-8], "MESH_FILE_NUMBER"),
+    "list": (TEXT.replace(b"property uchar c", b"property list uchar int c"), "MESH_FILE_HEADER"),
+    "other element": (TEXT.replace(b"element vertex", b"element point"), "MESH_FILE_HEADER"),
+    "huge": (binary("<").replace(b"vertex 3", b"vertex 999999999999999999"), "MESH_FILE_TRUNCATED"),
+    "empty": (b"", "MESH_FILE_HEADER"),
+    "no header": (b"hello", "MESH_FILE_HEADER"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_tables(case: str, tmp_path: Path) -> None:
+    data, code = BAD[case]
+    (tmp_path / "t.ply").write_bytes(data)
+    with pytest.raises(MeshFileError) as caught:
+        read_ply_table(tmp_path / "t.ply")
+    assert caught.value.code == code
+    with pytest.raises(InputError):
+        read_ply_table(tmp_path / "none.ply")
