@@ -280,6 +280,14 @@ CODES: dict[str, Code] = {
                 "A setting was given a value it cannot take.",
                 "The message says what it takes; so does msb methods.",
             ),
+            "CAMERA_UNKNOWN": (
+                "There is no camera of that name or number, or several.",
+                "The message lists some; names are those of the images.",
+            ),
+            "RENDERER_UNKNOWN": (
+                "There is no renderer of that name.",
+                "The message lists those there are; others come with packages that bring one.",
+            ),
             "OFFICIAL_FORMAT": (
                 "The method's own exporter does not write that format.",
                 "The message names the formats it writes.",

@@ -1,0 +1,32 @@
+"""Cameras: the one camera of the package, the files it is read from, and paths for it to fly.
+
+Needs NumPy and the standard library only. Conventions and formats are described in docs/cameras.md.
+"""
+
+from __future__ import annotations
+
+from msb.scenes.camera import Camera
+from msb.scenes.colmap import read_points
+from msb.scenes.image_size import image_size
+from msb.scenes.paths import interpolated, turntable
+from msb.scenes.poses import from_opengl, invert_pose
+from msb.scenes.read import read_cameras
+from msb.scenes.sets import sorted_by_stem, split_every_8th, stem
+from msb.scenes.views_json import Views, read_views, write_cameras
+
+__all__ = [
+    "Camera",
+    "Views",
+    "from_opengl",
+    "image_size",
+    "interpolated",
+    "invert_pose",
+    "read_cameras",
+    "read_points",
+    "read_views",
+    "sorted_by_stem",
+    "split_every_8th",
+    "stem",
+    "turntable",
+    "write_cameras",
+]

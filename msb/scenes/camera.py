@@ -1,0 +1,280 @@
+"""The one camera of the package: a pinhole camera with OpenCV axes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from msb.errors import SceneError
+from msb.scenes.checks import (
+    MAX_SIDE,
+    check_focal,
+    check_name,
+    check_principal,
+    check_size,
+    check_split,
+    focal_from_fov,
+)
+from msb.scenes.poses import check_pose, look_at_pose, rigid_inverse
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from msb.scenes.checks import Split
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera: x_camera = W x_world, then u = fx x / z + cx, v = fy y / z + cy.
+
+    Axes are OpenCV's: x right, y down, z forward. Pixel (0, 0) has its centre at u, v = (0.5, 0.5); the image
+    spans u in [0, width] and v in [0, height].
+
+    Parameters
+    ----------
+    width, height : int
+        Pixels; each at most `MAX_SIDE`, together at most `MAX_PIXELS`.
+    fx, fy : float
+        Focal lengths in pixels.
+    cx, cy : float
+        Principal point in pixels; (width / 2, height / 2) is the centre.
+    world_to_camera : (4, 4) array_like
+        W, for column vectors; kept as a read-only float64 copy. Its rotation is orthonormal to 1e-4 with
+        determinant +1, its last row is 0 0 0 1.
+    name : str, optional
+        A relative path with forward slashes, usually the image's file name below its folder.
+    image_path : Path, optional
+        Where the dataset keeps the photograph; not checked to exist.
+    source_size : (int, int), optional
+        Width and height for which the intrinsics were recorded, where that is not the size of this camera.
+    split : {"train", "val", "test"}, optional
+        The part of the dataset, where that says so.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_SIZE, CAMERA_FOCAL, CAMERA_PRINCIPAL_POINT, CAMERA_MATRIX, CAMERA_ROTATION, CAMERA_NAME or
+        CAMERA_SPLIT.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> camera = Camera(640, 480, 500, 500, 320, 240, np.eye(4))
+    >>> pixels, depth = camera.project([[0, 0, 2], [0.2, -0.1, 1]])
+    >>> pixels.tolist(), depth.tolist()
+    ([[320.0, 240.0], [420.0, 190.0]], [2.0, 1.0])
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_to_camera: NDArray[np.float64]
+    name: str | None = None
+    image_path: Path | None = None
+    source_size: tuple[int, int] | None = None
+    split: Split | None = None
+
+    def __post_init__(self) -> None:
+        width, height = check_size((self.width, self.height))
+        pose = check_pose(self.world_to_camera, "world_to_camera")
+        pose.setflags(write=False)
+        values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
+        values |= {key: check_focal(key, getattr(self, key)) for key in ("fx", "fy")}
+        values |= {key: check_principal(key, getattr(self, key)) for key in ("cx", "cy")}
+        if self.name is not None:
+            check_name(self.name)
+        if self.image_path is not None:
+            values["image_path"] = Path(self.image_path)
+        if self.source_size is not None:
+            values["source_size"] = check_size(self.source_size)
+        if self.split is not None:
+            check_split(self.split)
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def from_fov(
+        cls,
+        width: int,
+        height: int,
+        world_to_camera: ArrayLike,
+        *,
+        fov_x: float | None = None,
+        fov_y: float | None = None,
+        name: str | None = None,
+    ) -> Camera:
+        """Return a camera with a centred principal point and the given angles of view.
+
+        Parameters
+        ----------
+        fov_x, fov_y : float
+            Full angles in radians, between 0 and pi. If one is None pixels are square.
+
+        Raises
+        ------
+        SceneError
+            CAMERA_FOCAL: an angle is out of range, or none is given; and those of `Camera`.
+        """
+        width, height = check_size((width, height))
+        fx = focal_from_fov(fov_x, width, "fov_x") if fov_x is not None else None
+        fy = focal_from_fov(fov_y, height, "fov_y") if fov_y is not None else None
+        if fov_x is None and fov_y is None:
+            raise SceneError("CAMERA_FOCAL", "neither fov_x nor fov_y is given; one is needed")
+        focals = [focal for focal in (fx, fy) if focal is not None]
+        pose = cast("NDArray[np.float64]", world_to_camera)  # converted and checked like every camera's
+        return cls(width, height, focals[0], focals[-1], width / 2, height / 2, pose, name)
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: ArrayLike,
+        target: ArrayLike,
+        *,
+        up: ArrayLike,
+        width: int,
+        height: int,
+        fov_y: float,
+        name: str | None = None,
+    ) -> Camera:
+        """Return a camera at `eye` that looks at `target`, with square pixels.
+
+        Parameters
+        ----------
+        eye, target : (3,) array_like
+            Points in the world.
+        up : (3,) array_like
+            Direction in the world that is up in the image: (0, 0, 1) in NeRF-Synthetic and Blender,
+            about (0, -1, 0) in most COLMAP scenes.
+        fov_y : float
+            Full vertical angle in radians.
+
+        Raises
+        ------
+        SceneError
+            CAMERA_LOOK_AT: `eye` is `target`, or `up` lies along the view; and those of `from_fov`.
+        """
+        return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
+
+    @property
+    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name
+        """The intrinsic matrix, (3, 3) float64."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
+
+    @cached_property
+    def camera_to_world(self) -> NDArray[np.float64]:
+        """The inverse of `world_to_camera`, (4, 4) float64, read-only."""
+        inverse = rigid_inverse(self.world_to_camera)
+        inverse.setflags(write=False)
+        return inverse
+
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """The camera's position in the world, (3,) float64, read-only."""
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def fov_x(self) -> float:
+        """Full horizontal angle in radians of an image of this width with a centred principal point."""
+        return 2 * math.atan(self.width / (2 * self.fx))
+
+    @property
+    def fov_y(self) -> float:
+        """Full vertical angle in radians of an image of this height with a centred principal point."""
+        return 2 * math.atan(self.height / (2 * self.fy))
+
+    def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where points of the world appear.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like
+            Points in the world.
+
+        Returns
+        -------
+        pixels : (..., 2) float64
+            u to the right, v down, in pixels; NaN where the depth is not positive.
+        depth : (...,) float64
+            Along the camera's z axis.
+        """
+        rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        local = np.asarray(points, dtype=np.float64) @ rotation.T + translation
+        depth = local[..., 2]
+        with np.errstate(invalid="ignore"):
+            seen = np.where(depth > 0, depth, np.nan)[..., None]
+            return local[..., :2] / seen * (self.fx, self.fy) + (self.cx, self.cy), depth
+
+    def resized(self, width: int, height: int) -> Camera:
+        """Return the camera of the same picture at another size.
+
+        Both axes are scaled for themselves, so angles of view and what is seen stay the same. The size at
+        hand is kept as `source_size`, unless there is one.
+
+        Raises
+        ------
+        SceneError
+            CAMERA_SIZE.
+        """
+        width, height = check_size((width, height))
+        if (width, height) == (self.width, self.height):
+            return self
+        x, y = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * x,
+            fy=self.fy * y,
+            cx=self.cx * x,
+            cy=self.cy * y,
+            source_size=self.source_size or (self.width, self.height),
+        )
+
+    def scaled(self, factor: float) -> Camera:
+        """Return the camera of the picture `factor` times as large, rounded half up to whole pixels.
+
+        Intrinsics follow the rounded size. Datasets round in their own ways: where the image exists, give
+        its size to `resized`.
+
+        Raises
+        ------
+        SceneError
+            CAMERA_SIZE: the factor is not positive, or the result is too large.
+        """
+        if not 0 < factor <= MAX_SIDE:
+            text = f"the scale factor is {factor}; it must be positive and at most {MAX_SIDE}"
+            raise SceneError("CAMERA_SIZE", text, value=factor, limit=MAX_SIDE)
+        sides = (max(1, math.floor(side * factor + 0.5)) for side in (self.width, self.height))
+        return self.resized(*sides)
+
+    def centered(self) -> Camera:
+        """Return the camera with its principal point in the middle of the image.
+
+        That is the camera the 3DGS family renders: it keeps the angles of view and ignores cx, cy
+        (`graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py, utils/graphics_utils.py).
+        """
+        return replace(self, cx=self.width / 2, cy=self.height / 2)
+
+    def _values(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, field.name) for field in fields(self))
+
+    def _key(self) -> tuple[Any, ...]:
+        return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in self._values())
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Camera) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        # Pickled arrays come back writable; the constructor makes them read-only again.
+        return Camera, self._values()

@@ -1,0 +1,61 @@
+"""cameras.json: what the 3DGS family writes beside a trained model.
+
+Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. It has no principal
+point, and its sizes and focal lengths are those of the original photographs.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.scenes.camera import Camera
+from msb.scenes.poses import invert_pose
+
+if TYPE_CHECKING:
+    from msb.scenes.json_node import Node
+
+
+def read(root: Node) -> list[Camera]:
+    """Return the cameras in the file's order: those of the test split first, then those for training.
+
+    `img_name` is the file's name up to its first dot, so two images may share one: their names then get
+    "-ID" added.
+
+    Raises
+    ------
+    SceneError
+        The CAMERA_ codes.
+    """
+    names = Counter(node["img_name"].text() for node in root.items())
+    cameras = []
+    seen: set[int] = set()
+    for index, node in enumerate(root.items()):
+        identity = node.get("id")
+        number = index if identity is None else identity.whole()
+        if number in seen:
+            raise (identity or node).error("CAMERA_DUPLICATE", f"camera id {number} occurs twice")
+        seen.add(number)
+        name = node["img_name"].text()
+        cameras.append(_camera(node, name if names[name] == 1 else f"{name}-{number}"))
+    return cameras
+
+
+def _camera(node: Node, name: str) -> Camera:
+    pose = np.eye(4)
+    pose[:3, :3] = node["rotation"].array(3, 3)
+    pose[:3, 3] = node["position"].array(3)
+    with node.locating():
+        width, height = node["width"].whole(), node["height"].whole()
+        return Camera(
+            width,
+            height,
+            node["fx"].number(),
+            node["fy"].number(),
+            width / 2,
+            height / 2,
+            invert_pose(pose, "the camera-to-world matrix of position and rotation"),
+            name,
+        )

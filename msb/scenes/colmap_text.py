@@ -1,0 +1,215 @@
+"""The text form of COLMAP models: cameras.txt, images.txt, points3D.txt.
+
+Layouts: `colmap/colmap`: doc/format.rst. Lines that begin with "#" are comments.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from functools import partial
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from msb.errors import shorten
+from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from msb.scenes.source import Source
+
+MAX_LINE = 1 << 24
+"""An image of 100,000 2D points has a line of about 5 MB."""
+_BLOCK = 1 << 20
+"""Text split into lines at a time."""
+_MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
+_POINTS_AT_A_TIME = 1 << 14
+_INTEGER = re.compile(rb"[+-]?\d{1,18}")
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
+
+def read_lenses(source: Source) -> Iterator[Lens]:
+    """Yield the records of cameras.txt: ID MODEL WIDTH HEIGHT PARAMETERS...
+
+    Raises
+    ------
+    SceneError
+        COLMAP_LINE, COLMAP_NUMBER or COLMAP_MODEL.
+    """
+    for line in _records(source):
+        words = line.words(_MOST_WORDS)
+        if len(words) < 4:
+            line.refuse(f"a camera is ID MODEL WIDTH HEIGHT PARAMETERS; this has {len(words)} words")
+        name = words[1].decode("latin-1")
+        with source.locating(line.pointer):
+            wanted = model_parameters(name, name)
+        if len(words) != 4 + wanted:
+            line.refuse(f"{name} has {wanted} parameters; this has {len(words) - 4}")
+        number, width, height = map(line.integer, (words[0], words[2], words[3]))
+        yield Lens(number, name, width, height, tuple(map(line.number, words[4:])), line.pointer)
+
+
+def read_shots(source: Source) -> Iterator[Shot]:
+    """Yield the records of images.txt: ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points.
+
+    The second line is empty where an image has no points, and still belongs to it. A name may hold spaces.
+
+    Raises
+    ------
+    SceneError
+        COLMAP_LINE or COLMAP_NUMBER.
+    """
+    lines = itertools.starmap(partial(_Line, source), _lines(source))
+    for line in lines:
+        if not line.is_record():
+            continue
+        words = line.words(9)
+        if len(words) < 10:
+            line.refuse(f"an image is ID QW QX QY QZ TX TY TZ CAMERA_ID NAME; this has {len(words)} words")
+        number, lens = line.integer(words[0]), line.integer(words[8])
+        values = tuple(map(line.number, words[1:8]))
+        yield Shot(number, values[:4], values[4:], lens, words[9].strip(), line.pointer)
+        points = next(lines, None)
+        if points is not None and (count := points.word_count()) % 3:
+            points.refuse(
+                f"{count} words stand where the 2D points of the image above are, three words each; "
+                "an image without points has an empty line"
+            )
+
+
+def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK...
+
+    Returns
+    -------
+    xyz : (N, 3) float64
+    rgb : (N, 3) uint8
+
+    Raises
+    ------
+    SceneError
+        COLMAP_LINE, COLMAP_NUMBER or COLMAP_POINT.
+    """
+    xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.uint8)]
+    rows: list[list[float]] = []
+    places: list[int] = []
+    for index, text in _lines(source):
+        words = text.split(None, 8)
+        if not words or words[0].startswith(b"#"):
+            continue
+        if len(words) < 8:
+            message = f"a point is ID X Y Z R G B ERROR TRACK; this has {len(words)} words"
+            _Line(source, index, text).refuse(message)
+        rows.append(_Line(source, index, text).numbers(words[1:7]))
+        places.append(index)
+        if len(rows) == _POINTS_AT_A_TIME:
+            _gather(source, rows, places, xyz, rgb)
+    _gather(source, rows, places, xyz, rgb)
+    return np.concatenate(xyz), np.concatenate(rgb)
+
+
+def _gather(
+    source: Source,
+    rows: list[list[float]],
+    places: list[int],
+    xyz: list[NDArray[np.float64]],
+    rgb: list[NDArray[np.uint8]],
+) -> None:
+    """Move checked rows, which stand in the lines `places`, to the arrays."""
+    table = np.array(rows).reshape(-1, 6)
+    colors = table[:, 3:]
+    good = np.isfinite(table).all(axis=1) & ((colors >= 0) & (colors <= 255)).all(axis=1)
+    good &= (colors == np.floor(colors)).all(axis=1)
+    for row in np.flatnonzero(~good)[:1].tolist():
+        shown = " ".join(f"{value:g}" for value in rows[row])
+        text = f"the point is {shown}; it must be three finite coordinates and three colours 0 to 255"
+        raise source.error("COLMAP_POINT", text, pointer=f"line {places[row]}")
+    xyz.append(table[:, :3].copy())
+    rgb.append(colors.astype(np.uint8))
+    rows.clear()
+    places.clear()
+
+
+class _Line:
+    """One line of a text file."""
+
+    __slots__ = ("index", "source", "text")
+
+    def __init__(self, source: Source, index: int, text: bytes) -> None:
+        self.source = source
+        self.index = index
+        self.text = text
+
+    @property
+    def pointer(self) -> str:
+        return f"line {self.index}"
+
+    def is_record(self) -> bool:
+        """Return whether the line is neither blank nor a comment."""
+        text = self.text.lstrip()
+        return bool(text) and not text.startswith(b"#")
+
+    def words(self, most: int) -> list[bytes]:
+        """Return the words; of what follows `most` words all is one."""
+        return self.text.split(None, most)
+
+    def word_count(self) -> int:
+        """Return the number of words, without making any: lines of 2D points are long."""
+        dark = np.frombuffer(self.text, dtype=np.uint8) > ord(" ")
+        return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
+
+    def refuse(self, message: str) -> NoReturn:
+        raise self.source.error("COLMAP_LINE", message, pointer=self.pointer)
+
+    def integer(self, word: bytes) -> int:
+        if not _INTEGER.fullmatch(word):
+            self._bad_number(word, "a whole number of at most 18 digits")
+        return int(word)
+
+    def number(self, word: bytes) -> float:
+        return self.numbers([word])[0]
+
+    def numbers(self, words: list[bytes]) -> list[float]:
+        try:
+            values = list(map(float, words))
+        except ValueError:
+            values = []
+        if not values or b"_" in b"".join(words):  # Python takes 1_0 for 10; no one else does
+            self._bad_number(b" ".join(words), "a number" if len(words) == 1 else "a row of numbers")
+        return values
+
+    def _bad_number(self, text: bytes, wanted: str) -> NoReturn:
+        shown = shorten(text.decode("latin-1"), 60)
+        raise self.source.error("COLMAP_NUMBER", f"'{shown}' is not {wanted}", pointer=self.pointer)
+
+
+def _records(source: Source) -> Iterator[_Line]:
+    """Yield the lines that are neither blank nor comments."""
+    return (line for line in itertools.starmap(partial(_Line, source), _lines(source)) if line.is_record())
+
+
+def _lines(source: Source) -> Iterator[tuple[int, bytes]]:
+    """Yield the number and the text of each line; the first is line 1.
+
+    Raises
+    ------
+    SceneError
+        COLMAP_LINE: a line is longer than `MAX_LINE`.
+    """
+    data, size = source.data, len(source.data)
+    at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
+    index = 0
+    while at < size:
+        end = data.find(b"\n", at + _BLOCK)
+        end = size if end < 0 else end
+        if end - at > _BLOCK + MAX_LINE:
+            index += data[at : at + _BLOCK].count(b"\n") + 1
+            text = f"the line has more than the {MAX_LINE} bytes that are allowed"
+            raise source.error("COLMAP_LINE", text, pointer=f"line {index}", limit=MAX_LINE)
+        for index, line in enumerate(data[at:end].split(b"\n"), index + 1):  # noqa: B020 - goes on counting
+            yield index, line
+        at = end + 1

@@ -1,0 +1,156 @@
+"""JSON of cameras as a tree of nodes that know where in the file they stand."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.schema import describe, escape
+from msb.asset.strict_json import parse_strict_json
+from msb.errors import AssetError, SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from msb.scenes.source import Source
+
+MAX_BYTES = 1 << 24
+"""About 30,000 cameras; the largest public captures have some thousands. 16 MiB are parsed in seconds."""
+
+
+def read_json(source: Source) -> Node:
+    """Return the root of the one JSON document in `source`.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_JSON_...: EMPTY, TOO_LARGE, ENCODING, TOO_DEEP, SYNTAX, DUPLICATE_KEY, NONFINITE or INTEGER.
+    """
+    data = bytes(source.data[: MAX_BYTES + 1])
+    try:
+        value = parse_strict_json(data, file=source.path, name="the file", max_bytes=MAX_BYTES)
+    except AssetError as error:
+        # The parser is the manifest's; only the codes say so.
+        code = error.code.replace("TRIASSET_MANIFEST_", "CAMERA_JSON_")
+        where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
+        raise SceneError(code, error.message, file=source.path, **where) from None
+    return Node(source, value, "")
+
+
+@dataclass(frozen=True)
+class Node:
+    """A JSON value and its place.
+
+    Every method that asks for a kind of value raises `SceneError` CAMERA_FIELD_TYPE if it is another.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+    value : JSON data
+    pointer : str
+        RFC 6901 pointer; "" is the root.
+    """
+
+    source: Source
+    value: Any
+    pointer: str
+
+    def error(self, code: str, message: str, *, limit: Any = None) -> SceneError:
+        """Return the error about this value."""
+        text = message if self.pointer else f"the document {message.removeprefix('it ')}"
+        return self.source.error(code, text, pointer=self.pointer, limit=limit)
+
+    def shown(self) -> str:
+        """Return this value for a message: its text if short, else its kind."""
+        return describe(self.value)
+
+    def wrong_type(self, wanted: str) -> SceneError:
+        """Return the error that this value is not `wanted`."""
+        return self.error("CAMERA_FIELD_TYPE", f"it is {self.shown()}; it must be {wanted}")
+
+    def get(self, key: str) -> Node | None:
+        """Return the member `key` of this object, or None if it has none."""
+        if not isinstance(self.value, dict):
+            raise self.wrong_type("an object")
+        if key not in self.value:
+            return None
+        return Node(self.source, self.value[key], f"{self.pointer}/{escape(key)}")
+
+    def __getitem__(self, key: str) -> Node:
+        """Return the member `key` of this object.
+
+        Raises
+        ------
+        SceneError
+            CAMERA_FIELD_MISSING.
+        """
+        member = self.get(key)
+        if member is None:
+            raise self.error("CAMERA_FIELD_MISSING", f'it lacks the key "{key}"')
+        return member
+
+    def items(self) -> Iterator[Node]:
+        """Yield the items of this array."""
+        if not isinstance(self.value, list):
+            raise self.wrong_type("an array")
+        for index, item in enumerate(self.value):
+            yield Node(self.source, item, f"{self.pointer}/{index}")
+
+    def only(self, *keys: str) -> None:
+        """Refuse members of this object other than `keys`.
+
+        Raises
+        ------
+        SceneError
+            CAMERA_FIELD_UNKNOWN.
+        """
+        if not isinstance(self.value, dict):
+            raise self.wrong_type("an object")
+        for key in self.value:
+            if key not in keys:
+                text = f'it has the unknown key "{escape(key)}"; known are {", ".join(keys)}'
+                raise self.error("CAMERA_FIELD_UNKNOWN", text)
+
+    def text(self) -> str:
+        """Return this string."""
+        if not isinstance(self.value, str):
+            raise self.wrong_type("a string")
+        return self.value
+
+    def number(self) -> float:
+        """Return this number."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
+            raise self.wrong_type("a number")
+        return float(self.value)
+
+    def whole(self) -> int:
+        """Return this whole number; ``800.0``, as some exporters write, is one."""
+        number = self.number()
+        if number != math.floor(number):
+            raise self.wrong_type("a whole number")
+        return int(self.value)
+
+    def array(self, *shape: int) -> NDArray[np.float64]:
+        """Return this array of numbers, or array of arrays, of the given shape."""
+        if not _has_shape(self.value, shape):
+            raise self.wrong_type(f"{' x '.join(map(str, shape))} numbers")
+        return np.array(self.value, dtype=np.float64)
+
+    @contextlib.contextmanager
+    def locating(self) -> Iterator[None]:
+        """Add this place to errors about values read here; see `Source.locating`."""
+        with self.source.locating(self.pointer):
+            yield
+
+
+def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:
+    if not shape:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, list) and len(value) == shape[0] and all(_has_shape(v, shape[1:]) for v in value)

@@ -1,0 +1,191 @@
+"""Camera paths: turntables around an object, and smooth flights through given cameras."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import operator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.errors import SceneError, shorten
+from msb.scenes.camera import Camera
+from msb.scenes.poses import (
+    MAX_COORDINATE,
+    look_at_pose,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    vector3,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+MAX_FRAMES = 1 << 20
+"""Ten hours at 29 frames a second; more is a slip of the keyboard."""
+
+
+def turntable(
+    center: ArrayLike,
+    radius: float,
+    *,
+    up: ArrayLike,
+    count: int,
+    width: int,
+    height: int,
+    fov_y: float,
+    elevation: float = 0.0,
+) -> list[Camera]:
+    """Return cameras on a circle that all look at its middle.
+
+    Parameters
+    ----------
+    center : (3,) array_like
+        What is looked at, in the world.
+    radius : float
+        Distance of each camera from `center`.
+    up : (3,) array_like
+        The axis of the turntable, up in the image.
+    count : int
+        Cameras, at equal angles, counter-clockwise seen from above. The first stands where the
+        world's axis that is most across `up` points (x, if there is a choice).
+    width, height : int
+        Pixels.
+    fov_y : float
+        Full vertical angle in radians.
+    elevation : float
+        Angle of the cameras above the plane through `center`, in radians, within (-pi/2, pi/2).
+
+    Raises
+    ------
+    SceneError
+        CAMERA_PATH: the radius, the count or the elevation is out of range. CAMERA_LOOK_AT: `center` or `up`
+        is no vector, or `up` is zero. And those of `Camera`.
+    """
+    middle, axis = vector3("center", center), vector3("up", up)
+    length = math.hypot(*axis)
+    if not length > 0:
+        raise SceneError("CAMERA_LOOK_AT", "up is zero; it must be a direction")
+    if not 0 < radius <= MAX_COORDINATE:
+        raise SceneError("CAMERA_PATH", f"the radius is {radius}; it must be positive", value=radius)
+    if not abs(elevation) < math.pi / 2:
+        text = f"the elevation is {elevation}; it must lie between -pi/2 and pi/2, straight above and below"
+        raise SceneError("CAMERA_PATH", text, value=elevation)
+    axis = axis / length
+    start = np.eye(3)[np.argmin(np.round(np.abs(axis), 6))]
+    start = start - axis * (start @ axis)
+    start /= math.hypot(*start)
+    side = np.cross(axis, start)
+    cameras = []
+    for index in range(_frames(count)):
+        angle = 2 * math.pi * index / count
+        outward = math.cos(angle) * start + math.sin(angle) * side
+        eye = middle + radius * (math.cos(elevation) * outward + math.sin(elevation) * axis)
+        pose = look_at_pose(eye, middle, axis)
+        cameras.append(Camera.from_fov(width, height, pose, fov_y=fov_y, name=f"turntable_{index:05d}"))
+    return cameras
+
+
+def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
+    """Return a smooth flight through the given cameras.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+        At least two. All frames have the size of the first.
+    count : int
+        Frames. Every pair of neighbours takes the same time, whatever its distance; an open flight begins at
+        the first camera and ends at the last.
+    closed : bool
+        Fly on from the last camera to the first; the frame after the last would be the first again.
+
+    Returns
+    -------
+    flight : list of Camera
+        Position and velocity are continuous, so are rotation and angular velocity.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_PATH: fewer than two cameras, or the count is out of range.
+
+    Notes
+    -----
+    Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
+    splines, 1974); the ends of an open flight are continued by reflection. Rotations follow the same spline
+    of unit quaternions, each pair brought to the same side of the sphere, then normalised; between two
+    cameras this is the great arc of slerp. Focal lengths and principal points are interpolated linearly,
+    which cannot overshoot.
+    """
+    if len(cameras) < 2:
+        text = f"{len(cameras)} camera(s) are given; a flight needs at least 2"
+        raise SceneError("CAMERA_PATH", text, value=len(cameras), limit=2)
+    keys = [camera.resized(cameras[0].width, cameras[0].height) for camera in cameras]
+    centers = np.stack([key.center for key in keys])
+    turns = _aligned(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
+    lenses = np.array([(key.fx, key.fy, key.cx, key.cy) for key in keys])
+    frames = _frames(count)
+    end = len(keys) if closed else len(keys) - 1
+    flight = []
+    for index, time in enumerate(np.linspace(0, end, num=frames, endpoint=not closed).tolist()):
+        segment = min(int(time), end - 1)
+        at = time - segment
+        pose = np.eye(4)
+        turn = _catmull_rom(_aligned(_around(turns, segment, closed)), at)
+        pose[:3, :3] = rotation_from_quaternion(turn).T
+        pose[:3, 3] = -pose[:3, :3] @ _catmull_rom(_around(centers, segment, closed), at)
+        fx, fy, cx, cy = (1 - at) * lenses[segment] + at * lenses[(segment + 1) % len(keys)]
+        name = f"flight_{index:05d}"
+        flight.append(Camera(keys[0].width, keys[0].height, fx, fy, cx, cy, pose, name))
+    return flight
+
+
+def _frames(count: object) -> int:
+    """Return `count` if it can be a number of frames."""
+    try:
+        frames = operator.index(count)  # type: ignore[arg-type]
+    except TypeError:
+        frames = 0
+    if not 1 <= frames <= MAX_FRAMES:
+        text = f"the count is {shorten(repr(count))}; it must be a whole number from 1 to {MAX_FRAMES}"
+        raise SceneError("CAMERA_PATH", text, limit=MAX_FRAMES)
+    return frames
+
+
+def _around(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
+    """Return the keys (4, D) before, at, after and beyond the beginning of `segment`."""
+    if closed:
+        return keys[np.arange(segment - 1, segment + 3) % len(keys)]
+    before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]
+    beyond = keys[segment + 2] if segment + 2 < len(keys) else 2 * keys[-1] - keys[-2]
+    return np.stack([before, keys[segment], keys[segment + 1], beyond])
+
+
+def _aligned(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rows with signs such that each makes at most a right angle with the one before.
+
+    A quaternion and its negative are the same rotation; the shorter way between two is the one meant.
+    """
+    rows = quaternions.copy()
+    for before, row in itertools.pairwise(rows):
+        if before @ row < 0:
+            row *= -1
+    return rows
+
+
+def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
+    """Return the spline's value (D,) between keys[1] (`at` = 0) and keys[2] (`at` = 1) of (4, D) keys."""
+    cube, square = at**3, at**2
+    weights = np.array(
+        [
+            -cube + 2 * square - at,
+            3 * cube - 5 * square + 2,
+            -3 * cube + 4 * square + at,
+            cube - square,
+        ]
+    )
+    value: NDArray[np.float64] = weights / 2 @ keys
+    return value

@@ -1,0 +1,223 @@
+"""Poses: rigid 4 x 4 matrices between the world and a camera, and the rotations in them.
+
+Column vectors, x_camera = W x_world. Camera axes are OpenCV's: x right, y down, z forward.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import SceneError, shorten
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+MAX_ROTATION_ERROR = 1e-4
+"""Largest entry of R R^T - I: float32 poses that were inverted a few times stay well below it."""
+
+MAX_COORDINATE = 1e18
+"""Squares of larger distances do not fit float32, in which images are rendered."""
+
+_OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+_OPENGL_AXES.setflags(write=False)
+
+
+def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Return `matrix` as a new array (4, 4) float64 if it is a rotation and a translation.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array_like
+    what : str
+        What the matrix is called in messages.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_MATRIX: not a finite 4 x 4 matrix with last row 0 0 0 1, or a translation beyond
+        `MAX_COORDINATE`. CAMERA_ROTATION: the upper left 3 x 3 block is not orthonormal to
+        `MAX_ROTATION_ERROR` with determinant +1.
+    """
+    pose = _finite_matrix(matrix, what)
+    if (pose[3] != (0, 0, 0, 1)).any():
+        row = " ".join(f"{entry:g}" for entry in pose[3])
+        text = f"{what} has the last row {row}; it must be 0 0 0 1: the translation is a column"
+        raise SceneError("CAMERA_MATRIX", text, pointer="[3]")
+    if (far := float(np.abs(pose[:3, 3]).max())) > MAX_COORDINATE:
+        text = f"{what} translates by {far:g}; more than {MAX_COORDINATE:g} is not rendered"
+        raise SceneError("CAMERA_MATRIX", text, value=far, limit=MAX_COORDINATE)
+    rotation = pose[:3, :3]
+    small = float(np.abs(rotation).max()) < 2  # else the products may overflow
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max()) if small else math.inf
+    if error > MAX_ROTATION_ERROR:
+        by = f"by {error:.3g}" if small else "by more than 1"
+        text = (
+            f"the rotation of {what} is not orthonormal: R R^T differs from the identity {by}; "
+            f"{MAX_ROTATION_ERROR:g} is allowed"
+        )
+        raise SceneError("CAMERA_ROTATION", text, value=error, limit=MAX_ROTATION_ERROR)
+    if np.linalg.det(rotation) < 0:
+        text = f"the rotation of {what} has determinant -1, a mirror image; it must be +1"
+        raise SceneError("CAMERA_ROTATION", text, value=-1, limit=1)
+    return pose
+
+
+def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Return `matrix` as a new array (4, 4) float64 of finite numbers."""
+    try:
+        given: NDArray[Any] = np.asarray(matrix)
+    except (ValueError, TypeError):
+        text = f"{what} has rows of different lengths; it must be 4 x 4 numbers"
+        raise SceneError("CAMERA_MATRIX", text) from None
+    if given.shape != (4, 4) or given.dtype.kind not in "fiu":
+        text = f"{what} is an array of {given.dtype} of shape {given.shape}; it must be 4 x 4 numbers"
+        raise SceneError("CAMERA_MATRIX", shorten(text, 200))
+    pose = given.astype(np.float64) + 0.0  # the sum turns -0.0 into 0.0, so that equal poses have equal bytes
+    for row, column in np.argwhere(~np.isfinite(pose)).tolist():
+        text = f"{what}[{row}, {column}] is {pose[row, column]}; it must be finite"
+        raise SceneError("CAMERA_MATRIX", text, pointer=f"[{row}, {column}]", value=float(pose[row, column]))
+    return pose
+
+
+def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
+    """Return the inverse (4, 4) float64 of a pose: world-to-camera of camera-to-world, and back.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_MATRIX or CAMERA_ROTATION, as `check_pose`.
+    """
+    return rigid_inverse(check_pose(pose, what))
+
+
+def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of a pose that is known to be one.
+
+    The 3 x 3 block is inverted, not transposed: upstream loaders invert the matrix as it is, and for poses
+    rounded to float32 the two differ.
+    """
+    inverse = np.eye(4)
+    inverse[:3, :3] = np.linalg.inv(pose[:3, :3])
+    inverse[:3, 3] = -inverse[:3, :3] @ pose[:3, 3]
+    return inverse
+
+
+def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
+    """Return the world-to-camera matrix of an OpenGL or Blender camera.
+
+    Parameters
+    ----------
+    camera_to_world : (4, 4) array_like
+        With camera axes x right, y up, z backward, as NeRF's `transform_matrix` and Blender's `matrix_world`
+        have them.
+
+    Returns
+    -------
+    world_to_camera : (4, 4) float64
+        With camera axes x right, y down, z forward. The world's axes stay as they are.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_MATRIX or CAMERA_ROTATION, as `check_pose`.
+
+    Notes
+    -----
+    Columns 1 and 2 are negated, then the matrix is inverted, as in `graphdeco-inria/gaussian-splatting`:
+    scene/dataset_readers.py.
+    """
+    return rigid_inverse(check_pose(camera_to_world, what) @ _OPENGL_AXES)
+
+
+def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
+    """Return the world-to-camera matrix (4, 4) of a camera at `eye` that looks at `target`.
+
+    Parameters
+    ----------
+    eye, target : (3,) array_like
+        Points in the world.
+    up : (3,) array_like
+        Direction in the world that is up in the image, of any length.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_LOOK_AT: not three finite numbers each, `eye` is `target`, or `up` lies along the view.
+    """
+    points = {"eye": eye, "target": target, "up": up}
+    position, aim, upward = (vector3(name, point) for name, point in points.items())
+    forward = _unit(aim - position)
+    if forward is None:
+        text = "eye and target are the same point; the camera must look somewhere"
+        raise SceneError("CAMERA_LOOK_AT", text)
+    across = _unit(upward)
+    right = None if across is None else _unit(np.cross(forward, across), least=1e-6)
+    if right is None:
+        text = "up is zero or along the line from eye to target; it must point to the side of it"
+        raise SceneError("CAMERA_LOOK_AT", text)
+    pose = np.eye(4)
+    pose[:3, :3] = right, np.cross(forward, right), forward
+    pose[:3, 3] = -pose[:3, :3] @ position
+    return pose
+
+
+def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value` as (3,) float64.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_LOOK_AT: it is not three finite numbers up to `MAX_COORDINATE`.
+    """
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        vector = np.zeros(0)
+    if vector.shape != (3,) or not (np.abs(vector) <= MAX_COORDINATE).all():
+        text = f"{name} is {shorten(repr(value))}; it must be three finite numbers"
+        raise SceneError("CAMERA_LOOK_AT", text)
+    return vector
+
+
+def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
+    """Return the direction of `vector`, or None if it is not longer than `least`."""
+    length = math.hypot(*vector)
+    return vector / length if length > least else None
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length but zero.
+
+    Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985, section 3.
+    """
+    w, x, y, z = np.asarray(quaternion, dtype=np.float64) / math.hypot(*np.asarray(quaternion))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
+    """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3); one of two signs.
+
+    It is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix, which is stable for every
+    angle and takes the nearest rotation where the matrix is only nearly one. Source: I. Y. Bar-Itzhack, New
+    method for extracting the quaternion from a rotation matrix, J. Guidance 23(6), 2000.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64)
+    symmetric = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, b + d, c + g],
+            [c - g, b + d, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    )
+    quaternion: NDArray[np.float64] = np.linalg.eigh(symmetric)[1][:, -1]
+    return quaternion

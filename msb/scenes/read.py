@@ -1,0 +1,105 @@
+"""From a path to cameras: what is there decides which reader is asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msb.scenes import cameras_json, transforms, views_json
+from msb.scenes.colmap import find_model, read_model
+from msb.scenes.json_node import read_json
+from msb.scenes.sets import check_set
+from msb.scenes.source import Source, is_file, is_folder
+
+if TYPE_CHECKING:
+    import os
+
+    from msb.scenes.camera import Camera
+    from msb.scenes.json_node import Node
+
+_IN_FOLDERS = (
+    ("transforms_train.json", "transforms_test.json"),
+    ("transforms.json",),
+    ("cameras.json",),
+    ("views.json",),
+)
+"""Files that make a folder a source of cameras; the first group of which one is there is read."""
+
+
+def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
+    """Read the cameras of a dataset, a trained model or a views.json.
+
+    Parameters
+    ----------
+    path : str or Path
+        A JSON file, told by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
+        cameras.json (3DGS family) or views.json. Or a folder, in this order: with a COLMAP model (in itself,
+        in `sparse/0` or in `sparse`; .bin before .txt), with transforms_train.json and transforms_test.json
+        (both are read, training first), transforms.json, cameras.json or views.json.
+
+    Returns
+    -------
+    cameras : list of Camera
+        In the file's order, at least one, names unique. Intrinsics are as recorded, principal point
+        included; `Camera.centered` gives the camera the 3DGS family renders. `split` is set only where the
+        source says it; for others see `split_every_8th`.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    SceneError
+        One of the CAMERA_ and COLMAP_ codes.
+
+    Notes
+    -----
+    Files are untrusted: sizes are checked before memory is taken, time and memory are linear in the files'
+    sizes, and no path that leads out of the folder is opened.
+    """
+    place = Path(path)
+    if is_folder(place):
+        return _read_folder(place)
+    source = Source.open(place)
+    cameras = _read_json(source)
+    check_set(cameras, source)
+    return cameras
+
+
+def _read_folder(folder: Path) -> list[Camera]:
+    model = find_model(folder)
+    if model is not None:
+        cameras = read_model(model)
+        check_set(cameras, Source(model, b""))
+        return cameras
+    for names in _IN_FOLDERS:
+        found = [folder / name for name in names if is_file(folder / name)]
+        if found:
+            cameras = [camera for file in found for camera in _read_json(Source.open(file))]
+            check_set(cameras, Source(found[0], b""))
+            return cameras
+    looked = "sparse/0, sparse, " + ", ".join(name for names in _IN_FOLDERS for name in names)
+    raise Source(folder, b"").error("CAMERA_SOURCE", f"the folder holds no cameras; looked for {looked}")
+
+
+def _read_json(source: Source) -> list[Camera]:
+    if source.path.suffix.lower() in (".bin", ".txt"):
+        raise source.error("CAMERA_SOURCE", "give the folder of a COLMAP model, not one of its files")
+    if source.path.suffix.lower() != ".json":
+        text = f"'{source.path.suffix}' is not the suffix of a file of cameras; .json is, or give a folder"
+        raise source.error("CAMERA_SOURCE", text)
+    root = read_json(source)
+    return _reader(root)
+
+
+def _reader(root: Node) -> list[Camera]:
+    if isinstance(root.value, list):
+        return cameras_json.read(root)
+    if isinstance(root.value, dict) and "schema" in root.value:
+        return views_json.read(root).cameras
+    if isinstance(root.value, dict) and "frames" in root.value:
+        return transforms.read(root)
+    text = (
+        'it is no file of cameras: an object with "frames" (transforms.json) or "schema" (views.json), '
+        "or an array (cameras.json), is one"
+    )
+    raise root.source.error("CAMERA_SOURCE", text)

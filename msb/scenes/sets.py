@@ -1,0 +1,72 @@
+"""Sets of cameras: what every set must fulfil, and the split into training and test views."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from msb.errors import shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from msb.scenes.camera import Camera
+    from msb.scenes.source import Source
+
+HOLD = 8
+"""Every HOLD-th view is a test view: `llffhold` of `graphdeco-inria/gaussian-splatting`."""
+
+
+def check_set(cameras: Sequence[Camera], source: Source) -> None:
+    """Check that there are cameras and that no two have the same name.
+
+    Raises
+    ------
+    SceneError
+        CAMERA_NONE or CAMERA_DUPLICATE.
+    """
+    if not cameras:
+        raise source.error("CAMERA_NONE", "there is no camera in it; it must hold at least one")
+    seen: dict[str, int] = {}
+    for index, camera in enumerate(cameras):
+        if camera.name is None:
+            continue
+        if camera.name in seen:
+            text = f"cameras {seen[camera.name]} and {index} are both called '{shorten(camera.name)}'"
+            raise source.error("CAMERA_DUPLICATE", text, value=camera.name)
+        seen[camera.name] = index
+
+
+def stem(camera: Camera) -> str:
+    """Return the name without folders, up to its first dot: `image_name` of the 3DGS family.
+
+    "a/img.b.png" gives "img", so stems may repeat; only names identify a camera. "" if it has none.
+    """
+    return (camera.name or "").rsplit("/", 1)[-1].split(".", 1)[0]
+
+
+def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
+    """Return the cameras in the order in which the 3DGS family numbers them.
+
+    By `stem` and code point ("DSC_10" before "DSC_2", upper case first); equal stems keep their order.
+
+    Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
+    """
+    return sorted(cameras, key=stem)
+
+
+def split_every_8th(cameras: Iterable[Camera]) -> tuple[list[Camera], list[Camera]]:
+    """Return (train, test): of the cameras sorted by stem number 0, 8, 16, ... are for testing.
+
+    The `split` of each camera returned says which it is. This is for captures without a split of their own,
+    so a `split` already there is replaced.
+
+    Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py (`llffhold`).
+    """
+    train, test = [], []
+    for index, camera in enumerate(sorted_by_stem(cameras)):
+        if index % HOLD:
+            train.append(replace(camera, split="train"))
+        else:
+            test.append(replace(camera, split="test"))
+    return train, test

@@ -1,0 +1,78 @@
+"""A file of cameras, opened without trust, and how errors about it are worded."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from msb.asset.paths import map_file
+from msb.errors import SceneError
+
+if TYPE_CHECKING:
+    import mmap
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file and its bytes.
+
+    Parameters
+    ----------
+    path : Path
+        The file, as it was given.
+    data : bytes or mmap
+        Its content; a mapping costs no memory until it is read.
+    """
+
+    path: Path
+    data: bytes | mmap.mmap
+
+    @classmethod
+    def open(cls, path: Path) -> Source:
+        """Map the regular file at `path`; a pipe or device is never opened.
+
+        Raises
+        ------
+        InputError
+            FILE_NOT_FOUND or FILE_UNREADABLE.
+        """
+        return cls(path, map_file(path, asset=path)[0])
+
+    def error(
+        self, code: str, message: str, *, pointer: str | None = None, value: Any = None, limit: Any = None
+    ) -> SceneError:
+        """Return the error about this file; a `pointer` opens the message."""
+        text = f"{pointer}: {message}" if pointer else message
+        return SceneError(code, text, file=self.path, pointer=pointer, value=value, limit=limit)
+
+    @contextlib.contextmanager
+    def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
+        """Add this file, `pointer` and `what` is read there to an error that names no file yet.
+
+        That is what `Camera` and its checks raise: they know values, not where those come from.
+        """
+        try:
+            yield
+        except SceneError as error:
+            if error.file is not None:
+                raise
+            message = f"{what}: {error.message}" if what else error.message
+            found = self.error(error.code, message, pointer=pointer, value=error.value, limit=error.limit)
+            raise found from None
+
+
+def is_file(path: Path) -> bool:
+    """Return whether `path` is a file we may look at; unlike `Path.is_file`, never raises."""
+    with contextlib.suppress(OSError, ValueError):
+        return path.is_file()
+    return False
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether `path` is a folder we may look at; unlike `Path.is_dir`, never raises."""
+    with contextlib.suppress(OSError, ValueError):
+        return path.is_dir()
+    return False

@@ -1,0 +1,116 @@
+"""transforms_*.json: cameras of NeRF-Synthetic, and of instant-ngp and nerfstudio, which extend it.
+
+Sources: `bmild/nerf`: load_blender.py; `NVlabs/instant-ngp`: src/nerf_loader.cu; nerfstudio documentation,
+Data conventions.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, cast
+
+from msb.errors import InputError, SceneError
+from msb.scenes.camera import Camera
+from msb.scenes.checks import check_name, check_size, focal_from_fov
+from msb.scenes.image_size import image_size
+from msb.scenes.poses import from_opengl
+
+if TYPE_CHECKING:
+    from msb.scenes.checks import Split
+    from msb.scenes.json_node import Node
+
+_SPLIT = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
+_IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".exr", ".bmp", ".tif", ".tiff"}
+_PINHOLE_MODELS = {"PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "FULL_OPENCV", "SIMPLE_RADIAL", "RADIAL"}
+_DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+
+
+def read(root: Node) -> list[Camera]:
+    """Return a camera for each frame, in the file's order.
+
+    `split` is set if the file is called transforms_train.json, _val or _test.
+
+    Raises
+    ------
+    SceneError
+        The CAMERA_ codes; CAMERA_IMAGE if the size is neither written nor found in the image.
+    """
+    path = root.source.path
+    match = _SPLIT.fullmatch(path.name)
+    split = cast("Split", match[1].lower()) if match else None
+    return [_camera(root, frame, path.parent, split) for frame in root["frames"].items()]
+
+
+def _camera(root: Node, frame: Node, folder: Path, split: Split | None) -> Camera:
+    """Return the camera of one frame; its own keys go before those of the whole file."""
+
+    def find(key: str) -> Node | None:
+        return frame.get(key) or root.get(key)
+
+    def number(key: str) -> float | None:
+        node = find(key)
+        return None if node is None else node.number()
+
+    def focal(axis: str, side: int) -> float | None:
+        angle = number(f"camera_angle_{axis}")
+        of_angle = None if angle is None else focal_from_fov(angle, side, f"camera_angle_{axis}")
+        return of_angle if (given := number(f"fl_{axis}")) is None else given
+
+    _refuse_distortion(find("camera_model"), find("is_fisheye"), [find(key) for key in _DISTORTIONS])
+    with frame["file_path"].locating():
+        name = _image_name(frame["file_path"].text())
+        check_name(name)
+    width, height = _size(frame, find("w"), find("h"), folder / name)
+    with frame["transform_matrix"].locating():
+        pose = from_opengl(frame["transform_matrix"].array(4, 4), "the camera-to-world matrix")
+    with frame.locating():
+        fx, fy = focal("x", width), focal("y", height)
+        if fx is None:
+            text = "it lacks the focal length, and so does the document: fl_x or camera_angle_x (radians)"
+            raise frame.error("CAMERA_FIELD_MISSING", text)
+        cx, cy = number("cx"), number("cy")
+        return Camera(
+            width,
+            height,
+            fx,
+            fx if fy is None else fy,  # pixels are square unless something says otherwise
+            width / 2 if cx is None else cx,
+            height / 2 if cy is None else cy,
+            pose,
+            name,
+            folder / name,
+            split=split,
+        )
+
+
+def _refuse_distortion(model: Node | None, fisheye: Node | None, distortions: list[Node | None]) -> None:
+    if model is not None and model.text() not in _PINHOLE_MODELS:
+        known = ", ".join(sorted(_PINHOLE_MODELS))
+        text = f"the camera model is {model.shown()}; without distortion {known} are read"
+        raise model.error("CAMERA_DISTORTED", text)
+    if fisheye is not None and fisheye.value is not False:
+        raise fisheye.error("CAMERA_DISTORTED", f"it is {fisheye.shown()}; only pinhole cameras are read")
+    for distortion in distortions:
+        if distortion is not None and distortion.number() != 0:
+            text = f"it is {distortion.shown()}, a distortion of the lens; undistort the images"
+            raise distortion.error("CAMERA_DISTORTED", text)
+
+
+def _image_name(path: str) -> str:
+    """Return the image's name below the file's folder: without "./", with ".png" if it has no suffix."""
+    while path.startswith("./"):
+        path = path[2:]
+    return path if PurePosixPath(path).suffix.lower() in _IMAGE_SUFFIXES else f"{path}.png"
+
+
+def _size(frame: Node, width: Node | None, height: Node | None, image: Path) -> tuple[int, int]:
+    """Return the recorded size, or that of the image."""
+    if width is not None and height is not None:
+        with width.locating():
+            return check_size((width.whole(), height.whole()))
+    try:
+        return image_size(image)
+    except (InputError, SceneError) as error:
+        text = f"the size is needed: write w and h, or put the image in place ({image.name}: {error.message})"
+        raise frame.error("CAMERA_IMAGE", text) from None

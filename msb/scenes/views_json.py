@@ -1,0 +1,141 @@
+"""views.json: our own file of cameras. It holds exactly what a `Camera` holds but paths; docs/cameras.md."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from msb.atomic import new_file
+from msb.errors import OutputError, SceneError
+from msb.scenes.camera import Camera
+from msb.scenes.json_node import MAX_BYTES, read_json
+from msb.scenes.sets import check_set
+from msb.scenes.source import Source
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable
+
+    from msb.scenes.checks import Split
+    from msb.scenes.json_node import Node
+
+SCHEMA = "msb.views/1"
+_REQUIRED = ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")
+_OPTIONAL = ("name", "source_size", "split")
+
+
+class Views(NamedTuple):
+    """What a views.json holds.
+
+    Parameters
+    ----------
+    cameras : list of Camera
+    background : (float, float, float), optional
+        Red, green and blue in [0, 1], in the stored colour space: what the views are rendered over.
+    """
+
+    cameras: list[Camera]
+    background: tuple[float, float, float] | None = None
+
+
+def read_views(path: str | os.PathLike[str]) -> Views:
+    """Read a views.json.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    SceneError
+        The CAMERA_ codes.
+    """
+    source = Source.open(Path(path))
+    views = read(read_json(source))
+    check_set(views.cameras, source)
+    return views
+
+
+def read(root: Node) -> Views:
+    """Return what the document holds; an unknown key is an error, so that no misspelt one is ignored."""
+    schema = root["schema"]
+    if schema.value != SCHEMA:
+        raise schema.error("CAMERA_FIELD_VALUE", f'it is {schema.shown()}; it must be "{SCHEMA}"')
+    root.only("schema", "background", "cameras")
+    background = root.get("background")
+    cameras = [_camera(node) for node in root["cameras"].items()]
+    return Views(cameras, None if background is None else _color(background))
+
+
+def _color(node: Node) -> tuple[float, float, float]:
+    red, green, blue = node.array(3).tolist()
+    if not all(0 <= value <= 1 for value in (red, green, blue)):
+        raise node.error("CAMERA_FIELD_VALUE", f"it is {node.shown()}; red, green and blue lie in 0 to 1")
+    return red, green, blue
+
+
+def _camera(node: Node) -> Camera:
+    node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:])
+    name, size, split = map(node.get, _OPTIONAL)
+    with node.locating():
+        return Camera(
+            node["width"].whole(),
+            node["height"].whole(),
+            node["fx"].number(),
+            node["fy"].number(),
+            node["cx"].number(),
+            node["cy"].number(),
+            node["world_to_camera"].array(4, 4),
+            None if name is None else name.text(),
+            None,
+            None if size is None else cast("tuple[int, int]", tuple(n.whole() for n in size.items())),
+            None if split is None else cast("Split", split.text()),
+        )
+
+
+def write_cameras(
+    cameras: Iterable[Camera],
+    path: str | os.PathLike[str],
+    *,
+    background: tuple[float, float, float] | None = None,
+) -> None:
+    """Write a views.json, one camera to a line; `read_cameras` gives equal cameras, but for `image_path`.
+
+    Parameters
+    ----------
+    cameras : iterable of Camera
+        At least one; names, where there are any, must differ.
+    path : str or Path
+        Overwritten as a whole or left as it was.
+    background : (float, float, float), optional
+        Red, green and blue in [0, 1].
+
+    Raises
+    ------
+    SceneError
+        CAMERA_NONE, CAMERA_DUPLICATE or CAMERA_FIELD_VALUE (the background).
+    OutputError
+        OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large to be read again.
+    """
+    cameras = list(cameras)
+    check_set(cameras, Source(Path(path), b""))
+    head: dict[str, Any] = {"schema": SCHEMA}
+    if background is not None:
+        head["background"] = [float(value) for value in background]
+        if len(head["background"]) != 3 or not all(0 <= value <= 1 for value in head["background"]):
+            text = f"the background is {background}; it must be red, green and blue from 0 to 1"
+            raise SceneError("CAMERA_FIELD_VALUE", text, file=path)
+    lines = ",\n  ".join(json.dumps(_entry(camera)) for camera in cameras)
+    content = f'{json.dumps(head)[:-1]}, "cameras": [\n  {lines}\n]}}\n'.encode("ascii")
+    if len(content) > MAX_BYTES:
+        text = f"{len(cameras)} cameras take {len(content)} bytes; a views.json holds {MAX_BYTES}"
+        raise OutputError("OUTPUT_FORMAT_LIMIT", text, file=path, value=len(content), limit=MAX_BYTES)
+    with new_file(path) as stream:
+        stream.write(content)
+
+
+def _entry(camera: Camera) -> dict[str, Any]:
+    """Return the camera as JSON data; floats are written so that they read back exactly."""
+    entry = {"name": camera.name} | {key: getattr(camera, key) for key in _REQUIRED}
+    entry |= {key: getattr(camera, key) for key in _OPTIONAL[1:]}
+    entry["world_to_camera"] = camera.world_to_camera.tolist()
+    return {key: value for key, value in entry.items() if value is not None}

@@ -1,0 +1,3 @@
+"""Tests of msb.scenes."""
+
+from __future__ import annotations

@@ -1,0 +1,290 @@
+"""The camera: where points land, what is derived, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+import msb
+from msb.errors import SceneError
+from msb.scenes import Camera, from_opengl, invert_pose
+from msb.scenes.checks import MAX_PIXELS, MAX_SIDE
+from msb.scenes.poses import quaternion_from_rotation, rotation_from_quaternion
+
+from .builders import pose, quaternion, rotation, some_cameras
+
+FRONT = Camera(200, 100, 50, 40, 90, 55, np.eye(4))
+
+
+def test_the_public_name_is_this_class() -> None:
+    assert msb.Camera is Camera
+    assert "read_cameras" in dir(msb)
+
+
+def test_a_point_lands_where_the_hand_computes_it() -> None:
+    # x right, y down, z forward: 1 to the right and 2 down at depth 4.
+    pixels, depth = FRONT.project([1, 2, 4])
+    assert pixels.tolist() == [50 * 1 / 4 + 90, 40 * 2 / 4 + 55]
+    assert depth == 4
+
+
+def test_the_middle_of_pixel_0_0_is_half_a_pixel_from_the_corner() -> None:
+    camera = Camera(4, 2, 2, 2, 2, 1, np.eye(4))  # sees x in -1..1, y in -0.5..0.5 at depth 1
+    pixels, _ = camera.project([[-0.75, -0.25, 1], [-1, -0.5, 1], [1, 0.5, 1]])
+    assert pixels.tolist() == [[0.5, 0.5], [0, 0], [4, 2]]
+
+
+def test_look_at_from_the_side() -> None:
+    camera = Camera.look_at((2, 0, 0), (0, 0, 0), up=(0, 0, 3), width=200, height=100, fov_y=math.pi / 2)
+    assert camera.fy == pytest.approx(50)
+    assert camera.fx == camera.fy
+    pixels, depth = camera.project([[0, 0, 0], [0, 1, 1], [0, 0, -1]])
+    # Looking along -x with z up, +y is to the right; above is a smaller v.
+    np.testing.assert_allclose(pixels, [[100, 50], [125, 25], [100, 75]], atol=1e-12)
+    np.testing.assert_allclose(depth, 2)
+    np.testing.assert_allclose(camera.center, [2, 0, 0], atol=1e-15)
+
+
+def test_points_behind_are_nowhere() -> None:
+    pixels, depth = FRONT.project([[[0, 0, -1], [1, 1, 0]], [[0, 0, 1], [0, 0, 1e-300]]])
+    assert pixels.shape == (2, 2, 2)
+    assert depth.tolist() == [[-1, 0], [1, 1e-300]]
+    assert np.isnan(pixels[0]).all()
+    assert pixels[1].tolist() == [[90, 55]] * 2
+
+
+def test_projection_is_the_textbook_product() -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3)) * 3
+    for camera in some_cameras():
+        product = (camera.K @ (camera.world_to_camera @ np.column_stack([points, np.ones(50)]).T)[:3]).T
+        pixels, depth = camera.project(points)
+        np.testing.assert_allclose(depth, product[:, 2], rtol=1e-12)
+        front = depth > 0
+        assert 0 < front.sum() < 50
+        np.testing.assert_allclose(
+            pixels[front], product[front, :2] / product[front, 2:], rtol=1e-9, atol=1e-9
+        )
+
+
+def test_center_is_what_lands_on_the_origin() -> None:
+    for camera in some_cameras():
+        np.testing.assert_allclose(camera.world_to_camera @ [*camera.center, 1], [0, 0, 0, 1], atol=1e-14)
+        np.testing.assert_allclose(camera.camera_to_world @ camera.world_to_camera, np.eye(4), atol=1e-14)
+
+
+def test_resizing_keeps_what_is_seen() -> None:
+    camera = some_cameras()[1]
+    half = camera.resized(20, 99)
+    assert (half.width, half.height, half.source_size) == (20, 99, (camera.width, camera.height))
+    assert (half.fov_x, half.fov_y) == pytest.approx((camera.fov_x, camera.fov_y))
+    points = camera.center + [[1.0, 2, 3], [-3, 1, 1]] @ camera.world_to_camera[:3, :3]
+    scale = (20 / camera.width, 99 / camera.height)
+    np.testing.assert_allclose(half.project(points)[0], camera.project(points)[0] * scale)
+    assert half.resized(7, 7).source_size == (camera.width, camera.height)
+    assert camera.resized(camera.width, camera.height) is camera
+    assert half.name == camera.name
+
+
+def test_scaling_rounds_half_up_and_intrinsics_follow() -> None:
+    camera = Camera(4946, 3286, 4000, 4001, 2473, 1643, np.eye(4))
+    quarter = camera.scaled(1 / 4)
+    assert (quarter.width, quarter.height) == (1237, 822)
+    assert quarter.fx == pytest.approx(4000 * 1237 / 4946)
+    assert quarter.fy == pytest.approx(4001 * 822 / 3286)
+    assert (camera.scaled(1e-9).width, camera.scaled(1e-9).height) == (1, 1)
+
+
+def test_centered_is_the_camera_of_the_3dgs_family() -> None:
+    camera = some_cameras()[0].centered()
+    assert (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
+    assert camera.fov_x == some_cameras()[0].fov_x
+    assert camera.centered() == camera
+
+
+def test_field_of_view_and_back() -> None:
+    camera = Camera.from_fov(800, 600, np.eye(4).tolist(), fov_x=0.69, name="a")
+    assert camera.fov_x == pytest.approx(0.69)
+    assert camera.fov_y == pytest.approx(2 * math.atan(math.tan(0.69 / 2) * 600 / 800))  # square pixels
+    both = Camera.from_fov(800, 600, np.eye(4), fov_x=1, fov_y=0.5)
+    assert (both.fov_x, both.fov_y) == pytest.approx((1, 0.5))
+    assert (both.cx, both.cy, both.name) == (400, 300, None)
+
+
+def test_the_matrix_is_a_copy_that_cannot_be_changed() -> None:
+    matrix = pose(3)
+    camera = Camera(4, 4, 1, 1, 2, 2, matrix)
+    matrix[0, 3] = 99
+    assert camera.world_to_camera[0, 3] != 99
+    for array in (camera.world_to_camera, camera.camera_to_world, camera.center):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    with pytest.raises(FrozenInstanceError):
+        camera.width = 5  # type: ignore[misc]
+    for twin in (copy.deepcopy(camera), copy.copy(camera)):
+        assert twin == camera
+        assert not twin.world_to_camera.flags.writeable
+
+
+def test_equal_cameras_are_equal_and_hash_alike() -> None:
+    a, b = some_cameras()[0], some_cameras()[0]
+    assert a == b
+    assert hash(a) == hash(b)
+    assert a != replace(a, fx=a.fx + 1e-12)
+    assert a != replace(a, world_to_camera=pose(5))
+    assert a != "camera"
+    assert Camera(1, 1, 1, 1, 0, 0, -0.0 * np.eye(4) + np.eye(4)) == Camera(1, 1, 1, 1, 0, 0, np.eye(4))
+
+
+def test_numpy_and_integer_arguments_become_python_numbers() -> None:
+    camera = Camera(
+        np.int32(5), np.uint64(6), np.float32(1.5), 2, np.int64(3), 0, np.eye(4, dtype=np.float32), "n",
+        "images/n.png", [10, 12], "test",
+    )  # type: ignore[arg-type]  # fmt: skip
+    assert [type(value) for value in (camera.width, camera.height, camera.fx, camera.fy, camera.cx)] == [
+        int, int, float, float, float
+    ]  # fmt: skip
+    assert camera.world_to_camera.dtype == np.float64
+    assert camera.source_size == (10, 12)
+    assert str(camera.image_path) == "images/n.png"
+
+
+def scaled_rotation() -> list[list[float]]:
+    return (np.diag([1.0002, 1, 1, 1])).tolist()
+
+
+BAD = {
+    "zero width": ({"width": 0}, "CAMERA_SIZE", "width is 0; it must be a whole number of pixels from 1"),
+    "negative height": ({"height": -1}, "CAMERA_SIZE", "height is -1"),
+    "float width": ({"width": 5.0}, "CAMERA_SIZE", "width is 5.0"),
+    "text width": ({"width": "5"}, "CAMERA_SIZE", "width is '5'"),
+    "no width": ({"width": None}, "CAMERA_SIZE", "width is None"),
+    "boolean width": ({"width": True}, "CAMERA_SIZE", "width is True"),
+    "wide": ({"width": MAX_SIDE + 1}, "CAMERA_SIZE", "65536"),
+    "absurd": ({"width": 10**5000}, "CAMERA_SIZE", "a number of thousands of digits"),
+    "many pixels": ({"width": 40000, "height": 40000}, "CAMERA_SIZE", "40000 x 40000 are 1600000000 pixels"),
+    "zero focal": ({"fx": 0}, "CAMERA_FOCAL", "fx is 0; it must be a number of pixels from 1e-09"),
+    "negative focal": ({"fy": -3.5}, "CAMERA_FOCAL", "fy is -3.5"),
+    "nan focal": ({"fx": math.nan}, "CAMERA_FOCAL", "fx is nan"),
+    "numpy nan focal": ({"fx": np.float64(math.nan)}, "CAMERA_FOCAL", "fx is nan"),
+    "infinite focal": ({"fx": math.inf}, "CAMERA_FOCAL", "fx is inf"),
+    "huge focal": ({"fx": 10**400}, "CAMERA_FOCAL", "fx is 1000"),
+    "tiny focal": ({"fx": 1e-300}, "CAMERA_FOCAL", "fx is 1e-300"),
+    "text focal": ({"fx": "50"}, "CAMERA_FOCAL", "fx is '50'"),
+    "boolean focal": ({"fx": True}, "CAMERA_FOCAL", "fx is True"),
+    "nan center": ({"cx": math.nan}, "CAMERA_PRINCIPAL_POINT", "cx is nan"),
+    "far center": ({"cy": -1e12}, "CAMERA_PRINCIPAL_POINT", "cy is -1000000000000.0"),
+    "no center": ({"cy": None}, "CAMERA_PRINCIPAL_POINT", "cy is None"),
+    "3 x 4": ({"world_to_camera": np.eye(4)[:3]}, "CAMERA_MATRIX", "of shape (3, 4); it must be 4 x 4"),
+    "flat": ({"world_to_camera": [1.0] * 16}, "CAMERA_MATRIX", "of shape (16,)"),
+    "ragged": ({"world_to_camera": [[1], [1, 2], [3], [4]]}, "CAMERA_MATRIX", "different lengths"),
+    "words": ({"world_to_camera": [["1"] * 4] * 4}, "CAMERA_MATRIX", "<U1"),
+    "no matrix": ({"world_to_camera": None}, "CAMERA_MATRIX", "object"),
+    "complex": ({"world_to_camera": np.eye(4) * 1j}, "CAMERA_MATRIX", "complex128"),
+    "nan pose": ({"world_to_camera": np.eye(4) * math.nan}, "CAMERA_MATRIX", "world_to_camera[0, 0] is nan"),
+    "transposed": ({"world_to_camera": pose(1).T}, "CAMERA_MATRIX", "the last row"),
+    "far": ({"world_to_camera": np.eye(4) + np.eye(4, k=3) * 1e19}, "CAMERA_MATRIX", "translates by 1e+19"),
+    "scaled": ({"world_to_camera": scaled_rotation()}, "CAMERA_ROTATION", "not orthonormal: R R^T differs"),
+    "huge": ({"world_to_camera": np.diag([1e200, 1e200, 1e200, 1])}, "CAMERA_ROTATION", "by more than 1"),
+    "singular": ({"world_to_camera": np.diag([1.0, 1, 0, 1])}, "CAMERA_ROTATION", "by 1; 0.0001 is allowed"),
+    "zero": ({"world_to_camera": np.diag([0.0, 0, 0, 1])}, "CAMERA_ROTATION", "not orthonormal"),
+    "mirrored": ({"world_to_camera": np.diag([1.0, -1, 1, 1])}, "CAMERA_ROTATION", "determinant -1"),
+    "empty name": ({"name": ""}, "CAMERA_NAME", "text of 1 to 1024 characters"),
+    "long name": ({"name": "x" * 1025}, "CAMERA_NAME", "text of 1 to 1024"),
+    "bytes name": ({"name": b"a"}, "CAMERA_NAME", "b'a'"),
+    "absolute": ({"name": "/etc/passwd"}, "CAMERA_NAME", "absolute"),
+    "drive": ({"name": "C:x.png"}, "CAMERA_NAME", "absolute"),
+    "backslash": ({"name": "..\\x.png"}, "CAMERA_NAME", "backslash"),
+    "up": ({"name": "a/../b.png"}, "CAMERA_NAME", "'..'"),
+    "here": ({"name": "./b.png"}, "CAMERA_NAME", "'.'"),
+    "trailing slash": ({"name": "a/"}, "CAMERA_NAME", "empty part"),
+    "line end": ({"name": "a\nb"}, "CAMERA_NAME", "control character"),
+    "nul": ({"name": "a\0b"}, "CAMERA_NAME", "control character"),
+    "surrogate": ({"name": "a\ud800"}, "CAMERA_NAME", "surrogate"),
+    "one source size": ({"source_size": (5,)}, "CAMERA_SIZE", "it must be width and height"),
+    "bad source size": ({"source_size": (5, 0)}, "CAMERA_SIZE", "height is 0"),
+    "split": ({"split": "Test"}, "CAMERA_SPLIT", "it must be train, val, test or None"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_camera_that_cannot_be_is_refused(name: str) -> None:
+    change, code, message = BAD[name]
+    good = {
+        key: getattr(FRONT, key) for key in ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")
+    }
+    with pytest.raises(SceneError) as caught:
+        Camera(**(good | change))
+    assert caught.value.code == code
+    assert message in caught.value.message
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 300
+
+
+def test_limits_are_inclusive() -> None:
+    assert Camera(MAX_SIDE, MAX_PIXELS // MAX_SIDE, 1e-9, 1e9, -1e9, 1e9, np.eye(4)).fx == 1e-9
+    almost = np.eye(4)
+    almost[0, 0] += 4.9e-5
+    assert Camera(1, 1, 1, 1, 0, 0, almost).world_to_camera[0, 0] == almost[0, 0]
+    assert Camera(1, 1, 1, 1, 0, 0, np.eye(4), "\u00fc b/\U0001f600 (1).JPG").name
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"target": (1, 2, 3)}, "CAMERA_LOOK_AT"),
+        ({"up": (0, 0, 0)}, "CAMERA_LOOK_AT"),
+        ({"up": (2, 4, 6)}, "CAMERA_LOOK_AT"),
+        ({"up": (0, 1)}, "CAMERA_LOOK_AT"),
+        ({"eye": (0, math.nan, 1)}, "CAMERA_LOOK_AT"),
+        ({"eye": "abc"}, "CAMERA_LOOK_AT"),
+        ({"fov_y": 0}, "CAMERA_FOCAL"),
+        ({"fov_y": math.pi}, "CAMERA_FOCAL"),
+        ({"fov_y": math.nan}, "CAMERA_FOCAL"),
+        ({"fov_y": None}, "CAMERA_FOCAL"),
+        ({"width": 0}, "CAMERA_SIZE"),
+    ],
+)
+def test_a_view_that_cannot_be_is_refused(change: dict[str, object], code: str) -> None:
+    good = {"eye": (1, 2, 3), "target": (0, 0, 0), "up": (0, 0, 1), "width": 4, "height": 3, "fov_y": 1.0}
+    with pytest.raises(SceneError) as caught:
+        Camera.look_at(**(good | change))  # type: ignore[arg-type]
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize("factor", [0, -1, math.nan, math.inf, 1e9])
+def test_a_scale_that_cannot_be_is_refused(factor: float) -> None:
+    with pytest.raises(SceneError, match="CAMERA_SIZE: the scale factor"):
+        FRONT.scaled(factor)
+
+
+def test_opengl_axes_become_opencv_axes() -> None:
+    # An OpenGL camera at (0, 0, 5) that looks along -z sees a point at the origin in the middle, up as up.
+    to_world = np.eye(4)
+    to_world[2, 3] = 5
+    camera = Camera.from_fov(100, 100, from_opengl(to_world), fov_x=math.pi / 2)
+    pixels, depth = camera.project([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_allclose(pixels, [[50, 50], [60, 50], [50, 40]])
+    assert depth.tolist() == [5, 5, 5]
+    with pytest.raises(SceneError, match="CAMERA_ROTATION"):
+        from_opengl(np.diag([1.0, 1, -1, 1]))
+
+
+def test_inverting_a_pose_twice_gives_it_back() -> None:
+    for seed in range(20):
+        np.testing.assert_allclose(invert_pose(invert_pose(pose(seed))), pose(seed), atol=1e-15)
+    with pytest.raises(SceneError, match="the camera-to-world matrix has the last row"):
+        invert_pose(pose(0).T)
+
+
+def test_quaternions_turn_as_their_product_says() -> None:
+    for seed in range(100):
+        q = quaternion(seed)
+        np.testing.assert_allclose(rotation_from_quaternion(q * 1e-5), rotation(q), atol=1e-14)
+        np.testing.assert_allclose(np.abs(quaternion_from_rotation(rotation(q)) @ q), 1, atol=1e-14)
+    for half_turn in ((0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1), (0, 0.6, 0.8, 0)):
+        back = quaternion_from_rotation(rotation_from_quaternion(half_turn))
+        assert abs(back @ half_turn) == pytest.approx(1)

@@ -1,0 +1,224 @@
+"""Every format gives the cameras that were written, and a path finds the right reader."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.errors import MsbError, OutputError, SceneError
+from msb.scenes import read_views, views_json, write_cameras
+from tests.conftest import ROOT
+
+from . import builders
+from .builders import dump, some_cameras, write
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from msb import Camera
+
+CAMERAS = some_cameras(4)
+CENTERED = some_cameras(4, centered=True)
+WRITERS = {
+    "colmap_bin": (lambda: builders.colmap_bin(CAMERAS), CAMERAS),
+    "colmap_txt": (lambda: builders.colmap_txt(CAMERAS), CAMERAS),
+    "transforms": (lambda: {"transforms.json": dump(builders.transforms(CAMERAS))}, CAMERAS),
+    "cameras_json": (lambda: {"cameras.json": dump(builders.cameras_json(CENTERED))}, CENTERED),
+    "views": (lambda: {"views.json": dump(builders.views(CAMERAS))}, CAMERAS),
+}
+
+
+def assert_same(found: Sequence[Camera], wanted: Sequence[Camera]) -> None:
+    assert len(found) == len(wanted)
+    for a, b in zip(found, wanted, strict=True):
+        assert (a.name, a.width, a.height) == (b.name, b.width, b.height)
+        np.testing.assert_allclose(a.K, b.K, rtol=1e-14)
+        np.testing.assert_allclose(a.world_to_camera, b.world_to_camera, atol=1e-14)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_what_was_written_is_read(form: str, tmp_path: Path) -> None:
+    make, wanted = WRITERS[form]
+    write(tmp_path, make())
+    found = msb.read_cameras(tmp_path)
+    assert_same(found, wanted)
+    assert_same(msb.read_cameras(str(tmp_path)), wanted)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_what_was_read_is_written_and_read_again_exactly(form: str, tmp_path: Path) -> None:
+    found = msb.read_cameras(write(tmp_path / "a", WRITERS[form][0]()))
+    write_cameras(found, tmp_path / "b" / "views.json")
+    again = msb.read_cameras(tmp_path / "b" / "views.json")
+    assert again == [replace(camera, image_path=None) for camera in found]
+
+
+def test_views_keep_everything_but_paths(tmp_path: Path) -> None:
+    cameras = [
+        replace(CAMERAS[0], split="test", source_size=(400, 300)),
+        replace(CAMERAS[1], name=None, image_path=Path("a.png"), fx=1 / 3),
+        replace(CAMERAS[2], name=None),
+    ]
+    write_cameras(iter(cameras), tmp_path / "views.json", background=(1, 0.5, 0))
+    views = read_views(tmp_path / "views.json")
+    assert views.background == (1.0, 0.5, 0.0)
+    assert views.cameras == [cameras[0], replace(cameras[1], image_path=None), cameras[2]]
+    assert (tmp_path / "views.json").read_text().count("\n") == 3 + 2
+    write_cameras(cameras, tmp_path / "views.json")
+    assert read_views(tmp_path / "views.json").background is None
+
+
+def test_the_same_cameras_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in "ab":
+        write_cameras(CAMERAS, tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("cameras", "background", "code"),
+    [
+        ([], None, "CAMERA_NONE"),
+        ([CAMERAS[0], CAMERAS[0]], None, "CAMERA_DUPLICATE"),
+        (CAMERAS, (1, 1), "CAMERA_FIELD_VALUE"),
+        (CAMERAS, (1, 1, 2), "CAMERA_FIELD_VALUE"),
+        (CAMERAS, (1, 1, float("nan")), "CAMERA_FIELD_VALUE"),
+    ],
+)
+def test_views_that_could_not_be_read_are_not_written(
+    cameras: list[Camera], background: Any, code: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        write_cameras(cameras, tmp_path / "views.json", background=background)
+    assert caught.value.code == code
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_views_too_large_to_be_read_are_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(views_json, "MAX_BYTES", 100)
+    with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT"):
+        write_cameras(CAMERAS, tmp_path / "views.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    (tmp_path / "views.json").mkdir()
+    with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
+        write_cameras(CAMERAS, tmp_path / "views.json")
+
+
+@pytest.mark.parametrize("place", ["", "sparse", "sparse/0"])
+def test_a_colmap_model_is_found_in_its_scene(place: str, tmp_path: Path) -> None:
+    write(tmp_path / place, builders.colmap_bin(CAMERAS))
+    assert_same(msb.read_cameras(tmp_path), CAMERAS)
+    assert_same(msb.read_cameras(tmp_path / place), CAMERAS)
+
+
+def test_images_are_looked_for_beside_sparse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "sparse" / "0", builders.colmap_bin(CAMERAS))
+    wanted = tmp_path / "images" / "part" / "view_0.png"
+    assert msb.read_cameras(tmp_path)[0].image_path == wanted
+    monkeypatch.chdir(tmp_path / "sparse" / "0")
+    assert msb.read_cameras(".")[0].image_path == wanted
+    write(tmp_path / "loose", builders.colmap_bin(CAMERAS))
+    assert msb.read_cameras(tmp_path / "loose")[0].image_path is None
+
+
+def test_binary_models_go_before_text(tmp_path: Path) -> None:
+    write(tmp_path, builders.colmap_txt(CAMERAS) | builders.colmap_bin(CAMERAS[:2]))
+    assert len(msb.read_cameras(tmp_path)) == 2
+    (tmp_path / "images.bin").unlink()
+    assert len(msb.read_cameras(tmp_path)) == 4
+
+
+def test_the_kinds_of_folder_have_an_order(tmp_path: Path) -> None:
+    names = ["views.json", "cameras.json", "transforms.json", "transforms_train.json", "sparse/0"]
+    for count, name in enumerate(names, 1):
+        cameras = some_cameras(count)
+        files = {
+            "views.json": lambda c=cameras: {"views.json": dump(builders.views(c))},
+            "cameras.json": lambda c=cameras: {"cameras.json": dump(builders.cameras_json(c))},
+            "sparse/0": lambda c=cameras: {
+                f"sparse/0/{part}": data for part, data in builders.colmap_bin(c).items()
+            },
+        }
+        default = {name: dump(builders.transforms(cameras))}
+        write(tmp_path, files[name]() if name in files else default)
+        assert len(msb.read_cameras(tmp_path)) == count
+
+
+def test_a_scene_in_two_files_is_read_as_one(tmp_path: Path) -> None:
+    files = {
+        "transforms_test.json": dump(builders.transforms(CAMERAS[:1])),
+        "transforms_train.json": dump(builders.transforms(CAMERAS[1:])),
+        "transforms_val.json": b"not read",
+    }
+    cameras = msb.read_cameras(write(tmp_path, files))
+    assert [camera.split for camera in cameras] == ["train", "train", "train", "test"]
+    assert_same(cameras, CAMERAS[1:] + CAMERAS[:1])
+    (tmp_path / "transforms_train.json").unlink()
+    assert [camera.split for camera in msb.read_cameras(tmp_path)] == ["test"]
+
+
+def test_json_files_are_told_by_content_not_name(tmp_path: Path) -> None:
+    (tmp_path / "a.JSON").write_bytes(dump(builders.cameras_json(CENTERED)))
+    assert_same(msb.read_cameras(tmp_path / "a.JSON"), CENTERED)
+    (tmp_path / "cameras.json").write_bytes(dump(builders.transforms(CAMERAS)))
+    assert_same(msb.read_cameras(tmp_path / "cameras.json"), CAMERAS)
+    assert msb.read_cameras(tmp_path / "cameras.json")[0].split is None
+
+
+def test_repeated_image_names_of_cameras_json_get_their_id(tmp_path: Path) -> None:
+    # 3DGS cuts names at the first dot, so "img.a.png" and "img.b.png" are both "img".
+    entries = builders.cameras_json(CENTERED)
+    for entry in entries[1:3]:
+        entry["img_name"] = "img"
+    (tmp_path / "cameras.json").write_bytes(dump(entries))
+    names = [camera.name for camera in msb.read_cameras(tmp_path)]
+    assert names == ["part/view_0.png", "img-1", "img-2", "part/view_3.png"]
+
+
+def test_what_is_missing_is_an_input_error(tmp_path: Path) -> None:
+    for path in (tmp_path / "absent", tmp_path / ("x" * 300), f"{tmp_path}/a\0b", tmp_path / "a.json" / "b"):
+        with pytest.raises(MsbError) as caught:
+            msb.read_cameras(path)
+        assert caught.value.code in ("FILE_NOT_FOUND", "FILE_UNREADABLE")
+        assert str(caught.value).isprintable()
+
+
+# --- docs/cameras.md
+
+PAGE = (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
+
+
+def test_the_views_of_the_page_are_read(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
+    (tmp_path / "views.json").write_text(example)
+    views = read_views(tmp_path / "views.json")
+    assert len(views.cameras) == 2
+    shown = {key for camera in json.loads(example)["cameras"] for key in camera}
+    assert shown == {*views_json._REQUIRED, *views_json._OPTIONAL}
+
+
+def test_the_python_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "garden" / "sparse" / "0", builders.colmap_bin(some_cameras(9)))
+    (tmp_path / "garden/sparse/0/points3D.bin").write_bytes(builders.many(builders.point_bin()))
+    blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert blocks
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block, names)
+
+
+def test_every_public_name_is_on_the_page() -> None:
+    import msb.scenes
+
+    for name in msb.scenes.__all__:
+        assert f"`{name}`" in PAGE or f"{name}(" in PAGE, name
