@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from msb.adapters import export
     from msb.asset import Asset, load, save
     from msb.errors import MsbError, Unsupported
+    from msb.render import Frame, Renderer, render
     from msb.scenes import Camera, read_cameras
     from msb.topology import Audit, audit
 
@@ -26,6 +27,8 @@ _HOME = {
     "Camera": "msb.scenes",
     "read_cameras": "msb.scenes",
     "export": "msb.adapters",
+    "Frame": "msb.render",
+    "Renderer": "msb.render",
     "Audit": "msb.topology",
     "audit": "msb.topology",
 }
@@ -34,21 +37,26 @@ __all__ = [
     "Asset",
     "Audit",
     "Camera",
+    "Frame",
     "MsbError",
+    "Renderer",
     "Unsupported",
     "__version__",
     "audit",
     "export",
     "load",
     "read_cameras",
+    "render",
     "save",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _HOME and name != "render":
         text = f"module 'msb' has no attribute {name!r}"
         raise AttributeError(text)
+    if name == "render":  # a package that can be called
+        return import_module("msb.render")
     value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value

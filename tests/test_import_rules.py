@@ -51,6 +51,7 @@ FOREIGN: dict[str, set[str]] = {
     "meshes": {"numpy", "trimesh"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
+    "render": {"numpy", "PIL", "OpenEXR", "av"},
     "cli": {"numpy", "typer", "rich"},
     "report": {"numpy"},
 }

@@ -14,7 +14,7 @@ from msb.atomic import new_file
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from rich.console import Console
@@ -84,6 +84,21 @@ class Output:
                 bars.update(tasks[stage], completed=done)
 
             yield update
+
+    @contextlib.contextmanager
+    def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
+        """Yield a function to call after each of `total` steps; it draws a bar, on a terminal only."""
+        if self.quiet or not sys.stderr.isatty():
+            yield lambda: None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            task = bars.add_task(text, total=total)
+            yield lambda: bars.advance(task)
 
     def check_free(self, path: Path | None) -> None:
         """Refuse to overwrite `path` without --force.

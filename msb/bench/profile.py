@@ -1,0 +1,133 @@
+"""Time a renderer: device latency and wall-clock rate over a set of cameras, apart from any capture.
+
+Nothing is written and no pixel is read back while the clock runs.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from msb.render import Renderer
+    from msb.render.protocol import Drawn
+    from msb.scenes import Camera
+
+WARM_UP_FRAMES = 10
+WARM_UP_SECONDS = 1.0
+TIMED_FRAMES = 100
+TIMED_SECONDS = 3.0
+"""The clock runs until there are as many frames and as many seconds: both."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How a renderer did. Times in milliseconds.
+
+    Attributes
+    ----------
+    frames : int
+        Timed, all cameras in turn.
+    p50, p95, mean : float
+        Of the device's time for a frame, from the start of its first command to the end of its last
+        (percentiles interpolated linearly).
+    busy_p50, busy_p95 : float
+        The same of the sum of the commands' times.
+    stages : mapping of str to float
+        Stage -> median time in a frame.
+    fps : float
+        Frames in a second of wall-clock time: uploads, launches and waiting included.
+    memory : mapping of str to int
+        Use -> bytes on the device after a frame.
+    """
+
+    frames: int
+    p50: float
+    p95: float
+    mean: float
+    busy_p50: float
+    busy_p95: float
+    stages: Mapping[str, float]
+    fps: float
+    memory: Mapping[str, int]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the profile as JSON data."""
+        return {
+            "frames": self.frames,
+            "device_ms": {"p50": self.p50, "p95": self.p95, "mean": self.mean},
+            "busy_ms": {"p50": self.busy_p50, "p95": self.busy_p95},
+            "stages_ms": dict(self.stages),
+            "fps": self.fps,
+            "memory_bytes": dict(self.memory),
+        }
+
+
+def profile(
+    renderer: Renderer,
+    cameras: Sequence[Camera],
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    *,
+    frames: int = TIMED_FRAMES,
+    seconds: float = TIMED_SECONDS,
+    step: Callable[[], None] = lambda: None,
+) -> Profile:
+    """Return how fast `renderer` draws `cameras`, in turn, over and over.
+
+    Parameters
+    ----------
+    renderer : Renderer
+    cameras : sequence of Camera
+        At least one.
+    background : (3,) floats
+    frames, seconds : int, float
+        Timing goes on until both are reached.
+    step : callable
+        Called after each timed frame, for a progress bar.
+    """
+    if not cameras:
+        raise ValueError("there is no camera to time")
+    _repeat(renderer, cameras, background, WARM_UP_FRAMES, WARM_UP_SECONDS if frames > 1 else 0, any_of=True)
+    start = time.perf_counter()
+    drawn = _repeat(renderer, cameras, background, frames, seconds, step=step)
+    elapsed = time.perf_counter() - start
+    spans = np.array([one.span for one in drawn])
+    busy = np.array([sum(one.stages.values()) for one in drawn])
+    names = dict.fromkeys(name for one in drawn for name in one.stages)
+    return Profile(
+        frames=len(drawn),
+        p50=float(np.percentile(spans, 50)),
+        p95=float(np.percentile(spans, 95)),
+        mean=float(spans.mean()),
+        busy_p50=float(np.percentile(busy, 50)),
+        busy_p95=float(np.percentile(busy, 95)),
+        stages={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
+        fps=len(drawn) / elapsed,
+        memory=dict(renderer.memory()),
+    )
+
+
+def _repeat(
+    renderer: Renderer,
+    cameras: Sequence[Camera],
+    background: Sequence[float],
+    frames: int,
+    seconds: float,
+    *,
+    any_of: bool = False,
+    step: Callable[[], None] = lambda: None,
+) -> list[Drawn]:
+    """Draw until `frames` and `seconds` are both reached, or any of them."""
+    drawn: list[Drawn] = []
+    start = time.perf_counter()
+    while True:
+        reached = (len(drawn) >= frames, time.perf_counter() - start >= seconds)
+        if (any(reached) if any_of else all(reached)) and drawn:
+            return drawn
+        drawn.append(renderer.draw(cameras[len(drawn) % len(cameras)], background))
+        step()

@@ -1,0 +1,186 @@
+"""`msb bench`: how fast an asset is drawn on a tier, and what it takes in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from msb.cli.options import Debug, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+from msb.cli.views import Assignments, Background, Cameras, Chosen, RendererName, Scale, Size, TierName
+from msb.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from msb.bench.profile import Profile
+
+EPILOG = epilog(
+    "msb bench --frames 20 --seconds 0.5 data_stubs/splat_like.triasset",
+    "msb bench --frames 20 --seconds 0.5 --json out/a.json --force data_stubs/splat_like.triasset",
+    "msb bench --cameras garden/sparse/0 --scale 0.25 --compare out/a.json garden.triasset",
+)
+SCHEMA = "msb.bench/1"
+_TURNTABLE = 8
+
+
+def bench(
+    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
+    tier: TierName = "standard",
+    cameras: Cameras = None,
+    chosen: Chosen = None,
+    size: Size = None,
+    scale: Scale = None,
+    background: Background = "black",
+    frames: Annotated[int, typer.Option(min=1, metavar="N", help="Time at least N frames ...")] = 100,
+    seconds: Annotated[float, typer.Option(min=0, metavar="S", help="... and at least S seconds.")] = 3.0,
+    compare: Annotated[
+        Path | None, typer.Option(metavar="OLD.json", help="Show ratios to an earlier --json.")
+    ] = None,
+    assignments: Assignments = None,
+    renderer_name: RendererName = None,
+    device: DeviceName = None,
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Time how an asset is drawn: P50 and P95 of the device, frames per second, stages, memory.
+
+    Nothing is written and no pixel is read back while the clock runs. Without --cameras eight views around
+    the asset are used.
+    """
+    from msb.asset.settings import parse_overrides
+    from msb.bench.profile import profile
+    from msb.cli.views import around, choose_cameras, open_asset, parse_background
+    from msb.render import Renderer
+    from msb.scenes import read_cameras
+
+    output = Output(json_file, quiet, verbose, force)
+    output.check_free(json_file)
+    old = _read_old(compare) if compare is not None else None
+    with output.progress(f"reading {path.name}"):
+        asset = open_asset(path)
+    if cameras is not None:
+        views = choose_cameras(read_cameras(cameras), chosen, size, scale)
+    elif chosen or scale is not None:
+        raise UsageError("USAGE", "--camera and --scale need --cameras")
+    else:
+        views = around(asset, _TURNTABLE, size, None, 20.0)
+    settings = parse_overrides(asset.manifest.method, assignments or [])
+    color = parse_background(background, asset)
+    with Renderer(asset, tier, device, settings, name=renderer_name) as renderer:
+        with output.counted("timing", frames) as step:
+            found = profile(renderer, views, color, frames=frames, seconds=seconds, step=step)
+        name = renderer.name
+    record: dict[str, Any] = {
+        "schema": SCHEMA,
+        "path": str(path),
+        "method": asset.manifest.method,
+        "faces": asset.manifest.face_count,
+        "tier": tier,
+        "renderer": name,
+        "views": len(views),
+        "sizes": sorted({f"{view.width}x{view.height}" for view in views}),
+        "machine": machine(device),
+        **found.to_dict(),
+    }
+    output.write_json(record)
+    if output.prints_text:
+        _print(record, found, old, output)
+
+
+def machine(device: str | None) -> dict[str, Any]:
+    """Return what the figures were measured on and with."""
+    import os
+    import platform
+    from importlib.metadata import version
+
+    from msb._version import __version__
+    from msb.cl.devices import choose_device
+
+    record = choose_device(device).record
+    return {
+        "system": platform.platform(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "pyopencl": version("pyopencl"),
+        "meshsplatbench": __version__,
+        "device": record.to_dict(),
+    }
+
+
+def _read_old(path: Path) -> dict[str, Any]:
+    """Return an earlier record.
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND`, or `FILE_NOT_RECOGNISED` for anything but a record of this command.
+    """
+    from msb.asset.strict_json import MAX_BYTES, parse_strict_json
+    from msb.errors import AssetError
+
+    try:
+        with path.open("rb") as file:
+            data = parse_strict_json(file.read(MAX_BYTES + 1), file=path, name="the record")
+    except OSError as error:
+        raise InputError("FILE_NOT_FOUND", f"it cannot be read: {error.strerror}", file=path) from error
+    except AssetError as error:
+        raise InputError("FILE_NOT_RECOGNISED", error.message, file=path) from None
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA or not _is_record(data):
+        text = f"it is no record of msb bench --json (schema {SCHEMA})"
+        raise InputError("FILE_NOT_RECOGNISED", text, file=path)
+    return data
+
+
+def _is_record(data: dict[str, Any]) -> bool:
+    tables = [data.get(key) for key in ("device_ms", "stages_ms", "memory_bytes")]
+    values = [value for table in tables if isinstance(table, dict) for value in table.values()]
+    return all(isinstance(table, dict) for table in tables) and all(
+        type(value) in (int, float) for value in (*values, data.get("fps"))
+    )
+
+
+def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, output: Output) -> None:
+    from rich.markup import escape
+
+    console = output.console()
+    about = record["machine"]["device"]
+    console.print(
+        f"{escape(record['path'])}: {record['faces']:,} faces, tier {record['tier']}, "
+        f"{record['views']} views of {', '.join(record['sizes'])}, {found.frames} frames\n"
+        f"{escape(record['renderer'])} on {escape(about['platform'])}: {escape(about['name'])}",
+        soft_wrap=True,
+    )
+    rows = list(_rows(found))
+    if output.quiet:
+        rows = rows[:3]
+    headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
+    table = plain_table(*headers, right=(1, 2, 3) if old else (1,))
+    for label, unit, value, before in rows:
+        cells = [label, _number(value, unit)]
+        if old:
+            was = before(old)
+            cells += [_number(was, unit), f"{value / was:.2f}"] if was else ["-", "-"]
+        table.add_row(*cells)
+    console.print(table)
+
+
+def _rows(found: Profile) -> Any:
+    """Yield label, unit, value, and how to find the value in an older record."""
+    yield "frames per second", "", found.fps, lambda old: old["fps"]
+    yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
+    yield "device P95", "ms", found.p95, lambda old: old["device_ms"].get("p95")
+    for name, value in found.stages.items():
+        yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
+    total = sum(found.memory.values())
+    yield "memory", "MiB", total / 2**20, lambda old: sum(old["memory_bytes"].values()) / 2**20
+    for use, size in found.memory.items():
+        yield f"  {use}", "MiB", size / 2**20, lambda old, use=use: old["memory_bytes"].get(use, 0) / 2**20
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:,.2f} {unit}".rstrip()

@@ -1,0 +1,255 @@
+"""`msb render`: images of an asset from a dataset's cameras, a turntable or a flight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from msb.cli.options import Debug, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output
+from msb.cli.views import (
+    Assignments,
+    Background,
+    Cameras,
+    Chosen,
+    RendererName,
+    Scale,
+    Size,
+    TierName,
+)
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.render import Frame, Renderer
+    from msb.scenes import Camera
+
+EPILOG = epilog(
+    "msb render --turntable 8 -o out/turn data_stubs/splat_like.triasset",
+    "msb render --turntable 24 --size 320x240 --film out/t.mp4 data_stubs/checkpoint",
+    "msb render --cameras garden/sparse/0 --camera DSC07956 -o out garden.triasset",
+)
+SCHEMA = "msb.render/1"
+Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+def render(
+    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Where images go.")
+    ] = None,
+    tier: TierName = "standard",
+    cameras: Cameras = None,
+    chosen: Chosen = None,
+    turntable: Annotated[
+        int | None, typer.Option(metavar="N", help="N cameras around the asset instead of --cameras.")
+    ] = None,
+    up: Annotated[Up | None, typer.Option(help="Axis of the turntable; the asset's, or -y.")] = None,
+    elevation: Annotated[float, typer.Option(metavar="DEGREES", help="Of the turntable's cameras.")] = 20.0,
+    flight: Annotated[
+        int | None, typer.Option(metavar="N", help="N cameras on a smooth path through the chosen ones.")
+    ] = None,
+    size: Size = None,
+    scale: Scale = None,
+    background: Background = "black",
+    form: Annotated[Literal["png", "npy", "exr"], typer.Option("--format", help="Of the images.")] = "png",
+    depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,
+    ids: Annotated[bool, typer.Option("--ids", help="Also write face ids; -1 is none.")] = False,
+    film: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a .mp4 or .gif.")] = None,
+    fps: Annotated[int, typer.Option(min=1, max=240, help="Frames of the film a second.")] = 24,
+    assignments: Assignments = None,
+    supersample: Annotated[
+        int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
+    ] = 1,
+    renderer_name: RendererName = None,
+    device: DeviceName = None,
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Draw an asset: images, and depth and face ids if asked for.
+
+    An image is named like its camera. PNG holds floor(255 c + 0.5) of the clamped colour as stored; npy and
+    exr hold the floats as rendered, neither clamped nor rounded.
+    """
+    from msb.cli.views import open_asset
+
+    output = Output(json_file, quiet, verbose, force)
+    if out is None and film is None:
+        raise UsageError("USAGE", "give --out FOLDER for images, --film FILE for a film, or both")
+    output.check_free(json_file)
+    with output.progress(f"reading {path.name}"):
+        asset = open_asset(path)
+    views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
+    task = _Task(output, out, form, depth, ids, film, fps)
+    task.check(views)
+    from msb.cli.views import parse_background
+    from msb.render import Renderer
+
+    color = parse_background(background, asset)
+    options: dict[str, Any] = {} if supersample == 1 else {"supersample": supersample}
+    settings = _settings(asset, assignments)
+    with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
+        rows = task.run(renderer, views, color)
+        about = {"schema": SCHEMA, "path": str(path), "tier": tier, "renderer": renderer.name}
+        output.write_json(
+            {**about, "background": list(color), "memory": dict(renderer.memory()), "frames": rows}
+        )
+
+
+def _settings(asset: Asset, assignments: list[str] | None) -> dict[str, Any]:
+    from msb.asset.settings import parse_overrides
+
+    return dict(parse_overrides(asset.manifest.method, assignments or []))
+
+
+def _views(
+    asset: Asset,
+    cameras: str | None,
+    chosen: list[str] | None,
+    turntable: int | None,
+    up: str | None,
+    elevation: float,
+    flight: int | None,
+    size: str | None,
+    scale: float | None,
+) -> list[Camera]:
+    """Return the cameras that the options describe."""
+    from dataclasses import replace
+
+    from msb.cli.views import around, choose_cameras
+    from msb.scenes import interpolated, read_cameras
+
+    if (cameras is None) == (turntable is None):
+        raise UsageError("USAGE", "give either --cameras PATH or --turntable N")
+    if turntable is not None:
+        if chosen or flight or scale is not None:
+            raise UsageError("USAGE", "--turntable goes without --camera, --flight and --scale")
+        return around(asset, turntable, size, up, elevation)
+    found = choose_cameras(read_cameras(str(cameras)), chosen, size, scale)
+    if flight is None:
+        return found
+    return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(interpolated(found, flight))]
+
+
+class _Task:
+    """What is to be written for each frame, and where."""
+
+    def __init__(
+        self, output: Output, out: Path | None, form: str, depth: bool, ids: bool, film: Path | None, fps: int
+    ) -> None:
+        self.output, self.out, self.film, self.fps = output, out, film, fps
+        self.form: Any = form
+        planes: Any = "exr" if form == "exr" else "npy"
+        self.planes = planes
+        self.kinds = ["image", *(["depth"] if depth else []), *(["ids"] if ids else [])]
+        if out is None and len(self.kinds) > 1:
+            raise UsageError("USAGE", "--depth and --ids need --out FOLDER")
+        if film is not None:
+            from msb.render.images import check_film
+
+            check_film(film)
+
+    def check(self, views: list[Camera]) -> None:
+        """Refuse to overwrite, before anything is rendered."""
+        if self.film is not None:
+            self.output.check_free(self.film)
+        names = image_names(views)
+        if self.out is not None:
+            for name in names:
+                for kind in self.kinds:
+                    self.output.check_free(self.place(name, kind))
+        if self.film is not None and len({(view.width, view.height) for view in views}) > 1:
+            raise UsageError("USAGE", "the cameras differ in size; --size WxH makes a film possible")
+
+    def place(self, name: str, kind: str) -> Path:
+        """Return the file for one kind of output of the frame `name`."""
+        folder = self.out or Path()
+        if kind == "image":
+            return folder / f"{name}.{self.form}"
+        return folder / f"{name}_{kind}.{self.planes}"
+
+    def run(
+        self, renderer: Renderer, views: list[Camera], color: tuple[float, float, float]
+    ) -> list[dict[str, Any]]:
+        """Render and write every view; return a row of JSON for each."""
+        from msb.render.images import Writers, write_film
+
+        rows: list[dict[str, Any]] = []
+        with self.output.counted("rendering", len(views)) as step, Writers() as writers:
+
+            def images() -> Iterator[NDArray[Any]]:
+                for name, view in zip(image_names(views), views, strict=True):
+                    frame = renderer.render(view, color)
+                    rows.append(self.write(writers, name, view, frame))
+                    step()
+                    yield frame.image
+
+            if self.film is not None:
+                write_film(self.film, images(), self.fps)
+            else:
+                for _ in images():
+                    pass
+        if self.output.prints_text:
+            self.say(rows)
+        return rows
+
+    def write(self, writers: Any, name: str, view: Camera, frame: Frame) -> dict[str, Any]:
+        """Hand the frame's planes to the writers; return what the JSON says of it."""
+        from msb.render.images import write_image
+
+        row: dict[str, Any] = {"camera": view.name, "width": view.width, "height": view.height}
+        row["coverage"] = float(frame.alpha.mean())
+        row["timings_ms"] = dict(frame.timings)
+        if self.out is None:
+            return row
+        planes = {"image": frame.image, "depth": frame.depth, "ids": frame.face_id}
+        for kind in self.kinds:
+            plane = planes[kind]
+            if plane is None:
+                raise UsageError("USAGE", "this tier and method have no face ids; leave out --ids")
+            target = self.place(name, kind)
+            writers.submit(write_image, target, plane, self.form if kind == "image" else self.planes)
+            row[kind] = str(target)
+        return row
+
+    def say(self, rows: list[dict[str, Any]]) -> None:
+        """Print what was made, in a line or a few."""
+        where = [str(self.out)] if self.out is not None else []
+        where += [str(self.film)] if self.film is not None else []
+        plural = "" if len(rows) == 1 else "s"
+        typer.echo(f"{' and '.join(where)}: {len(rows)} view{plural}")
+        if self.output.verbose:
+            for row in rows:
+                stages = ", ".join(f"{key} {value:.2f}" for key, value in row["timings_ms"].items())
+                typer.echo(f"{row['camera']}: {row['width']} x {row['height']}, {stages} ms")
+
+
+def image_names(views: list[Camera]) -> list[str]:
+    """Return a file name without suffix for each view: the camera's, complete where two would be the same."""
+    short = [_without_suffix(view.name or f"{index:05d}") for index, view in enumerate(views)]
+    names = []
+    for index, (view, name) in enumerate(zip(views, short, strict=True)):
+        alone = short.count(name) == 1
+        names.append(
+            name if alone else f"{view.name or name}" if _unique(views, view) else f"{name}_{index:05d}"
+        )
+    return names
+
+
+def _unique(views: list[Camera], view: Camera) -> bool:
+    return sum(other.name == view.name for other in views) == 1
+
+
+def _without_suffix(name: str) -> str:
+    folder, slash, last = name.rpartition("/")
+    stem, dot, _ = last.rpartition(".")
+    return f"{folder}{slash}{stem if dot and stem else last}"

@@ -1,0 +1,50 @@
+"""What a renderer returns for one camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image and what was computed with it; row 0 is the top. None: the tier or method has no such thing.
+
+    Attributes
+    ----------
+    image : (H, W, 3) float32
+        In the asset's stored colour space, background included; not rounded, not clamped.
+    alpha : (H, W) float32
+        Coverage: 1 where something opaque was hit, 1 - transmittance where primitives are blended.
+    depth : (H, W) float32
+        Along the camera's z axis, scene units: of the surface hit, or the expected depth (sum of weight times
+        depth, divided by alpha); 0 where there is nothing.
+    face_id : (H, W) int32, optional
+        Face seen, -1 where there is none.
+    normal : (H, W, 3) float32, optional
+        As the method's official kernel gives it.
+    depth_median : (H, W) float32, optional
+        Depth where the transmittance falls below one half; 0 where it does not.
+    visible : (F,) bool, optional
+        Faces that survived the method's culling.
+    raw : mapping of str to ndarray
+        The official kernel's own buffers, by their names there.
+    timings : mapping of str to float
+        Stage -> milliseconds on the device.
+    """
+
+    image: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    depth: NDArray[np.float32]
+    face_id: NDArray[np.int32] | None = None
+    normal: NDArray[np.float32] | None = None
+    depth_median: NDArray[np.float32] | None = None
+    visible: NDArray[np.bool_] | None = None
+    raw: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    timings: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,177 @@
+"""Frames as files: PNG, NumPy and OpenEXR images, MP4 and GIF films; written beside the rendering.
+
+Pictures are display-referred: what a frame holds is what a PNG gets, clamped and rounded to bytes.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from msb.atomic import new_file
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import NDArray
+
+ImageFormat = Literal["png", "npy", "exr"]
+FILM_SUFFIXES = (".mp4", ".gif")
+_QUEUE = 4
+"""Frames that may wait for a writer: enough to hide a slow disk, too few to fill the memory."""
+
+
+def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return floor(255 clamp(v, 0, 1) + 0.5), as the official evaluations of the 3DGS family save images.
+
+    Parameters
+    ----------
+    image : (H, W, 3) float
+        NaN, which no renderer should give, becomes 0.
+    """
+    scaled = np.nan_to_num(np.clip(image, 0, 1), nan=0.0) * np.float32(255)
+    return np.asarray(np.floor(scaled + np.float32(0.5))).astype(np.uint8)
+
+
+def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
+    """Write an image, depth or face-id plane to `path`, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Its suffix should be that of `form`.
+    array : (H, W, 3) or (H, W) float32, or (H, W) int32
+        PNG: colours as 8 bits; a plane is refused, since 8 or 16 bits would not hold it. EXR: 32-bit floats.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    """
+    with new_file(path) as file:
+        if form == "npy":
+            np.save(file, array, allow_pickle=False)
+        elif form == "png":
+            _write_png(file, array)
+        else:
+            file.write(_exr(array))
+
+
+def _write_png(file: Any, array: NDArray[Any]) -> None:
+    from PIL import Image
+
+    if array.ndim != 3:
+        raise UsageError("USAGE", "a PNG holds colours; depth and face ids are written as npy or exr")
+    # Level 1: a third of the time of the default for a few percent of size; rendering should not wait.
+    Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
+
+
+def _exr(array: NDArray[Any]) -> bytes:
+    """Return `array` as an OpenEXR file: R, G, B, or Z for a plane of depths, or "id"."""
+    import tempfile
+
+    import OpenEXR
+
+    if array.dtype.kind in "iu":
+        channels = {"id": array.astype(np.uint32)}
+    elif array.ndim == 2:
+        channels = {"Z": np.ascontiguousarray(array, np.float32)}
+    else:
+        channels = {"RGB": np.ascontiguousarray(array, np.float32)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with tempfile.TemporaryDirectory() as folder:  # the library writes to a name only
+        name = str(Path(folder) / "image.exr")
+        with OpenEXR.File(header, channels) as file:
+            file.write(name)
+        return Path(name).read_bytes()
+
+
+class Writers:
+    """Write files in the background while the next frame is rendered.
+
+    At most a few wait; then `submit` does. The first error is raised by the next call, or at the end of the
+    ``with`` block.
+    """
+
+    def __init__(self, threads: int = 2) -> None:
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="write")
+        self._waiting: list[Future[None]] = []
+
+    def submit(self, task: Callable[..., None], *arguments: Any) -> None:
+        """Run ``task(*arguments)`` soon; raises what an earlier one raised."""
+        while len(self._waiting) >= _QUEUE:
+            self._waiting.pop(0).result()
+        self._waiting.append(self._pool.submit(task, *arguments))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=kind is not None)
+        if kind is None:
+            for future in self._waiting:
+                future.result()
+
+
+def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
+    """Write `frames`, (H, W, 3) float images of one size, as a film; the suffix says which kind.
+
+    MP4 is H.264 in 4:2:0, which every player takes; odd sizes lose their last row or column. GIF has 256
+    colours a frame.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: another suffix.
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    """
+    check_film(path)
+    with new_file(path) as file:
+        (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(file, frames, fps)
+
+
+def check_film(path: Path) -> None:
+    """Refuse a suffix no film has, before anything is rendered.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    if path.suffix.lower() not in FILM_SUFFIXES:
+        wanted = " or ".join(FILM_SUFFIXES)
+        raise UsageError("USAGE", f'the film is "{path.name}"; it must end in {wanted}')
+
+
+def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
+    import av
+
+    with av.open(file, "w", format="mp4") as film:
+        stream: Any = None
+        for image in frames:
+            pixels = to_bytes(image)
+            pixels = np.ascontiguousarray(pixels[: len(pixels) // 2 * 2, : pixels.shape[1] // 2 * 2])
+            if stream is None:
+                stream = film.add_stream("libx264", rate=fps, options={"crf": "16", "preset": "medium"})
+                stream.height, stream.width = pixels.shape[:2]
+                stream.pix_fmt = "yuv420p"
+            for packet in stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")):
+                film.mux(packet)
+        if stream is not None:
+            for packet in stream.encode():
+                film.mux(packet)
+
+
+def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
+    from PIL import Image
+
+    pictures = (Image.fromarray(to_bytes(image)).quantize(256) for image in frames)
+    first = next(pictures, None)
+    if first is not None:
+        rest = {"save_all": True, "append_images": pictures, "loop": 0, "duration": round(1000 / fps)}
+        first.save(file, format="GIF", **rest)
