@@ -1,0 +1,29 @@
+"""OpenCL alone: devices, programs, buffers, timing, scan and sort. Knows no asset.
+
+Importing this loads neither pyopencl nor a platform; the first device asked for does.
+"""
+
+from __future__ import annotations
+
+from msb.cl.buffers import Buffer
+from msb.cl.device import Device
+from msb.cl.devices import list_devices, open_device
+from msb.cl.programs import Kernel, LocalMemory, Program
+from msb.cl.records import DeviceRecord
+from msb.cl.scan import exclusive_scan
+from msb.cl.sort import sort_pairs
+from msb.cl.timing import Timing
+
+__all__ = [
+    "Buffer",
+    "Device",
+    "DeviceRecord",
+    "Kernel",
+    "LocalMemory",
+    "Program",
+    "Timing",
+    "exclusive_scan",
+    "list_devices",
+    "open_device",
+    "sort_pairs",
+]

@@ -1,0 +1,128 @@
+"""One open device: its context, its queue, and what was made on it."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from msb.cl import programs
+from msb.cl.buffers import Memory
+from msb.cl.queue import Queue
+from msb.cl.source import OWN
+from msb.cl.timing import Timing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from contextlib import AbstractContextManager
+
+    from numpy.typing import DTypeLike, NDArray
+
+    from msb.cl.buffers import Buffer, Shape
+    from msb.cl.records import DeviceRecord, Style
+    from msb.cl.source import Define
+
+
+class Device:
+    """An OpenCL device with one in-order queue; made by `open_device`, closed by `close` or ``with``.
+
+    Attributes
+    ----------
+    record : DeviceRecord
+    style : "cpu" | "gpu"
+        Which kind of kernels to use; `record.style` unless the caller chose.
+    """
+
+    def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
+        self.record = record
+        self.style: Style = style or record.style
+        self._queue = Queue(cl, handle, record)
+        self._memory = Memory(self._queue)
+        self._programs: dict[tuple[Any, ...], programs.Program] = {}
+        self._lock = threading.Lock()
+
+    def program(
+        self, name: str, defines: Mapping[str, Define] | None = None, package: str = OWN
+    ) -> programs.Program:
+        """Return the kernels of file `name`.cl of `package`, built with `defines`.
+
+        Built once for each (file, defines) of this device; platforms keep what was built on disk.
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_BUILD`: file, line and first error of the compiler.
+        """
+        chosen = dict(defines or {})
+        key = (package, name, tuple(sorted(chosen.items())))
+        with self._lock:
+            if key not in self._programs:
+                self._programs[key] = programs.build(self._queue, package, name, chosen)
+            return self._programs[key]
+
+    def upload(self, array: NDArray[Any], use: str = "static") -> Buffer:
+        """Return a buffer for kernels to read, holding `array` (integers or floats of any shape).
+
+        PoCL shares the memory of an array nobody can change (one mapped from a file, say) instead of copying
+        it; its bytes count all the same.
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_MEMORY`: what was asked, for what, and what there is.
+        """
+        return self._memory.upload(array, use)
+
+    def allocate(self, shape: Shape, dtype: DTypeLike = np.uint8, use: str = "static") -> Buffer:
+        """Return a new buffer of undefined content; raises as `upload`."""
+        return self._memory.allocate(shape, dtype, use)
+
+    def scratch(self, name: str, shape: Shape, dtype: DTypeLike = np.uint8) -> Buffer:
+        """Return the buffer `name` of the pool, of undefined content; raises as `upload`.
+
+        The memory is reused from call to call and grows when it must; then, buffers returned before under
+        the same name are released.
+        """
+        return self._memory.scratch(name, shape, dtype)
+
+    def memory(self) -> dict[str, int]:
+        """Return use -> bytes held on the device now."""
+        return self._memory.by_use()
+
+    @contextlib.contextmanager
+    def timing(self) -> Iterator[Timing]:
+        """Collect the events of the block by stage; ask the yielded `Timing` after the block."""
+        if self._queue.timing is not None:
+            raise RuntimeError("timing blocks do not nest")
+        self._queue.timing = timing = Timing()
+        try:
+            yield timing
+            self.finish()
+        finally:
+            self._queue.timing = None
+
+    def stage(self, name: str) -> AbstractContextManager[None]:
+        """Give the commands of a block the name `name`; nothing happens outside `timing`."""
+        timing = self._queue.timing
+        return contextlib.nullcontext() if timing is None else timing.as_stage(name)
+
+    def finish(self) -> None:
+        """Wait until everything queued is done."""
+        self._queue.finish()
+
+    def close(self) -> None:
+        """Release everything made on the device. Twice is harmless."""
+        self._memory.release_all()
+        self._programs.clear()
+        self._queue.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<Device {self.record}{', closed' if self._queue.closed else ''}>"

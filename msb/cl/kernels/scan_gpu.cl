@@ -1,0 +1,41 @@
+// Exclusive prefix sum, GPU style: work-groups of GROUP items, each item ITEMS consecutive elements.
+// VALUE is uint, or SUM where the sums of a level below are scanned. SUM is uint or ulong.
+
+#include "group_scan.cl"
+
+#define TILE (GROUP * ITEMS)
+
+__kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint count)
+{
+    __local SUM shared[GROUP];
+    size_t tile = get_group_id(0), me = get_local_id(0);
+    SUM sum = 0, total;
+    for (uint k = 0; k < ITEMS; k++) { // neighbours read neighbours
+        size_t i = tile * TILE + k * GROUP + me;
+        sum += i < count ? values[i] : 0;
+    }
+    group_scan(sum, shared, &total);
+    if (me == 0)
+        sums[tile] = total;
+}
+
+// starts[tile] is the sum of all tiles before; offsets may be the memory of values.
+__kernel void scan_tiles(__global const VALUE *values, __global const SUM *starts, __global SUM *offsets,
+                         uint count, uint tiles)
+{
+    __local SUM shared[GROUP];
+    size_t tile = get_group_id(0), first = tile * TILE + get_local_id(0) * ITEMS;
+    SUM mine[ITEMS], sum = 0, total;
+    for (uint k = 0; k < ITEMS; k++) {
+        mine[k] = first + k < count ? values[first + k] : 0;
+        sum += mine[k];
+    }
+    sum = group_scan(sum, shared, &total) + (tiles > 1 ? starts[tile] : 0);
+    for (uint k = 0; k < ITEMS; k++) {
+        if (first + k < count)
+            offsets[first + k] = sum;
+        sum += mine[k];
+        if (first + k + 1 == count)
+            offsets[count] = sum;
+    }
+}

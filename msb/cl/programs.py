@@ -1,0 +1,253 @@
+"""Kernels: from a file of the package to a function that checks its arguments and returns an event."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import threading
+import time
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.cl.buffers import Buffer
+from msb.cl.source import define_lines, resolve
+from msb.errors import DeviceError, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from msb.cl.queue import Queue
+    from msb.cl.records import DeviceRecord
+    from msb.cl.source import Define
+
+Size = int | tuple[int, ...]
+
+_SCALARS = {
+    "char": np.int8,
+    "uchar": np.uint8,
+    "short": np.int16,
+    "ushort": np.uint16,
+    "int": np.int32,
+    "uint": np.uint32,
+    "long": np.int64,
+    "ulong": np.uint64,
+    "float": np.float32,
+    "double": np.float64,
+}
+# PoCL's log puts "error: " before the place, all others behind it.
+_ERROR_LINE = re.compile(
+    r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: (?:(?:fatal )?error: )?(?P<text>.+)$"
+)
+
+# A build that fails without a complaint about the source is tried again: PoCL processes that meet on an empty
+# cache and build the same program at the same moment disturb each other (1 of 200 starts, 8 at once).
+_ATTEMPTS = 5
+_PAUSE = 0.2  # seconds
+
+
+class LocalMemory:
+    """A `__local` pointer argument of `nbytes` bytes."""
+
+    def __init__(self, nbytes: int) -> None:
+        self.nbytes = nbytes
+
+
+class Program:
+    """The kernels of one file, built for one device; each is an attribute.
+
+    Attributes
+    ----------
+    name : str
+        Package and file.
+    options : tuple of str
+        Build options, the same for every program of a device.
+    hash : str
+        SHA-256 of the text given to the compiler, defines and included files in it.
+    """
+
+    def __init__(self, name: str, options: tuple[str, ...], source: str, kernels: dict[str, Kernel]) -> None:
+        self.name = name
+        self.options = options
+        self.hash = hashlib.sha256(source.encode()).hexdigest()
+        self._kernels = kernels
+
+    def __getattr__(self, name: str) -> Kernel:
+        try:
+            return self.__dict__["_kernels"][name]  # type: ignore[no-any-return]
+        except KeyError:
+            raise AttributeError(f"{self.__dict__.get('name')} has no kernel {name}") from None
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._kernels]
+
+
+class Kernel:
+    """One kernel; calling it queues a launch.
+
+    ``kernel(global_size, local_size, *arguments)`` returns the event, or None when there is nothing to
+    do. Sizes are an integer or up to three of them. `global_size` is rounded up to a multiple of
+    `local_size`, so a kernel must compare its global id with a count. The local size is never left to
+    the platform: PoCL compiles every kernel once for each local size it meets.
+
+    Arguments are `Buffer`, `LocalMemory`, NumPy scalars (the kernel's type exactly: ``np.uint32(n)``) or,
+    for vector types, NumPy arrays of as many elements. Anything else is a TypeError.
+    """
+
+    def __init__(self, queue: Queue, handle: Any) -> None:
+        self.name: str = handle.function_name
+        self.max_work_group: int = handle.get_work_group_info(
+            queue.cl.kernel_work_group_info.WORK_GROUP_SIZE, queue.handle
+        )
+        self._queue = queue
+        self._handle = handle
+        self._lock = threading.Lock()
+        self._checks = [_check(queue.cl, handle, number) for number in range(handle.num_args)]
+
+    def __call__(self, global_size: Size, local_size: Size, *arguments: Any) -> Any:
+        self._queue.check_open()
+        local = local_size if isinstance(local_size, tuple) else (local_size,)
+        wanted = global_size if isinstance(global_size, tuple) else (global_size,)
+        if len(arguments) != len(self._checks):
+            raise TypeError(f"{self.name} takes {len(self._checks)} arguments, not {len(arguments)}")
+        values = [
+            check(self.name, number, argument)
+            for number, (check, argument) in enumerate(zip(self._checks, arguments, strict=True))
+        ]
+        if 0 in wanted:
+            return None
+        rounded = tuple(-(-size // group) * group for size, group in zip(wanted, local, strict=True))
+
+        def launch(queue: Any) -> Any:
+            with self._lock:  # the arguments belong to the kernel, not to the launch
+                for number, value in enumerate(values):
+                    self._handle.set_arg(number, value)
+                return self._queue.cl.enqueue_nd_range_kernel(queue, self._handle, rounded, local)
+
+        return self._queue.submit(f"kernel {self.name} over {rounded} in groups of {local}", launch)
+
+
+def build_options(record: DeviceRecord) -> tuple[str, ...]:
+    """Return the options every program is built with: the one place they are decided.
+
+    - No -cl-std: the platforms' default, OpenCL C 1.2, is what all of them agree on.
+    - No fast-math of any kind: it would let results differ from device to device.
+    - Whether a * b + c may be fused is said in the kernel, ``#pragma OPENCL FP_CONTRACT OFF``, where
+      rounding matters (OpenCL C 1.2 specification, section 6.12.4); elsewhere the default, ON, holds.
+    - Division and square root are correctly rounded where the device can do it.
+    """
+    options = ["-cl-kernel-arg-info"]
+    if record.correctly_rounded:
+        options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+    return tuple(options)
+
+
+def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) -> Program:
+    """Compile `name`.cl of `package` for the device of `queue`.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_BUILD`: file, line and first error of the compiler; the whole log is a note of the error.
+    """
+    options = build_options(queue.record)
+    source = define_lines(defines) + resolve(package, f"{name}.cl")
+    for attempt in range(_ATTEMPTS):
+        try:
+            handles = _compile(queue, source, options)
+            break
+        except queue.cl.Error as error:
+            log = str(error)
+            found = next(filter(None, map(_ERROR_LINE.match, log.splitlines())), None)
+            if found or attempt + 1 == _ATTEMPTS:
+                raise _build_error(f"{name}.cl", queue.record, log, found) from error
+            time.sleep(_PAUSE)
+    kernels = {handle.function_name: Kernel(queue, handle) for handle in handles}
+    return Program(f"{package}/{name}.cl", options, source, kernels)
+
+
+def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
+    cl = queue.cl
+    # Not cl.Program(context, source): its cache on disk hangs a minute on the lock of a killed process, and
+    # PoCL and NVIDIA keep caches of their own.
+    program = cl.Program(cl._cl._Program(queue.context, source))
+    with warnings.catch_warnings():
+        # The compiler's remarks are no concern of the user's; errors arrive as exceptions.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        return list(program.build(list(options)).all_kernels())
+
+
+def _build_error(file: str, record: DeviceRecord, log: str, found: re.Match[str] | None) -> DeviceError:
+    """Return the error that says file, line and text of the first complaint `found` in the log."""
+    if found:
+        line = f"line {found['line']}"
+        text = f"{line}: {shorten(found['text'], 200)} (on {record})"
+        error = DeviceError("DEVICE_BUILD", text, file=found["file"], pointer=line)
+    else:
+        first = shorten(log.partition("\n")[0], 200)
+        error = DeviceError("DEVICE_BUILD", f"{first} (on {record})", file=file)
+    error.add_note(log)
+    return error
+
+
+def _check(cl: Any, handle: Any, number: int) -> Callable[[str, int, Any], Any]:
+    """Return a function from a given argument to what is handed to OpenCL, or a TypeError."""
+    info, qualifiers = cl.kernel_arg_info, cl.kernel_arg_address_qualifier
+    try:
+        place = handle.get_arg_info(number, info.ADDRESS_QUALIFIER)
+        kind = handle.get_arg_info(number, info.TYPE_NAME)
+    except cl.Error:  # a platform need not have it
+        return _any_argument
+    if place == qualifiers.LOCAL:
+        return _local_argument
+    if place != qualifiers.PRIVATE:
+        return _buffer_argument
+    base = kind.rstrip("0123456789")
+    if base not in _SCALARS:  # a struct or a name of the kernel's own
+        return _any_argument
+    dtype, width = np.dtype(_SCALARS[base]), kind[len(base) :]
+    return _vector_argument(dtype, int(width)) if width else _scalar_argument(dtype)
+
+
+def _any_argument(kernel: str, number: int, value: Any) -> Any:
+    if isinstance(value, Buffer):
+        return value.handle
+    return _local_argument(kernel, number, value) if isinstance(value, LocalMemory) else value
+
+
+def _buffer_argument(kernel: str, number: int, value: Any) -> Any:
+    if not isinstance(value, Buffer):
+        raise TypeError(f"{kernel}: argument {number} must be a Buffer, not {type(value).__name__}")
+    return value.handle
+
+
+def _local_argument(kernel: str, number: int, value: Any) -> Any:
+    from pyopencl import LocalMemory as Handle
+
+    if not isinstance(value, LocalMemory):
+        raise TypeError(f"{kernel}: argument {number} must be LocalMemory, not {type(value).__name__}")
+    return Handle(value.nbytes)
+
+
+def _scalar_argument(dtype: np.dtype[Any]) -> Callable[[str, int, Any], Any]:
+    def check(kernel: str, number: int, value: Any) -> Any:
+        if not isinstance(value, np.generic) or value.dtype != dtype:
+            given = getattr(value, "dtype", type(value).__name__)
+            raise TypeError(f"{kernel}: argument {number} must be a NumPy scalar {dtype}, not {given}")
+        return value
+
+    return check
+
+
+def _vector_argument(dtype: np.dtype[Any], width: int) -> Callable[[str, int, Any], Any]:
+    stored = 4 if width == 3 else width  # OpenCL 1.2 specification, section 6.1.5
+
+    def check(kernel: str, number: int, value: Any) -> Any:
+        if not isinstance(value, np.ndarray) or value.dtype != dtype or value.shape != (width,):
+            raise TypeError(f"{kernel}: argument {number} must be an array of {width} {dtype}")
+        padded = np.zeros(stored, dtype)
+        padded[:width] = value
+        return padded
+
+    return check

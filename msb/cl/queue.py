@@ -1,0 +1,93 @@
+"""The context and the one in-order queue of an open device: every command goes through here."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+from msb.errors import DeviceError, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.cl.records import DeviceRecord
+    from msb.cl.timing import Timing
+
+
+class Queue:
+    """What buffers and kernels need of their device.
+
+    Attributes
+    ----------
+    cl : module
+        pyopencl.
+    handle : pyopencl.Device
+    record : DeviceRecord
+    timing : Timing or None
+        Who is told the event of every command.
+    """
+
+    def __init__(self, cl: Any, handle: Any, record: DeviceRecord) -> None:
+        self.cl = cl
+        self.handle = handle
+        self.record = record
+        self.timing: Timing | None = None
+        self._queue: Any = None
+        try:
+            self._context = cl.Context([handle])
+            profiling = cl.command_queue_properties.PROFILING_ENABLE
+            self._queue = cl.CommandQueue(self._context, handle, properties=profiling)
+        except cl.Error as error:
+            raise self._failed("opening it", error) from error
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._queue is None
+
+    @property
+    def context(self) -> Any:
+        """The pyopencl context; raises as `submit` after `close`."""
+        self.check_open()
+        return self._context
+
+    def check_open(self) -> None:
+        """Raise a DeviceError `DEVICE_CLOSED` after `close`."""
+        if self._queue is None:
+            raise DeviceError("DEVICE_CLOSED", f"{self.record} was closed")
+
+    def submit(self, doing: str, command: Callable[[Any], Any]) -> Any:
+        """Queue what `command`, given the pyopencl queue, queues; return its event.
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_CLOSED`; `DEVICE_MEMORY` if the platform says so; else `DEVICE_COMMAND`, with `doing`.
+        """
+        self.check_open()
+        try:
+            event = command(self._queue)
+        except self.cl.Error as error:
+            raise self._failed(doing, error) from error
+        if self.timing is not None:
+            self.timing.note(event)
+        return event
+
+    def finish(self) -> None:
+        """Wait until everything queued is done; raises as `submit`."""
+        self.check_open()
+        try:
+            self._queue.finish()
+        except self.cl.Error as error:
+            raise self._failed("waiting for it", error) from error
+
+    def close(self) -> None:
+        """Finish, and let go of queue and context."""
+        if self._queue is not None:
+            with contextlib.suppress(self.cl.Error):
+                self._queue.finish()
+            self._queue = self._context = None
+
+    def _failed(self, doing: str, error: Exception) -> DeviceError:
+        code = "DEVICE_MEMORY" if isinstance(error, self.cl.MemoryError) else "DEVICE_COMMAND"
+        return DeviceError(code, f"{self.record}: {doing}: {shorten(str(error), 200)}")

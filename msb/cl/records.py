@@ -1,0 +1,133 @@
+"""What a device can do, as its platform reports it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Kind = Literal["cpu", "gpu", "accelerator", "other"]
+Style = Literal["cpu", "gpu"]
+STYLES: tuple[Style, ...] = ("cpu", "gpu")
+
+_SHORT_NAMES = {
+    "Portable Computing Language": "pocl",
+    "AMD Accelerated Parallel Processing": "amd",
+}
+_WIDEST_VECTOR = 8
+"""No kernel uses 16-wide vectors: PoCL 3.0 reports width 16 on AVX-512 processors and crashes on them."""
+
+
+@dataclass(frozen=True)
+class DeviceRecord:
+    """One device of one platform: names, limits and abilities.
+
+    Sizes are in bytes, `clock_mhz` in MHz, `timer_resolution_ns` in nanoseconds. The fields restate
+    clGetDeviceInfo and clGetPlatformInfo (OpenCL 1.2 specification, sections 4.1 and 4.2) but for two:
+
+    Attributes
+    ----------
+    selector : str
+        What to type to get this device, such as ``pocl:0``.
+    vector_width : int
+        The widest float vector a kernel should use for speed: the reported native width, at most 8.
+    alignment : int
+        Start of a sub-buffer, in bytes (CL_DEVICE_MEM_BASE_ADDR_ALIGN counts bits).
+    correctly_rounded : bool
+        Whether single-precision division and square root can be had correctly rounded; they then are.
+    int64_atomics : bool
+        Both cl_khr_int64_base_atomics and cl_khr_int64_extended_atomics (atom_max on ulong).
+    """
+
+    selector: str
+    platform: str
+    platform_version: str
+    platform_index: int
+    name: str
+    vendor: str
+    version: str
+    driver: str
+    opencl_c: str
+    kind: Kind
+    compute_units: int
+    clock_mhz: int
+    global_memory: int
+    max_allocation: int
+    local_memory: int
+    local_memory_dedicated: bool
+    max_work_group: int
+    vector_width: int
+    int64_atomics: bool
+    fp64: bool
+    correctly_rounded: bool
+    alignment: int
+    host_unified: bool
+    timer_resolution_ns: int
+
+    @property
+    def style(self) -> Style:
+        """The style of kernel that suits the device.
+
+        "cpu" is few work-items with long private loops and no local memory, "gpu" is work-groups that
+        share local memory. This is the one place that decides.
+        """
+        return "cpu" if self.kind == "cpu" else "gpu"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record as plain JSON data."""
+        return {**asdict(self), "style": self.style}
+
+    def __str__(self) -> str:
+        return f"{self.selector} ({self.name}, driver {self.driver})"
+
+
+def short_name(platform: str) -> str:
+    """Return the name by which a platform is selected.
+
+    >>> short_name("Portable Computing Language"), short_name("Intel(R) OpenCL"), short_name("NVIDIA CUDA")
+    ('pocl', 'intel', 'nvidia')
+    """
+    found = re.match(r"[a-z0-9]+", platform.lower())
+    return _SHORT_NAMES.get(platform) or (found[0] if found else "platform")
+
+
+def describe(cl: Any, device: Any, selector: str, platform_index: int) -> DeviceRecord:
+    """Return the record of a pyopencl device."""
+    extensions = set(device.extensions.split())
+    config = cl.device_fp_config
+    return DeviceRecord(
+        selector=selector,
+        platform=device.platform.name.strip(),
+        platform_version=device.platform.version.strip(),
+        platform_index=platform_index,
+        name=device.name.strip(),
+        vendor=device.vendor.strip(),
+        version=device.version.strip(),
+        driver=device.driver_version.strip(),
+        opencl_c=device.opencl_c_version.strip(),
+        kind=_kind(cl, device),
+        compute_units=device.max_compute_units,
+        clock_mhz=device.max_clock_frequency,
+        global_memory=device.global_mem_size,
+        max_allocation=device.max_mem_alloc_size,
+        local_memory=device.local_mem_size,
+        local_memory_dedicated=device.local_mem_type == cl.device_local_mem_type.LOCAL,
+        max_work_group=device.max_work_group_size,
+        vector_width=max(1, min(_WIDEST_VECTOR, device.native_vector_width_float)),
+        int64_atomics={"cl_khr_int64_base_atomics", "cl_khr_int64_extended_atomics"} <= extensions,
+        fp64=device.double_fp_config != 0,
+        correctly_rounded=bool(device.single_fp_config & config.CORRECTLY_ROUNDED_DIVIDE_SQRT),
+        alignment=device.mem_base_addr_align // 8,
+        host_unified=bool(device.host_unified_memory),
+        timer_resolution_ns=device.profiling_timer_resolution,
+    )
+
+
+def _kind(cl: Any, device: Any) -> Kind:
+    types = cl.device_type
+    kinds: tuple[tuple[int, Kind], ...] = (
+        (types.CPU, "cpu"),
+        (types.GPU, "gpu"),
+        (types.ACCELERATOR, "accelerator"),
+    )
+    return next((kind for flag, kind in kinds if device.type & flag), "other")

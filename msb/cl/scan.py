@@ -1,0 +1,101 @@
+"""Exclusive prefix sum on the device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from msb.cl.buffers import Buffer
+    from msb.cl.device import Device
+    from msb.cl.source import Define
+
+MOST = 2**31
+"""Elements a scan or sort takes at most: places are 32-bit numbers."""
+_SMALLEST_CHUNK = 4096
+"""Below this a second work-item costs more than it saves."""
+_CHUNKS_A_UNIT = 4
+"""More chunks than compute units, so that a unit that is held up does not hold up all."""
+_ITEMS = 8
+_LARGEST_GROUP = 256
+_OPENCL_NAMES = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
+
+
+def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int | None = None) -> None:
+    """Queue ``offsets[i] = sum(values[:i])`` for i = 0 .. count: the last one is the total.
+
+    Parameters
+    ----------
+    device : Device
+    values : Buffer of uint32
+    offsets : Buffer of uint32 or uint64
+        At least count + 1 elements. Sums are modulo 2^32 or 2^64. May be a view of the memory of `values`
+        if it is uint32.
+    count : int, optional
+        At most 2^31; by default all of `values`.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_MEMORY`, `DEVICE_BUILD`, `DEVICE_COMMAND`.
+    """
+    count = checked_count(count, values)
+    if values.dtype != np.uint32 or offsets.dtype not in _OPENCL_NAMES or offsets.size < count + 1:
+        raise TypeError(f"a scan of {count} uint32 needs count + 1 uint32 or uint64 offsets")
+    if count == 0:
+        offsets.view(1, offsets.dtype).fill(0)
+    elif device.style == "cpu":
+        _scan_cpu(device, values, offsets, count)
+    else:
+        _scan_gpu(device, values, offsets, count, level=0)
+
+
+def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
+    program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
+    chunk, chunks = chunks_of(device, count)
+    starts = device.scratch("scan starts", chunks, offsets.dtype)
+    if chunks > 1:
+        program.sum_chunks(chunks, 1, values, starts, np.uint32(count), np.uint32(chunk))
+        program.scan_starts(1, 1, starts, np.uint32(chunks))
+    sizes = np.uint32(count), np.uint32(chunk), np.uint32(chunks)
+    program.scan_chunks(chunks, 1, values, starts, offsets, *sizes)
+
+
+def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level: int) -> None:
+    group = group_size(device)
+    defines: dict[str, Define] = {
+        "VALUE": _OPENCL_NAMES[values.dtype],
+        "SUM": _OPENCL_NAMES[offsets.dtype],
+        "GROUP": group,
+        "ITEMS": _ITEMS,
+    }
+    program = device.program("scan_gpu", defines)
+    tiles = -(-count // (group * _ITEMS))
+    starts = device.scratch(f"scan starts {level}", tiles + 1, offsets.dtype)
+    if tiles > 1:
+        program.sum_tiles(tiles * group, group, values, starts, np.uint32(count))
+        _scan_gpu(device, starts, starts, tiles, level + 1)
+    sizes = np.uint32(count), np.uint32(tiles)
+    program.scan_tiles(tiles * group, group, values, starts, offsets, *sizes)
+
+
+def checked_count(count: int | None, array: Buffer) -> int:
+    """Return how many elements are meant, all of `array` by default."""
+    count = array.size if count is None else count
+    if not 0 <= count <= min(array.size, MOST):
+        raise ValueError(f"{count} elements, of an array of {array.size} and at most {MOST}")
+    return count
+
+
+def chunks_of(device: Device, count: int) -> tuple[int, int]:
+    """Return length and number of the contiguous chunks in which a CPU takes `count` elements."""
+    wanted = min(-(-count // _SMALLEST_CHUNK), _CHUNKS_A_UNIT * device.record.compute_units)
+    chunk = -(-count // max(wanted, 1))
+    return chunk, -(-count // max(chunk, 1))
+
+
+def group_size(device: Device) -> int:
+    """Return the size of the work-groups of the GPU style: a power of two."""
+    most = min(_LARGEST_GROUP, device.record.max_work_group)
+    return 1 << (most.bit_length() - 1)

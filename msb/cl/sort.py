@@ -1,0 +1,115 @@
+"""Stable radix sort of keys with values, on the device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from msb.cl.scan import checked_count, chunks_of, exclusive_scan, group_size
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.cl.buffers import Buffer
+    from msb.cl.device import Device
+    from msb.cl.programs import Program
+    from msb.cl.source import Define
+
+_ITEMS = 8
+_DIGIT_BITS = {"cpu": 8, "gpu": 4}
+"""256 write streams are what a CPU's first-level cache carries: up to 8 bits a pass costs the same, from 9 on
+twice as much. A work-group keeps a counter for each of its items and digits in local memory: 16 digits."""
+_KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
+
+
+class _Pass(NamedTuple):
+    """How one pass is launched: kernels, their sizes, and the arguments between count and shift."""
+
+    program: Program
+    global_size: int
+    local_size: int
+    sizes: tuple[np.uint32, ...]
+    parts: int
+
+
+def sort_pairs(
+    device: Device,
+    keys: Buffer,
+    values: Buffer | None = None,
+    *,
+    count: int | None = None,
+    bits: int | None = None,
+    name: str = "sort",
+) -> tuple[Buffer, Buffer]:
+    """Queue a stable sort of keys, with a value each, in ascending order; return sorted keys and values.
+
+    Parameters
+    ----------
+    device : Device
+    keys : Buffer of uint32 or uint64
+        Non-negative floats sort by their bits (`Buffer.view`).
+    values : Buffer of uint32, optional
+        By default 0, 1, 2 ...: the sorted values then are the permutation.
+    count : int, optional
+        Sort so many first elements, at most 2^31; by default all.
+    bits : int, optional
+        Only the lowest `bits` bits of a key count; by default all. Fewer bits are fewer passes over the data.
+    name : str
+        The returned buffers belong to the pool: they stay valid until the next sort of this name. The given
+        ones are not changed.
+
+    Returns
+    -------
+    keys, values : Buffer
+        (count,) of the dtype of `keys`, (count,) uint32.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_MEMORY`, `DEVICE_BUILD`, `DEVICE_COMMAND`.
+    """
+    count = checked_count(count, keys)
+    if keys.dtype not in _KEYS or (values and (values.dtype != np.uint32 or values.size < count)):
+        raise TypeError(f"keys are uint32 or uint64, values {count} uint32")
+    width = keys.dtype.itemsize * 8
+    bits = width if bits is None else bits
+    if not 0 <= bits <= width:
+        raise ValueError(f"{bits} bits of {width}")
+
+    digit = _DIGIT_BITS[device.style]
+    passes = max(1, -(-bits // digit))
+    make = _cpu_pass if device.style == "cpu" else _gpu_pass
+    one = make(device, _KEYS[keys.dtype], count, 1 << digit)
+    places = device.scratch(f"{name} places", (one.parts << digit) + 1, np.uint32)
+    source = keys, values if values is not None else keys
+    for number in range(passes):
+        target = (
+            device.scratch(f"{name} keys {number % 2}", count, keys.dtype),
+            device.scratch(f"{name} values {number % 2}", count, np.uint32),
+        )
+        shift = number * digit
+        mask = (1 << max(0, min(digit, bits - shift))) - 1
+        head = *one.sizes, np.uint32(shift), np.uint32(mask)
+        launch: Callable[..., object] = one.program.count_digits
+        launch(one.global_size, one.local_size, source[0], places, *head)
+        exclusive_scan(device, places, places, one.parts * (mask + 1))
+        numbered = np.uint32(values is None and number == 0)
+        launch = one.program.move_pairs
+        launch(one.global_size, one.local_size, *source, *target, places, *head, numbered)
+        source = target
+    return source
+
+
+def _cpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
+    chunk, chunks = chunks_of(device, count)
+    program = device.program("radix_cpu", {"KEY": key, "DIGITS": digits})
+    return _Pass(program, chunks, 1, (np.uint32(count), np.uint32(chunk), np.uint32(chunks)), chunks)
+
+
+def _gpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
+    group = group_size(device)
+    tiles = -(-count // (group * _ITEMS))
+    defines: dict[str, Define] = {"KEY": key, "DIGITS": digits, "GROUP": group, "ITEMS": _ITEMS}
+    program = device.program("radix_gpu", defines)
+    return _Pass(program, tiles * group, group, (np.uint32(count), np.uint32(tiles)), tiles)

@@ -1,0 +1,59 @@
+"""Device time by stage, from the events of the commands themselves."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+UNSTAGED = "other"
+_MS = 1e-6
+"""Event times are in nanoseconds (OpenCL 1.2 specification, section 5.12)."""
+
+
+class Timing:
+    """The commands of one stretch of work, by stage.
+
+    Made by `Device.timing`; to be asked after its block has ended.
+    """
+
+    def __init__(self) -> None:
+        self._stage = UNSTAGED
+        self._events: list[tuple[str, Any]] = []
+
+    @contextlib.contextmanager
+    def as_stage(self, name: str) -> Iterator[None]:
+        """Count the commands of the block to stage `name`, whatever stage is around it."""
+        outer, self._stage = self._stage, name
+        try:
+            yield
+        finally:
+            self._stage = outer
+
+    def note(self, event: Any) -> None:
+        """Add the event of a command to the current stage."""
+        self._events.append((self._stage, event))
+
+    def milliseconds(self) -> dict[str, float]:
+        """Return stage -> time its commands ran, in order of first appearance.
+
+        Time between commands, and what a first launch spends compiling, is not in it: see `span`.
+        """
+        total: dict[str, float] = {}
+        for stage, event in self._events:
+            took = (event.profile.end - event.profile.start) * _MS
+            total[stage] = total.get(stage, 0.0) + took
+        return total
+
+    def span(self) -> float:
+        """Return the milliseconds from when the first command was queued to when the last one ended."""
+        if not self._events:
+            return 0.0
+        queued = min(event.profile.queued for _, event in self._events)
+        ended = max(event.profile.end for _, event in self._events)
+        return float(ended - queued) * _MS
+
+    def __len__(self) -> int:
+        return len(self._events)

@@ -1,0 +1,5 @@
+int part(int x)
+{
+    int unused;
+    return x + no_such_name;
+}

@@ -1,0 +1,224 @@
+"""How platforms are found, in processes of their own: a loader starts once in a process."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.cl import list_devices, loader, open_device
+from msb.cl.loader import INTEL_LIBRARY, INTEL_PACKAGE
+from msb.errors import DeviceError
+from tests.cl.conftest import answer
+
+if TYPE_CHECKING:
+    from tests.cl.conftest import Child
+
+LIST = """
+import os
+before = dict(os.environ)
+from msb.cl import list_devices
+from msb.cl.loader import notes
+print(*(record.selector for record in list_devices()), *notes(), sep="|")
+import pyopencl
+before["PYOPENCL_HOME"] = os.environ["PYOPENCL_HOME"]  # its own
+assert dict(os.environ) == before, "the environment is changed for good"
+"""
+OPEN = """
+from msb.cl import open_device
+from msb.errors import DeviceError
+try:
+    open_device()
+except DeviceError as error:
+    print(error)
+"""
+SORT = """
+import numpy as np
+from msb.cl import open_device
+from msb.cl.sort import sort_pairs
+with open_device("pocl") as device:
+    keys = np.random.default_rng(0).integers(0, 2**32, 5000, np.uint32)
+    found, order = sort_pairs(device, device.upload(keys))
+    assert (found.read() == np.sort(keys)).all()
+    print(*device.program("radix_cpu", {"KEY": "uint", "DIGITS": 256})._kernels)
+"""
+NOTHING_SET = dict.fromkeys((loader.VENDOR_VARIABLE, "MSB_DEVICE", "PYOPENCL_CTX", "POCL_DEVICES"))
+
+
+def test_nothing_is_loaded_before_it_is_needed(child: Child) -> None:
+    code = "import sys, msb.cl, msb.cl.sort; print('pyopencl' in sys.modules)"
+    assert answer(child(code)) == "False"
+
+
+def test_pocl_is_found_with_nothing_set(child: Child) -> None:
+    assert "pocl:0" in answer(child(LIST, **NOTHING_SET)).split("|")
+
+
+def test_no_platform(child: Child, tmp_path: Path) -> None:
+    """The pyopencl wheel's loader finds nothing at all if the folder it is pointed to does not exist."""
+    line = answer(child(OPEN, **{**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / "absent")}))
+    assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
+    assert "OCL_ICD_VENDORS=" in line
+    assert "PoCL" in line
+    assert "\n" not in line
+
+
+def test_platform_without_device(child: Child) -> None:
+    if len(list_devices()) > 1:
+        pytest.skip("there are other devices than PoCL's")
+    line = answer(child(OPEN, **{**NOTHING_SET, "POCL_DEVICES": "no_such_driver", "MSB_DEVICE": "pocl"}))
+    assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device for MSB_DEVICE 'pocl'")
+    assert "found Portable Computing Language without a usable device" in line
+
+
+def test_no_pyopencl(child: Child) -> None:
+    line = answer(child("import sys\nsys.modules['pyopencl'] = None\n" + OPEN))
+    assert line.startswith("DEVICE_NOT_FOUND: pyopencl cannot be loaded")
+    assert "PoCL" in line
+
+
+def test_a_loader_that_fails_is_no_platform(monkeypatch: pytest.MonkeyPatch) -> None:
+    cl = loader.opencl()
+
+    def none() -> None:
+        raise cl.LogicError(cl._cl._ErrorRecord(msg="", code=-1001, routine="clGetPlatformIDs"))
+
+    monkeypatch.setattr(cl, "get_platforms", none)
+    assert list_devices() == []
+    with pytest.raises(DeviceError, match="there is no OpenCL device"):
+        open_device()
+
+
+@pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME"])
+def test_a_cache_that_cannot_be_written(child: Child, tmp_path: Path, variable: str) -> None:
+    """PoCL has no device then, and pyopencl no kernels, but for what the loader does about it."""
+    (tmp_path / "file").touch()
+    env = {**NOTHING_SET, "POCL_CACHE_DIR": None, "XDG_CACHE_HOME": None, variable: str(tmp_path / "file")}
+    assert "count_digits" in answer(child(SORT, **env)).split()
+    devices, note = answer(child(LIST, **env)).split("|")[-2:]
+    assert devices == "pocl:0"
+    assert "cannot be written" in note
+
+
+def test_a_user_without_a_home(child: Child) -> None:
+    code = "import pathlib\ndef none(): raise RuntimeError\npathlib.Path.home = none\n" + LIST
+    found = answer(child(code, **{**NOTHING_SET, "XDG_CACHE_HOME": None})).split("|")
+    assert "pocl:0" in found
+    assert found[-1].startswith("~ cannot be written")
+
+
+def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) -> None:
+    """All kernels of a program are found again (not so where one of them uses 16-wide vectors)."""
+    first = answer(child(SORT, POCL_CACHE_DIR=str(tmp_path)))
+    built = {path for path in tmp_path.rglob("*.so") if path.is_file()}
+    assert built
+    assert answer(child(SORT, POCL_CACHE_DIR=str(tmp_path))) == first
+    assert {path for path in tmp_path.rglob("*.so") if path.is_file()} == built
+
+
+def test_eight_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
+    together = [child(SORT, POCL_CACHE_DIR=str(tmp_path)) for _ in range(8)]
+    assert len({answer(process) for process in together}) == 1
+
+
+def fake_intel(folder: Path, *, library: str = "not a library") -> Path:
+    """Make what pip leaves of the Intel runtime, as far as it is looked at; return where to import from."""
+    site = folder / "site"
+    info = site / "intel_opencl_rt-1.0.dist-info"
+    info.mkdir(parents=True)
+    (folder / "lib").mkdir()
+    (folder / "lib" / INTEL_LIBRARY).write_text(library)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {INTEL_PACKAGE}\nVersion: 1.0\n")
+    (info / "RECORD").write_text(f"../lib/{INTEL_LIBRARY},,\n")
+    return site
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the Intel runtime is registered on Linux only")
+def test_intel_without_what_it_needs_is_said_and_left_out(child: Child, tmp_path: Path) -> None:
+    site = fake_intel(tmp_path)
+    code = f"import sys\nsys.path.insert(0, {str(site)!r})\n" + LIST
+    found = answer(child(code, **NOTHING_SET)).split("|")
+    assert "pocl:0" in found
+    assert "intel-opencl-rt needs libtbb.so.12: pip install 'meshsplatbench[intel]'" in found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the Intel runtime is registered on Linux only")
+def test_intel_that_does_not_load_is_said_and_the_others_stay(child: Child, tmp_path: Path) -> None:
+    site = fake_intel(tmp_path)
+    patch = "from msb.cl import loader\nloader._preload = lambda folder: None\n"
+    code = f"import sys\nsys.path.insert(0, {str(site)!r})\n" + patch + LIST
+    found = answer(child(code, **NOTHING_SET)).split("|")
+    assert "pocl:0" in found
+    assert found[-1].startswith("intel-opencl-rt is installed but its platform does not appear")
+
+
+def test_what_the_user_set_holds(child: Child, tmp_path: Path) -> None:
+    site = fake_intel(tmp_path)
+    code = f"import sys\nsys.path.insert(0, {str(site)!r})\n" + LIST
+    found = answer(child(code, **{**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path)})).split("|")
+    assert "OCL_ICD_VENDORS is set, so intel-opencl-rt is visible only if it says so" in found
+
+
+def test_the_systems_entries_stay_visible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "one.icd").write_text("libone.so\n")
+    (tmp_path / "two.icd").write_text(f"{tmp_path}/libtwo.so\n")
+    (tmp_path / "gone.icd").write_text("/no/such/libgone.so\n")
+    (tmp_path / "empty.icd").write_text("\n")
+    (tmp_path / "libtwo.so").touch()
+    monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path / "absent", tmp_path))
+    monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
+    system = loader._system_entries()
+    assert system == {"one": "libone.so", "two": f"{tmp_path}/libtwo.so"}
+    with loader._visible({**system, "nvidia": "libnvidia-opencl.so.1"}):
+        folder = Path(os.environ["OCL_ICD_VENDORS"])
+        shown = {file.name: file.read_text() for file in folder.iterdir()}
+        assert shown == {
+            "one.icd": "libone.so\n",
+            "two.icd": f"{tmp_path}/libtwo.so\n",
+            "nvidia.icd": "libnvidia-opencl.so.1\n",
+        }
+    assert not folder.exists()
+    assert "OCL_ICD_VENDORS" not in os.environ
+
+
+def test_a_driver_without_entry_gets_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path,))
+    monkeypatch.setattr(loader, "_intel_library", lambda: None)
+    monkeypatch.delenv(loader.VENDOR_VARIABLE, raising=False)
+    asked = []
+    monkeypatch.setattr(loader.ctypes, "CDLL", lambda name, **_: asked.append(name))
+    assert loader._missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
+    assert asked == [loader.NVIDIA_LIBRARY]
+    (tmp_path / "nvidia.icd").write_text("libnvidia-opencl.so.1\n")
+    assert loader._missing_entries() == {}
+
+
+def test_how_to_get_pocl_depends_on_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loader.sys, "platform", "linux")
+    monkeypatch.setattr(loader.platform, "machine", lambda: "x86_64")
+    assert "pip install pocl-binary-distribution" in loader.how_to_get_pocl()
+    monkeypatch.setattr(loader.platform, "machine", lambda: "aarch64")
+    assert "pocl-opencl-icd" in loader.how_to_get_pocl()
+
+
+def intel_is_installed() -> bool:
+    try:
+        return bool(metadata.version(INTEL_PACKAGE))
+    except metadata.PackageNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not intel_is_installed(), reason="extra intel is not installed")
+def test_intel_extra_needs_nothing_set_and_agrees_with_pocl(child: Child) -> None:
+    found = answer(child(LIST, **{**NOTHING_SET, "LD_LIBRARY_PATH": None})).split("|")
+    assert {"intel:0", "pocl:0"} == set(found)
+    code = SORT.replace('"pocl"', '"intel"')
+    assert answer(child(code, **NOTHING_SET)) == answer(child(SORT, **NOTHING_SET))
+    default = "from msb.cl import open_device; print(open_device().record.selector)"
+    assert answer(child(default, **NOTHING_SET)) == "pocl:0"
+    late = "import pyopencl; pyopencl.get_platforms()\n" + LIST
+    assert "pyopencl was in use before msb.cl" in answer(child(late, **NOTHING_SET))

@@ -1,0 +1,193 @@
+"""Kernel files: includes, defines, building, and what a launch checks."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import threading
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.cl import LocalMemory
+from msb.cl.programs import build_options
+from msb.cl.source import define_lines, resolve
+from msb.errors import DeviceError
+from tests.cl.conftest import KERNELS
+from tests.cl.test_devices import POCL, other
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.cl import Device
+
+
+def scaled(device: Device, **defines: Any) -> list[float]:
+    program = device.program("simple", {"OFFSET": 0, **defines}, KERNELS)
+    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
+    program.scaled(5, 4, given, out, np.uint32(5))
+    return out.read().tolist()
+
+
+def test_defines_and_includes_reach_the_kernel(device: Device) -> None:
+    assert scaled(device) == [0, 2, 4, 6, 8]
+    assert scaled(device, OFFSET=1) == [1, 3, 5, 7, 9]
+    assert scaled(device, SCALE=0.5) == [0, 0.5, 1, 1.5, 2]
+    assert scaled(device, SCALE="(1 + 2)") == [0, 3, 6, 9, 12]
+    assert scaled(device, SCALE=True) == [0, 1, 2, 3, 4]
+
+
+def test_a_float_define_is_exact(device: Device) -> None:
+    assert scaled(device, SCALE=0.1)[3] == np.float32(0.1) * np.float32(3)
+
+
+def test_built_once_for_each_set_of_defines(device: Device) -> None:
+    first = device.program("simple", {"OFFSET": 0, "SCALE": 7}, KERNELS)
+    assert device.program("simple", {"SCALE": 7, "OFFSET": 0}, KERNELS) is first
+    second = device.program("simple", {"OFFSET": 1, "SCALE": 7}, KERNELS)
+    assert second is not first
+    assert second.hash != first.hash
+    assert first.name == "tests.cl.kernels/simple.cl"
+    assert first.scaled is first.scaled
+    assert "scaled" in dir(first)
+    with pytest.raises(AttributeError, match=r"simple\.cl has no kernel nothing"):
+        _ = first.nothing
+
+
+def test_one_and_true_are_different_keys_only_if_they_differ_in_text() -> None:
+    assert define_lines({"A": 1}) == define_lines({"A": True}) == "#define A 1\n"
+
+
+@pytest.mark.parametrize(
+    "defines", [{"A B": 1}, {"1A": 1}, {"A": "x\ny"}, {"A": float("nan")}, {"A": float("inf")}, {"": 1}]
+)
+def test_what_is_no_macro_is_refused(defines: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"macro|constant"):
+        define_lines(defines)
+
+
+def test_options_are_decided_in_one_place() -> None:
+    assert build_options(POCL) == ("-cl-kernel-arg-info", "-cl-fp32-correctly-rounded-divide-sqrt")
+    assert build_options(other(correctly_rounded=False)) == ("-cl-kernel-arg-info",)
+
+
+def test_an_own_file_can_be_included_from_another_package() -> None:
+    assert "group_scan(" in resolve("msb.cl.kernels", "scan_gpu.cl")
+    assert resolve(KERNELS, "group_scan.cl") == resolve("msb.cl.kernels", "group_scan.cl")
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "text"),
+    [
+        ("loops.cl", ValueError, "includes itself"),
+        ("foreign.cl", ValueError, "line 2"),
+        ("absent.cl", FileNotFoundError, r"absent\.cl"),
+    ],
+)
+def test_includes_that_cannot_be(name: str, error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=text):
+        resolve(KERNELS, name)
+
+
+def test_kernels_in_a_zip(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    with zipfile.ZipFile(tmp_path / "zipped.zip", "w") as archive:
+        archive.writestr("zipped_kernels/__init__.py", "")
+        archive.writestr("zipped_kernels/one.cl", '#include "two.cl"\n')
+        archive.writestr("zipped_kernels/two.cl", "__kernel void k(__global int *out) { out[0] = N; }\n")
+    monkeypatch.syspath_prepend(str(tmp_path / "zipped.zip"))
+    program = device.program("one", {"N": 42}, "zipped_kernels")
+    out = device.allocate(1, np.int32)
+    program.k(1, 1, out)
+    assert out.read().tolist() == [42]
+    sys.modules.pop("zipped_kernels", None)
+
+
+def test_a_failing_build_names_file_line_and_error(device: Device) -> None:
+    with pytest.raises(DeviceError) as error:
+        device.program("broken", package=KERNELS)
+    assert error.value.code == "DEVICE_BUILD"
+    assert error.value.file == "broken_part.cl"
+    assert error.value.pointer == "line 4"
+    assert "no_such_name" in error.value.message
+    assert device.record.selector in error.value.message
+    assert "\n" not in str(error.value)
+    assert any("no_such_name" in note and "\n" in note for note in error.value.__notes__)
+
+
+def test_contraction_off_and_division_round_as_numpy(device: Device) -> None:
+    given = np.random.default_rng(3).standard_normal((4096, 3)).astype(np.float32)
+    out = device.allocate((4096, 2), np.float32)
+    device.program("simple", {"OFFSET": 0}, KERNELS).fused(
+        4096, 64, device.upload(given), out, np.uint32(4096)
+    )
+    a, b, c = given.T
+    result = out.read()
+    assert np.array_equal(result[:, 0], a * b + c)
+    if device.record.correctly_rounded:  # PoCL is
+        assert np.array_equal(result[:, 1], a / b)
+    else:
+        np.testing.assert_array_max_ulp(result[:, 1], a / b, 3)
+
+
+def test_every_kind_of_argument(device: Device) -> None:
+    out = device.allocate(4, np.float32)
+    four, three = np.array([1, 2, 3, 4.5], np.float32), np.array([5, 6, 7], np.uint32)
+    typed = device.program("simple", {"OFFSET": 0}, KERNELS).typed
+    typed(1, 1, out, four, three, np.uint64(8), np.int8(-9), LocalMemory(16))
+    assert out.read().tolist() == [4.5, 7, 8, -9]
+
+
+def test_wrong_arguments_are_refused(device: Device) -> None:
+    out = device.allocate(4, np.float32)
+    good = [out, np.ones(4, np.float32), np.ones(3, np.uint32), np.uint64(1), np.int8(1), LocalMemory(4)]
+    bad: list[list[Any]] = [
+        [np.zeros(4, np.float32), None],
+        [np.ones(3, np.float32), np.ones(4), [1, 2, 3, 4]],
+        [np.ones(4, np.uint32), np.ones(3, np.int32)],
+        [1, np.uint32(1), np.int64(1), np.float64(1)],
+        [1, np.uint8(1), True],
+        [4, np.uint32(4), out],
+    ]
+    typed = device.program("simple", {"OFFSET": 0}, KERNELS).typed
+    for number, value in itertools.chain(*([(n, v) for v in values] for n, values in enumerate(bad))):
+        arguments = [*good[:number], value, *good[number + 1 :]]
+        with pytest.raises(TypeError, match=f"typed: argument {number}"):
+            typed(1, 1, *arguments)
+    with pytest.raises(TypeError, match="takes 6 arguments, not 5"):
+        typed(1, 1, *good[:-1])
+
+
+def test_nothing_is_launched_over_nothing(device: Device) -> None:
+    out = device.allocate(4, np.float32)
+    kernel = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
+    assert kernel(0, 64, out, out, np.uint32(0)) is None
+    assert kernel((0,), (64,), out, out, np.uint32(0)) is None
+    assert kernel(3, 64, out, out, np.uint32(0)) is not None
+
+
+def test_a_launch_the_device_refuses(device: Device) -> None:
+    out = device.allocate(4, np.float32)
+    kernel = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
+    group = device.record.max_work_group * 2
+    assert kernel.max_work_group <= device.record.max_work_group
+    with pytest.raises(DeviceError, match=f"kernel scaled .* groups of .{group}") as error:
+        kernel(group, group, out, out, np.uint32(4))
+    assert error.value.code == "DEVICE_COMMAND"
+
+
+def test_threads_share_a_device(device: Device) -> None:
+    wrong: list[int] = []
+
+    def work(offset: int) -> None:
+        for _ in range(20):
+            if scaled(device, OFFSET=offset % 2) != [offset % 2 + 2 * i for i in range(5)]:
+                wrong.append(offset)
+
+    threads = [threading.Thread(target=work, args=(n,)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []

@@ -1,0 +1,185 @@
+"""Prefix sum and radix sort against NumPy, in both styles of kernels."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msb.cl.scan import MOST, exclusive_scan
+from msb.cl.sort import sort_pairs
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.cl import Device
+
+TILE = 2048
+EDGES = [0, 1, 2, 255, 256, 257, TILE - 1, TILE, TILE + 1, 4095, 4096, 4097, 2 * 4096 + 1, 50_000]
+CALM = settings(deadline=None, max_examples=40, derandomize=True)
+
+
+def prefix(values: NDArray[np.uint32], dtype: type) -> NDArray[np.uint64]:
+    sums = np.zeros(len(values) + 1, np.uint64)
+    np.cumsum(values, dtype=np.uint64, out=sums[1:])
+    return sums.astype(dtype)
+
+
+@pytest.mark.parametrize("count", EDGES)
+@pytest.mark.parametrize("dtype", [np.uint32, np.uint64])
+def test_scan_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
+    values = np.random.default_rng(count).integers(0, 2**32, count, np.uint32)
+    offsets = styled.allocate(count + 1, dtype)
+    exclusive_scan(styled, styled.upload(values), offsets)
+    assert np.array_equal(offsets.read(), prefix(values, dtype))
+
+
+def test_scan_over_three_levels(styled: Device) -> None:
+    count = TILE * TILE + 5
+    values = np.random.default_rng(0).integers(0, 100, count, np.uint32)
+    offsets = styled.allocate(count + 1, np.uint64)
+    exclusive_scan(styled, styled.upload(values), offsets)
+    assert np.array_equal(offsets.read(), prefix(values, np.uint64))
+
+
+@CALM
+@given(st.integers(0, 20_000), st.integers(0, 2**32 - 1), st.integers(0, 2**31))
+def test_scan_in_place(styled: Device, count: int, high: int, seed: int) -> None:
+    values = np.random.default_rng(seed).integers(0, high, count + 1, np.uint32, endpoint=True)
+    buffer = styled.allocate(count + 1, np.uint32)
+    buffer.write(values)
+    exclusive_scan(styled, buffer, buffer, count)
+    assert np.array_equal(buffer.read(), prefix(values[:count], np.uint32))
+
+
+def test_scan_refuses(device: Device) -> None:
+    values, offsets = device.allocate(4, np.uint32), device.allocate(4, np.uint32)
+    with pytest.raises(TypeError, match=r"count \+ 1"):
+        exclusive_scan(device, values, offsets)
+    with pytest.raises(TypeError, match="uint32"):
+        exclusive_scan(device, device.allocate(4, np.int32), offsets, 3)
+    with pytest.raises(TypeError, match="uint64"):
+        exclusive_scan(device, values, device.allocate(5, np.float32))
+    for count in (-1, 5, MOST + 1):
+        with pytest.raises(ValueError, match="elements"):
+            exclusive_scan(device, values, offsets, count)
+
+
+def expect_sorted(
+    device: Device,
+    keys: NDArray[np.uint32] | NDArray[np.uint64],
+    values: NDArray[np.uint32] | None,
+    bits: int | None = None,
+) -> None:
+    """Sort on the device and compare with NumPy's stable sort of the lowest bits."""
+    width = keys.dtype.itemsize * 8
+    mask = keys.dtype.type(2 ** (width if bits is None else bits) - 1)
+    order = np.argsort(keys & mask, kind="stable")
+    given_keys = device.upload(keys)
+    given_values = None if values is None else device.upload(values)
+    got_keys, got_values = sort_pairs(device, given_keys, given_values, bits=bits)
+    assert np.array_equal(got_keys.read(), keys[order])
+    assert np.array_equal(got_values.read(), order if values is None else values[order])
+    assert np.array_equal(given_keys.read(), keys)
+    assert given_values is None or np.array_equal(given_values.read(), values)
+
+
+@pytest.mark.parametrize("count", EDGES)
+@pytest.mark.parametrize("dtype", [np.uint32, np.uint64])
+def test_sort_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
+    random = np.random.default_rng(count)
+    keys = random.integers(0, np.iinfo(dtype).max, count, dtype, endpoint=True)
+    expect_sorted(styled, keys, random.integers(0, 2**32, count, np.uint32))
+    expect_sorted(styled, keys, None)
+
+
+@CALM
+@given(
+    st.integers(0, 12_000),
+    st.sampled_from([np.uint32, np.uint64]),
+    st.integers(0, 64),
+    st.integers(0, 64),
+    st.booleans(),
+    st.integers(0, 2**31),
+)
+def test_sort_is_stable_for_any_bits(
+    styled: Device, count: int, dtype: type, bits: int, filled: int, with_values: bool, seed: int
+) -> None:
+    """`filled` bits of the keys are random: few make many equal keys, more than `bits` some to ignore."""
+    width = np.dtype(dtype).itemsize * 8
+    bits, filled = min(bits, width), min(filled, width)
+    random = np.random.default_rng(seed)
+    keys = random.integers(0, 2**filled - 1, count, dtype, endpoint=True)
+    values = random.integers(0, 2**32, count, np.uint32) if with_values else None
+    expect_sorted(styled, keys, values, bits)
+
+
+@pytest.mark.parametrize("arrange", ["ascending", "descending", "equal", "two", "runs"])
+def test_sort_of_ordered_keys(styled: Device, arrange: str) -> None:
+    rising = np.arange(30_000, dtype=np.uint32)
+    keys = {
+        "ascending": rising,
+        "descending": rising[::-1].copy(),
+        "equal": np.full_like(rising, 2**32 - 1),
+        "two": rising % 2,
+        "runs": rising // 1000 * 70_000,
+    }[arrange]
+    expect_sorted(styled, keys.astype(np.uint32), None)
+
+
+def test_positive_floats_sort_by_their_bits(styled: Device) -> None:
+    depth = np.random.default_rng(5).exponential(3, 10_000).astype(np.float32)
+    depth[:4] = 0, np.inf, 1e-40, 3e38
+    buffer = styled.upload(depth)
+    _, order = sort_pairs(styled, buffer.view(buffer.shape, np.uint32))
+    assert np.array_equal(order.read(), np.argsort(depth, kind="stable"))
+
+
+def test_sort_of_the_first_elements(styled: Device) -> None:
+    keys = np.arange(100, dtype=np.uint32)[::-1].copy()
+    got_keys, got_values = sort_pairs(styled, styled.upload(keys), count=40)
+    assert got_keys.read().tolist() == list(range(60, 100))
+    assert got_values.read().tolist() == list(range(39, -1, -1))
+
+
+def test_two_sorts_do_not_share_buffers_under_two_names(styled: Device) -> None:
+    keys = styled.upload(np.array([3, 1, 2], np.uint32))
+    first, _ = sort_pairs(styled, keys, name="first")
+    second, _ = sort_pairs(styled, styled.upload(np.array([9, 8, 7], np.uint32)), name="second")
+    assert first.read().tolist() == [1, 2, 3]
+    assert second.read().tolist() == [7, 8, 9]
+    chained, order = sort_pairs(styled, second, name="first")
+    assert chained.read().tolist() == [7, 8, 9]
+    assert order.read().tolist() == [0, 1, 2]
+
+
+def test_sort_refuses(device: Device) -> None:
+    keys = device.allocate(4, np.uint32)
+    with pytest.raises(TypeError, match="uint32 or uint64"):
+        sort_pairs(device, device.allocate(4, np.float32))
+    with pytest.raises(TypeError, match="values 4 uint32"):
+        sort_pairs(device, keys, device.allocate(3, np.uint32))
+    for bits in (-1, 33):
+        with pytest.raises(ValueError, match="bits of 32"):
+            sort_pairs(device, keys, bits=bits)
+    with pytest.raises(ValueError, match="elements"):
+        sort_pairs(device, keys, count=5)
+
+
+def test_the_documentations_example_runs() -> None:
+    text = (ROOT / "docs" / "opencl.md").read_text("utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(blocks) == 1
+    exec(compile(blocks[0], "docs/opencl.md", "exec"), {})
+
+
+def test_both_styles_agree_on_the_work_done(styled: Device) -> None:
+    """What the pool holds is bounded: two pairs, the places, the sums."""
+    expect_sorted(styled, np.arange(10_000, dtype=np.uint32), None)
+    uses = {use.rstrip(" 0123456789") for use in styled.memory() if use.startswith(("sort", "scan"))}
+    assert uses <= {"sort keys", "sort values", "sort places", "scan starts"}
