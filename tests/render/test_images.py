@@ -1,0 +1,117 @@
+"""Frames as files, read back by the libraries other people use."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb.errors import OutputError, UsageError
+from msb.render.images import Writers, to_bytes, write_film, write_image
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RANDOM = np.random.default_rng(0)
+IMAGE = (RANDOM.random((31, 46, 3)) * 1.4 - 0.2).astype(np.float32)
+
+
+def test_bytes_are_rounded_half_up_as_the_specs_state() -> None:
+    levels = np.arange(256, dtype=np.float32) / np.float32(255)
+    np.testing.assert_array_equal(to_bytes(levels), np.arange(256))
+    # Half a level up: the next one, where round-half-even would take every second.
+    halves = ((np.arange(255) + 0.5) / 255).astype(np.float32)
+    expected = np.floor(halves * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+    np.testing.assert_array_equal(to_bytes(halves), expected)
+    assert np.count_nonzero(to_bytes(halves) == np.arange(1, 256)) > 200
+    np.testing.assert_array_equal(to_bytes(np.array([-1, 0, 1, 7, np.nan, np.inf])), [0, 0, 255, 255, 0, 255])
+
+
+def test_png_npy_and_exr(tmp_path: Path) -> None:
+    openexr = pytest.importorskip("OpenEXR")
+    for form in ("png", "npy", "exr"):
+        write_image(tmp_path / f"a.{form}", IMAGE, form)
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.mode == "RGB"
+        np.testing.assert_array_equal(np.asarray(image), to_bytes(IMAGE))
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy", allow_pickle=False), IMAGE)
+    with openexr.File(str(tmp_path / "a.exr")) as file:
+        np.testing.assert_array_equal(file.channels()["RGB"].pixels, IMAGE)
+    write_image(tmp_path / "depth.exr", IMAGE[:, :, 0], "exr")
+    with openexr.File(str(tmp_path / "depth.exr")) as file:
+        np.testing.assert_array_equal(file.channels()["Z"].pixels, IMAGE[:, :, 0])
+    ids = RANDOM.integers(-1, 1 << 30, (5, 7)).astype(np.int32)
+    write_image(tmp_path / "ids.exr", ids, "exr")
+    with openexr.File(str(tmp_path / "ids.exr")) as file:
+        np.testing.assert_array_equal(file.channels()["id"].pixels.astype(np.int32), ids)
+    write_image(tmp_path / "ids.npy", ids, "npy")
+    np.testing.assert_array_equal(np.load(tmp_path / "ids.npy"), ids)
+    with pytest.raises(UsageError, match="a PNG holds colours"):
+        write_image(tmp_path / "depth.png", IMAGE[:, :, 0], "png")
+    assert not (tmp_path / "depth.png").exists()
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "gif"])
+def test_films_have_every_frame(suffix: str, tmp_path: Path) -> None:
+    frames = [np.roll(IMAGE, 4 * i, axis=1) for i in range(7)]
+    write_film(tmp_path / f"f.{suffix}", iter(frames), 10)
+    if suffix == "gif":
+        with Image.open(tmp_path / "f.gif") as film:
+            assert (film.n_frames, film.size) == (7, (46, 31))
+            assert film.info["duration"] == 100
+        return
+    av = pytest.importorskip("av")
+    with av.open(str(tmp_path / "f.mp4")) as film:
+        decoded = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+        assert film.streams.video[0].average_rate == 10
+    assert [frame.shape for frame in decoded] == [(30, 46, 3)] * 7  # H.264 in 4:2:0 has even sizes
+
+
+def test_a_film_keeps_the_picture(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    y, x = np.mgrid[0:96, 0:128] / np.float32(128)
+    smooth = np.stack([x, y, 0.5 * x + 0.2], axis=2).astype(np.float32)
+    write_film(tmp_path / "f.mp4", [smooth] * 3, 24)
+    with av.open(str(tmp_path / "f.mp4")) as film:
+        frame = next(film.decode(video=0)).to_ndarray(format="rgb24")
+    assert np.abs(frame.astype(int) - to_bytes(smooth)).mean() < 3
+
+
+def test_a_film_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    def frames():
+        yield IMAGE
+        raise OutputError("OUTPUT_UNWRITABLE", "the renderer failed")
+
+    with pytest.raises(OutputError):
+        write_film(tmp_path / "f.mp4", frames(), 24)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(UsageError, match=r'the film is "f.avi"; it must end in \.mp4 or \.gif'):
+        write_film(tmp_path / "f.avi", [IMAGE], 24)
+
+
+def test_writers_work_aside_keep_few_waiting_and_report_what_failed(tmp_path: Path) -> None:
+    names = []
+    lock = threading.Lock()
+
+    def note(name: str) -> None:
+        with lock:
+            names.append((name, threading.current_thread() is threading.main_thread()))
+
+    with Writers() as writers:
+        for i in range(20):
+            writers.submit(note, str(i))
+    assert sorted(int(name) for name, _ in names) == list(range(20))
+    assert not any(main for _, main in names)
+
+    def fail() -> None:
+        raise OutputError("OUTPUT_UNWRITABLE", "the disk is full")
+
+    with pytest.raises(OutputError, match="the disk is full"), Writers() as writers:
+        writers.submit(fail)
+    writers = Writers()
+    writers.submit(fail)
+    with pytest.raises(OutputError, match="the disk is full"):
+        [writers.submit(note, "x") for _ in range(50)]
