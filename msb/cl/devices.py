@@ -90,8 +90,8 @@ def _devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
             continue
         short = short_name(platform.name.strip())
         for device in devices:
-            index = counts[short] = counts.get(short, -1) + 1
             if device.available and device.compiler_available:
+                index = counts[short] = counts.get(short, -1) + 1
                 found.append((describe(cl, device, f"{short}:{index}", number), device))
     return found
 

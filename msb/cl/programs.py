@@ -38,7 +38,8 @@ _SCALARS = {
 }
 # PoCL's log puts "error: " before the place, all others behind it.
 _ERROR_LINE = re.compile(
-    r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: (?:(?:fatal )?error: )?(?P<text>.+)$"
+    r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: "
+    r"(?!warning: |note: |remark: )(?:(?:fatal )?error: )?(?P<text>.+)$"
 )
 
 # A build that fails without a complaint about the source is tried again: PoCL processes that meet on an empty

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from msb.cl import LocalMemory
-from msb.cl.programs import build_options
+from msb.cl.programs import _ERROR_LINE, build_options
 from msb.cl.source import define_lines, resolve
 from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
@@ -114,6 +114,24 @@ def test_a_failing_build_names_file_line_and_error(device: Device) -> None:
     assert device.record.selector in error.value.message
     assert "\n" not in str(error.value)
     assert any("no_such_name" in note and "\n" in note for note in error.value.__notes__)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("error: a.cl:4:12: no such name", "no such name"),  # PoCL
+        ("a.cl:4:12: error: no such name", "no such name"),  # Intel, NVIDIA
+        ("a.cl:4:12: fatal error: no such name", "no such name"),
+        ("a.cl:4:12: warning: not used", None),
+        ("warning: a.cl:4:12: not used", None),
+        ("a.cl:4:12: note: declared here", None),
+        ("Compilation failed", None),
+    ],
+)
+def test_what_is_a_complaint(line: str, text: str | None) -> None:
+    found = _ERROR_LINE.match(line)
+    assert (found and found["text"]) == text
+    assert not found or (found["file"], found["line"]) == ("a.cl", "4")
 
 
 def test_contraction_off_and_division_round_as_numpy(device: Device) -> None:

@@ -24,7 +24,18 @@ if TYPE_CHECKING:
 
     from tests.cli.conftest import Msb
 
-COMMANDS = ("audit", "export", "info", "validate", "convert", "methods", "completion")
+COMMANDS = (
+    "audit",
+    "bench",
+    "completion",
+    "convert",
+    "devices",
+    "export",
+    "info",
+    "methods",
+    "render",
+    "validate",
+)
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
