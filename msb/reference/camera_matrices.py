@@ -1,0 +1,129 @@
+"""From the one camera of the package to the matrices each method's official code makes of it.
+
+The package's camera has OpenCV axes and pixel centres at half-integers. What upstream reads are angles of
+view or an intrinsic matrix; going back through them reproduces its float32 matrices (docs/reference.md says
+what remains).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.reference.arithmetic import Reals, matrix_product
+
+if TYPE_CHECKING:
+    from msb.scenes import Camera
+
+
+@dataclass(frozen=True)
+class SplattingCamera:
+    """What the three splatting rasterizers are given, for a raster of `width` x `height` samples.
+
+    Attributes
+    ----------
+    world_to_camera : (4, 4)
+        W, for column vectors: x right, y down, z forward.
+    full_projection : (4, 4)
+        P W: homogeneous clip coordinates, w = camera z.
+    center : (3,)
+        The camera's position in the world.
+    tan_fov : (2,)
+        tan(fov / 2) in x and y.
+    shift : (2,)
+        Pixels by which the principal point lies right of and below the middle of the raster. Upstream
+        ignores it; here it is added to every pixel position, which changes nothing when it is 0.
+    """
+
+    width: int
+    height: int
+    world_to_camera: Reals
+    full_projection: Reals
+    center: Reals
+    tan_fov: Reals
+    shift: Reals
+
+
+def splatting_camera(
+    camera: Camera, near: float, far: float, dtype: type[Any], scale: int = 1
+) -> SplattingCamera:
+    """Return `camera` as the 3DGS family sees it.
+
+    Parameters
+    ----------
+    near, far : float
+        Planes of the projection; they act on its z row alone.
+    dtype : numpy.float32 or numpy.float64
+        float32: every matrix is rounded as upstream does, the product P W is formed in float32.
+    scale : int
+        Samples per pixel along each axis: the raster is `scale` times as large, angles stay.
+
+    Notes
+    -----
+    Formulas: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
+    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py. The centre is upstream's
+    float32 inverse of W; here the inverse is taken in double and rounded, since its last bits depend on the
+    linear algebra library. Upstream's Triangle-Splatting and MeshSplatting invert W twice in double before
+    rounding, which is the identity up to 1e-16 and is left out.
+    """
+    tan_x, tan_y = math.tan(camera.fov_x / 2), math.tan(camera.fov_y / 2)
+    projection = np.zeros((4, 4), dtype)
+    projection[0, 0] = 2 * near / (2 * (tan_x * near))
+    projection[1, 1] = 2 * near / (2 * (tan_y * near))
+    projection[2, 2] = far / (far - near)
+    projection[2, 3] = -(far * near) / (far - near)
+    projection[3, 2] = 1
+    world_to_camera = camera.world_to_camera.astype(dtype)
+    shift = (camera.cx - camera.width / 2, camera.cy - camera.height / 2)
+    return SplattingCamera(
+        width=scale * camera.width,
+        height=scale * camera.height,
+        world_to_camera=world_to_camera,
+        full_projection=matrix_product(projection, world_to_camera),
+        center=np.linalg.inv(world_to_camera.astype(np.float64))[:3, 3].astype(dtype),
+        tan_fov=np.array([tan_x, tan_y], dtype),
+        shift=np.array([scale * shift[0], scale * shift[1]], dtype),
+    )
+
+
+def diffsoup_projection(
+    camera: Camera, layout: str, near: float, far: float, dtype: type[Any]
+) -> tuple[Reals, Reals]:
+    """Return DiffSoup's MVP and its inverse, (4, 4) each, for column vectors.
+
+    Parameters
+    ----------
+    layout : {"colmap", "synthetic"}
+        "colmap": NDC y grows downwards, and the vertical principal point enters with upstream's sign, the
+        opposite of the true one. "synthetic": NDC y grows upwards; upstream centres the principal point,
+        here it is honoured.
+    near, far : float
+        Camera depths that become NDC -1 and 1.
+
+    Notes
+    -----
+    P = [2fx/W 0 1-2cx/W 0; 0 2fy/H 2cy/H-1 0; 0 0 (f+n)/(n-f) 2fn/(n-f); 0 0 -1 0] and MVP = P V in `dtype`.
+
+    "colmap" (kenji-tojo/diffsoup: examples/utils.py): V is W with its z row negated; P is computed in float32
+    from a float32 K. "synthetic" (examples/02_synthetic.py): V is W with its y and z rows negated; P is
+    computed in double and rounded. The inverse is taken in double and rounded, since the last bits of
+    upstream's float32 inverse depend on the linear algebra library.
+    """
+    real = dtype if layout == "colmap" else np.float64
+    width, height, two = real(camera.width), real(camera.height), real(2)
+    fx, fy, cx, cy = real(camera.fx), real(camera.fy), real(camera.cx), real(camera.cy)
+    projection = np.zeros((4, 4), dtype)
+    projection[0, 0] = two * fx / width
+    projection[1, 1] = two * fy / height
+    projection[0, 2] = real(1) - two * (cx / width)
+    projection[1, 2] = two * (cy / height) - real(1)
+    projection[2, 2] = (far + near) / (near - far)
+    projection[2, 3] = (2 * far * near) / (near - far)
+    projection[3, 2] = -1
+    signs = (1, 1, -1, 1) if layout == "colmap" else (1, -1, -1, 1)
+    view = (np.diag(signs) @ camera.world_to_camera).astype(dtype)
+    mvp = matrix_product(projection, view)
+    return mvp, np.linalg.inv(mvp.astype(np.float64)).astype(dtype)

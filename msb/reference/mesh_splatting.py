@@ -1,0 +1,119 @@
+"""MeshSplatting: an indexed mesh with colours and opacities at its vertices, drawn supersampled.
+
+Sources: meshsplatting/mesh-splatting at 608e5d0: scene/triangle_model.py (activations),
+triangle_renderer/__init__.py (supersampling); meshsplatting/diff-triangle-mesh-rasterization at b27f283:
+cuda_rasterizer/forward.cu.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.reference.arithmetic import Reals, cross_2d, transform
+from msb.reference.blend import Layers, Rule, composite, expected_depth
+from msb.reference.camera_matrices import SplattingCamera, splatting_camera
+from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_windows, window_alpha
+from msb.reference.frame import ReferenceFrame
+from msb.reference.parameters import opacities, sh_coefficients
+from msb.reference.sh import colors_from_sh
+from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number, tiles_front_to_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.asset import Asset
+    from msb.scenes import Camera
+
+MAX_ALPHA = 0.999
+MARGIN = 5
+"""Samples by which a face's tiles reach beyond its corners."""
+_RULE = Rule(blends_crossing=False, weight_first=False)
+
+
+def render(
+    asset: Asset, camera: Camera, background: Reals, settings: Mapping[str, Any], dtype: type[Any]
+) -> ReferenceFrame:
+    """Return `asset` seen by `camera`; see `render_reference`."""
+    samples = settings["supersample"]
+    view = splatting_camera(camera, NEAR, FAR, dtype, samples)
+    positions = asset.buffers["positions"].astype(dtype)
+    indices = asset.buffers["indices"]
+    vertices = len(positions)
+    floor = settings["opacity_floor"]
+    opacity = dtype(floor) + dtype(1 - floor) * opacities(asset, vertices, dtype)
+    opacity = opacity[indices].min(axis=1)
+    sigma = np.full(len(indices), settings["sigma"], dtype)
+    coefficients = sh_coefficients(asset, vertices, dtype)
+    color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
+    depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
+    windows = project_windows(positions[indices], view)
+    rectangles = corner_tiles(windows, view)
+    kept = ~(windows.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
+
+    def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
+        alpha = window_alpha(windows, chosen, x, y, opacity[chosen], sigma[chosen], MAX_ALPHA)
+        b0, b1, b2 = screen_barycentrics(windows.corners[chosen], x, y)
+        c, z = color[chosen, None], depth[chosen, None]
+        return Layers(
+            alpha,
+            b0[..., None] * c[..., 0, :] + b1[..., None] * c[..., 1, :] + b2[..., None] * c[..., 2, :],
+            b0 * z[..., 0] + b1 * z[..., 1] + b2 * z[..., 2],
+            windows.normal[chosen, None],
+        )
+
+    tiles = tiles_front_to_back(rectangles, windows.depth, kept, view.width, view.height)
+    blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
+    raster = blended.over(background)
+    alpha = box_mean(blended.alpha, samples)
+    middle = samples // 2
+    name = f"ss{samples}_"
+    return ReferenceFrame(
+        image=box_mean(raster, samples),
+        alpha=alpha,
+        depth=expected_depth(box_mean(blended.depth, samples), alpha),
+        depth_median=box_mean(blended.depth_median, samples),
+        normal=box_mean(blended.normal, samples),
+        face_id=blended.face_median[middle::samples, middle::samples],
+        visible=kept,
+        raw={
+            f"{name}image": raster,
+            f"{name}alpha": blended.alpha,
+            f"{name}depth_expected": blended.depth,
+            f"{name}depth_median": blended.depth_median,
+            f"{name}normal_cam": blended.normal,
+            f"{name}face_id": blended.face_median,
+            f"faces_kept_ss{samples}": int(kept.sum()),
+            "radii": np.where(kept, np.ceil(windows.radius), 0).astype(np.int32),
+        },
+    )
+
+
+def corner_tiles(windows: Windows, view: SplattingCamera) -> Rectangles:
+    """Return the tiles of the box around the corners, 5 samples wider on each side."""
+    margin = windows.corners.dtype.type(MARGIN)
+    grid = grid_size(view.width, view.height)
+    low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
+    high = tile_number(np.ceil((windows.corners + margin) / TILE), grid).max(axis=1)
+    return Rectangles(low, high)
+
+
+def screen_barycentrics(corners: Reals, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
+    """Return the weights (K, P) of the three corners (K, 3, 2) at P samples: affine in screen space."""
+    first = corners[:, None, 0]
+    e1, e2 = corners[:, None, 1] - first, corners[:, None, 2] - first
+    e = np.stack([x, y], axis=-1) - first
+    inverse = 1 / cross_2d(e1, e2)
+    b1 = cross_2d(e, e2) * inverse
+    b2 = cross_2d(e1, e) * inverse
+    return 1 - b1 - b2, b1, b2
+
+
+def box_mean(raster: Reals, size: int) -> Reals:
+    """Return the means of size x size samples, (H, W, ...)."""
+    total = np.zeros_like(raster[::size, ::size])
+    for row in range(size):
+        for column in range(size):
+            total = total + raster[row::size, column::size]
+    return np.asarray(total / size**2)

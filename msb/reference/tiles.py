@@ -1,0 +1,93 @@
+"""Tiles of 16 x 16 samples: which faces each tile lists, front to back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.reference.arithmetic import Reals
+
+TILE = 16
+
+Integers = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Rectangles:
+    """Of each of F faces the tiles [low, high) it is listed in; both (F, 2) integers, x and y."""
+
+    low: Integers
+    high: Integers
+
+    @property
+    def empty(self) -> NDArray[np.bool_]:
+        """Where the product of both extents is 0, which is what the official kernels test."""
+        return np.asarray((self.high - self.low).prod(axis=1) == 0)
+
+
+@dataclass(frozen=True)
+class Tile:
+    """P samples and the K faces listed for them, front to back.
+
+    `columns` and `rows` are (P,) integers, `faces` is (K,).
+    """
+
+    columns: Integers
+    rows: Integers
+    faces: Integers
+
+
+def grid_size(width: int, height: int) -> Integers:
+    """Return the number of tiles in x and y, (2,)."""
+    return np.array([-(-width // TILE), -(-height // TILE)])
+
+
+def tile_number(value: Reals, limit: Integers) -> Integers:
+    """Return `value` (..., 2) truncated to an integer within 0 and `limit` (2,).
+
+    A GPU's conversion from float saturates, and NaN gives 0.
+    """
+    return np.asarray(np.clip(np.nan_to_num(np.trunc(value), nan=0), 0, limit).astype(np.int64))
+
+
+def tiles_front_to_back(
+    rectangles: Rectangles, depth: Reals, kept: NDArray[np.bool_], width: int, height: int
+) -> Iterator[Tile]:
+    """Yield every tile of the raster that lists a face.
+
+    Parameters
+    ----------
+    rectangles : Rectangles
+        Of F faces.
+    depth : (F,)
+        Sort key, positive; equal keys keep ascending face number.
+    kept : (F,) bool
+        Faces that take part.
+
+    Notes
+    -----
+    The official kernels sort (tile number << 32 | bits of the float32 depth) with a stable radix sort; for
+    positive depths that is this order.
+    """
+    columns, _ = grid_size(width, height).tolist()
+    faces = np.flatnonzero(kept)
+    faces = faces[np.argsort(depth[faces].astype(np.float32), kind="stable")]
+    extent = np.maximum(rectangles.high - rectangles.low, 0)[faces]
+    counts = extent.prod(axis=1)
+    listed = np.repeat(np.arange(len(faces)), counts)
+    within = np.arange(len(listed)) - np.repeat(np.cumsum(counts) - counts, counts)
+    tile_x = rectangles.low[faces[listed], 0] + within % extent[listed, 0]
+    tile_y = rectangles.low[faces[listed], 1] + within // extent[listed, 0]
+    number = tile_y * columns + tile_x
+    order = np.argsort(number, kind="stable")
+    numbers, starts, sizes = np.unique(number[order], return_index=True, return_counts=True)
+    for tile, start, size in zip(numbers.tolist(), starts.tolist(), sizes.tolist(), strict=True):
+        x, y = TILE * (tile % columns), TILE * (tile // columns)
+        rows, samples = np.mgrid[y : min(y + TILE, height), x : min(x + TILE, width)]
+        yield Tile(samples.ravel(), rows.ravel(), faces[listed[order[start : start + size]]])

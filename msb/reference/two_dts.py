@@ -1,0 +1,262 @@
+"""2DTS: free triangles with a Gaussian-like falloff of global sharpness gamma; two rasterizers.
+
+Sources, at 54c80f7 of GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py (activations,
+gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu,
+src/auxiliary.h (everything per triangle and per sample).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.reference.arithmetic import (
+    Reals,
+    centroid,
+    cross,
+    cross_2d,
+    dot,
+    exponential,
+    ndc_to_pixel,
+    norm,
+    power,
+    rotate,
+    transform,
+)
+from msb.reference.blend import Layers, Rule, composite, expected_depth
+from msb.reference.camera_matrices import SplattingCamera, splatting_camera
+from msb.reference.frame import ReferenceFrame
+from msb.reference.parameters import opacities, sh_coefficients, triangles
+from msb.reference.sh import colors_from_sh
+from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number, tiles_front_to_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.scenes import Camera
+
+NEAR, FAR = 1.0, 1000.0
+EPS = 1e-8
+DILATION = 3
+"""Bounds reach this many times as far from the centroid as the corners."""
+MAX_ALPHA = 0.99
+MAX_ECCENTRICITY = 10
+_RULE = Rule(blends_crossing=True, weight_first=True)
+
+
+def render(
+    asset: Asset, camera: Camera, background: Reals, settings: Mapping[str, Any], dtype: type[Any]
+) -> ReferenceFrame:
+    """Return `asset` seen by `camera`; see `render_reference`."""
+    scale = settings["render_up_scale"] or 1
+    view = splatting_camera(camera, NEAR, FAR, dtype, scale)
+    stored = triangles(asset, dtype)
+    faces = len(stored)
+    gamma = dtype(settings["gamma"])
+    vertices = rescale(stored, settings["gamma"]) if settings["gamma_rescale"] else stored
+    opacity = opacities(asset, faces, dtype)
+    if settings["ste_threshold"] is not None:
+        opacity = straight_through(opacity, settings["ste_threshold"])
+    coefficients = sh_coefficients(asset, faces, dtype)
+    color = colors_from_sh(coefficients, centroid(vertices), view.center, settings["sh_degree"])
+    rasterizer = AffineRasterizer if settings["rasterizer"] == "2D" else PlanarRasterizer
+    raster = rasterizer(vertices, view, settings["back_culling"])
+
+    def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
+        eccentricity, depth = raster.sample(chosen, x, y)
+        alpha = coverage_alpha(eccentricity, opacity[chosen, None], gamma)
+        return Layers(alpha, color[chosen, None], depth, raster.normal[chosen, None])
+
+    kept = ~raster.dropped
+    tiles = tiles_front_to_back(raster.rectangles, raster.depth, kept, view.width, view.height)
+    blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
+    background_depth = norm(view.center - stored).max()
+    alpha = resize(blended.alpha, scale)
+    return ReferenceFrame(
+        image=resize(blended.over(background), scale),
+        alpha=alpha,
+        depth=expected_depth(resize(blended.depth, scale), alpha),
+        depth_median=None,
+        normal=resize(blended.normal, scale),
+        face_id=None,
+        visible=kept,
+        raw={
+            "transmittance": blended.transmittance,
+            "depth": blended.depth + blended.transmittance * background_depth,
+            "normal": blended.normal,
+            "radii": np.where(kept, raster.radius, 0).astype(np.int32),
+            "bg_depth": background_depth,
+            "full_proj": view.full_projection,
+            "camera_center": view.center,
+        },
+    )
+
+
+def rescale(vertices: Reals, gamma: float) -> Reals:
+    """Return the triangles (F, 3, 3) shrunk about their centroids so that gamma keeps their total opacity.
+
+    The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded.
+    """
+    beta = 1 / gamma
+    factor = vertices.dtype.type(1 / math.sqrt(2**beta * beta * math.gamma(beta)))
+    center = centroid(vertices)[:, None]
+    return np.asarray((vertices - center) * factor + center)
+
+
+def straight_through(opacity: Reals, threshold: float) -> Reals:
+    """Return 1 where opacity exceeds the threshold, else 0; as upstream forms it, 1 may be off by one ulp."""
+    step = (opacity > opacity.dtype.type(threshold)).astype(opacity.dtype)
+    return np.asarray((step - opacity) + opacity)
+
+
+def coverage_alpha(eccentricity: Reals, opacity: Reals, gamma: Any) -> Reals:
+    """Return min(0.99, o exp(-ecc^(2 gamma) / 2)); 0 where the eccentricity is outside 0 to 10.
+
+    Parameters
+    ----------
+    eccentricity : (K, P)
+        0 at the centroid, 1 on the edges; NaN where a sample does not meet the face's plane.
+    opacity : (K, 1)
+    """
+    near = (eccentricity >= 0) & (eccentricity <= MAX_ECCENTRICITY)
+    alpha = np.zeros_like(eccentricity)
+    falloff = exponential(-0.5 * power(eccentricity[near], 2 * gamma))
+    alpha[near] = np.minimum(
+        eccentricity.dtype.type(MAX_ALPHA), np.broadcast_to(opacity, near.shape)[near] * falloff
+    )
+    return alpha
+
+
+def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
+    """Return the tiles that the box of dilated corners (F, 3, 2) touches, and the official radius (F,)."""
+    low, high = np.fmin.reduce(points, axis=1), np.fmax.reduce(points, axis=1)
+    grid = grid_size(width, height)
+    rectangles = Rectangles(tile_number(low / TILE, grid), tile_number((high + TILE - 1) / TILE, grid))
+    return rectangles, np.ceil((high - low) * 0.5).max(axis=1)
+
+
+def project(points: Reals, view: SplattingCamera) -> Reals:
+    """Return normalised device coordinates of points (..., 3): division by |w| + eps, not by w.
+
+    So a point behind the camera has a negative z and fails the near test.
+    """
+    h = transform(view.full_projection, points)
+    return np.asarray(h[..., :3] * (1 / (np.abs(h[..., 3:]) + h.dtype.type(EPS))))
+
+
+class AffineRasterizer:
+    """The "2D" rasterizer: perspective is linearised about the centroid, corners are pushed out by 0.5 px.
+
+    Attributes of F triangles: `dropped` (F,), `depth` (F,), `normal` (F, 3), `rectangles`, `radius` (F,).
+    """
+
+    def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool) -> None:
+        eps = vertices.dtype.type(EPS)
+        size = np.array([view.width, view.height], vertices.dtype)
+        center = centroid(vertices)
+        ndc = project(center, view)
+        self.dropped: NDArray[np.bool_] = ndc[:, 2] <= 0
+        camera = transform(view.world_to_camera[:3], center)
+        self.depth = camera[:, 2]
+        # The clamp acts on the Jacobian alone, not on where the centroid is drawn.
+        limit = vertices.dtype.type(1.3) * view.tan_fov * camera[:, 2:]
+        clamped = np.fmin(np.fmax(-limit, camera[:, :2]), limit)
+        arms = rotate(view.world_to_camera, vertices - center[:, None])
+        normal = cross(arms[:, 0], arms[:, 1])
+        length = norm(normal)
+        self.dropped |= length < eps
+        self.normal = normal / length[:, None]
+        z = self.depth[:, None, None]
+        flat = (arms[..., :2] - arms[..., 2:] * clamped[:, None] / z) / (z * view.tan_fov)
+        reach = norm(flat)[..., None]
+        self.dropped |= (reach < eps).any(axis=(1, 2))
+        flat = flat * (0.5 * size + 0.5 / reach)
+        middle = np.stack([ndc_to_pixel(ndc[:, 0], view.width), ndc_to_pixel(ndc[:, 1], view.height)], axis=1)
+        middle = (middle + view.shift)[:, None]
+        self.corners = middle + flat
+        self.area = cross_2d(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        # y points down, so a front face (counter-clockwise on the screen) has a negative area.
+        self.dropped |= self.area >= -eps if back_culling else np.abs(self.area) < eps
+        self.rectangles, self.radius = bounds(middle + DILATION * flat, view.width, view.height)
+        self.dropped |= ((self.rectangles.high - self.rectangles.low) <= 0).any(axis=1)
+        self.corner_depth = arms[..., 2] + self.depth[:, None]
+
+    def sample(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
+        """Return eccentricity and depth (K, P) of K triangles at P samples; depth is extrapolated outside."""
+        arms = self.corners[faces, None] - np.stack([x, y], axis=-1)[:, None]
+        area = self.area[faces, None]
+        a1 = cross_2d(arms[..., 1, :], arms[..., 2, :]) / area
+        a2 = cross_2d(arms[..., 2, :], arms[..., 0, :]) / area
+        a3 = 1 - a1 - a2
+        z = self.corner_depth[faces, None]
+        depth = z[..., 0] * a1 + z[..., 1] * a2 + z[..., 2] * a3
+        return eccentricity(a1, a2, a3), depth
+
+
+class PlanarRasterizer:
+    """The "3D" rasterizer: every sample's ray meets the triangle's plane; no low-pass filter.
+
+    Attributes as of `AffineRasterizer`; the normal's length is twice the triangle's area.
+    """
+
+    def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool) -> None:
+        self.view = view
+        self.corners = transform(view.world_to_camera[:3], vertices)
+        first, second, third = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
+        self.depth = centroid(self.corners)[:, 2]
+        self.normal = cross(second - first, third - first)
+        self.dropped: NDArray[np.bool_] = norm(self.normal) < vertices.dtype.type(EPS)
+        if back_culling:
+            self.dropped |= self.normal[:, 2] >= 0
+        center = centroid(vertices)[:, None]
+        ndc = project(center + DILATION * (vertices - center), view)
+        self.dropped |= (ndc[..., 2] <= 0).any(axis=1)
+        size = np.array([view.width, view.height], vertices.dtype)
+        points = (ndc[..., :2] + 1) * size * 0.5 - 0.5 + view.shift
+        self.rectangles, self.radius = bounds(points, view.width, view.height)
+        self.dropped |= ((self.rectangles.high - self.rectangles.low) <= 0).any(axis=1)
+
+    def sample(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
+        """Return eccentricity and depth (K, P) of K triangles at P samples."""
+        width, height = self.view.width, self.view.height
+        (shift_x, shift_y), (tan_x, tan_y) = self.view.shift, self.view.tan_fov
+        ray_x = tan_x * ((2 * (x - shift_x) - width + 1) / width)
+        ray_y = tan_y * ((2 * (y - shift_y) - height + 1) / height)
+        ray = np.stack([ray_x, ray_y, np.ones_like(x)], axis=-1)
+        normal, corners = self.normal[faces, None], self.corners[faces, None]
+        slope = dot(ray, normal)
+        meets = np.abs(slope) >= slope.dtype.type(EPS)
+        depth = dot(corners[..., 0, :], normal) / slope
+        arms = corners - (depth[..., None] * ray)[..., None, :]
+        scale = 1 / dot(normal, normal)
+        a1 = dot(cross(arms[..., 1, :], arms[..., 2, :]), normal) * scale
+        a2 = dot(cross(arms[..., 2, :], arms[..., 0, :]), normal) * scale
+        a3 = 1 - a1 - a2
+        return np.where(meets, eccentricity(a1, a2, a3), np.nan), depth
+
+
+def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:
+    """Return 1 - 3 min(a1, a2, a3) of barycentric coordinates: 0 at the centroid, 1 on the edges."""
+    return np.asarray(1 - 3 * np.minimum(np.minimum(a1, a2), a3))
+
+
+def resize(raster: Reals, scale: int) -> Reals:
+    """Return (s H, s W, ...) shrunk to (H, W, ...) by bilinear interpolation at pixel centres.
+
+    As torch's interpolate(mode="bilinear", align_corners=False): for scale 2 the mean of 2 x 2 samples, for
+    an odd scale the sample in the middle, for larger even ones the mean of the middle 2 x 2.
+    """
+    if scale == 1:
+        return raster
+    first, second = (scale - 1) // 2, scale // 2
+    if first == second:
+        return raster[first::scale, first::scale]
+    top, bottom = raster[first::scale], raster[second::scale]
+    upper = 0.5 * top[:, first::scale] + 0.5 * top[:, second::scale]
+    lower = 0.5 * bottom[:, first::scale] + 0.5 * bottom[:, second::scale]
+    return np.asarray(0.5 * upper + 0.5 * lower)

@@ -1,0 +1,3 @@
+"""Tests of msb.reference."""
+
+from __future__ import annotations

@@ -1,0 +1,77 @@
+"""The golden views, as the renderers take them and with the buffers the official kernels left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import msb
+from msb.reference import ReferenceFrame, render_reference
+from msb.scenes import Camera
+from tests.conftest import ROOT
+from tests.golden.views import scenes, views
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+GOLDEN = ROOT / "tests" / "golden"
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One golden view; `stored` are the official kernel's buffers without their prefix."""
+
+    name: str
+    folder: Path
+    camera: Camera
+    background: tuple[float, ...]
+    settings: dict[str, Any]
+    image: np.ndarray
+    stable: np.ndarray | None
+    stored: dict[str, Any]
+
+    def render(self, dtype: type = np.float32, **overrides: Any) -> ReferenceFrame:
+        settings = {**self.settings, **overrides}
+        return render_reference(
+            exported(self.folder / "checkpoint"), self.camera, self.background, settings, dtype
+        )
+
+    @cached_property
+    def frame(self) -> ReferenceFrame:
+        return self.render()
+
+
+@cache
+def exported(path: Path) -> msb.Asset:
+    return msb.export(path)
+
+
+@cache
+def golden_views(method: str) -> list[View]:
+    found = []
+    for folder in scenes(GOLDEN, method):
+        with np.load(folder / "views.npz") as file:
+            arrays = {key: file[key] for key in file.files}
+        for number, (name, camera, background, settings, image, ok) in enumerate(views(folder, method)):
+            prefix = f"cam{number}_" if method == "triangle_splatting" else f"v{number}_"
+            stored = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+            found.append(View(name, folder, Camera(**camera), background, settings, image, ok, stored))
+    return found
+
+
+def names(view: View) -> str:
+    return view.name
+
+
+def psnr(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Return the PSNR in dB for a peak of 1, infinite for equal images."""
+    error = float(np.square(found.astype(np.float64) - wanted).mean())
+    return float("inf") if error == 0 else -10 * float(np.log10(error))
+
+
+def worst(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Return the largest absolute difference."""
+    return float(np.abs(np.asarray(found, np.float64) - wanted).max())

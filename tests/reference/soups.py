@@ -1,0 +1,117 @@
+"""Random models of each method, made in memory, and cameras that see them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from msb.asset import Asset, Description, build_asset
+from msb.asset.manifest import StoredSetting
+from msb.reference.sh import C0
+from msb.scenes import Camera
+
+SPLATTING = ("two_dts", "triangle_splatting", "mesh_splatting")
+METHODS = (*SPLATTING, "diffsoup")
+
+_LOGIT = {"encoding": "logit"}
+_DESCRIPTIONS: dict[str, dict[str, Any]] = {
+    "two_dts": {"coverage": {"kernel": "gaussian_power", "gamma": 1.0}, "opacity": _LOGIT},
+    "triangle_splatting": {
+        "coverage": {"kernel": "incentre_window", "sigma_encoding": "exp", "sigma_offset": 0.01},
+        "opacity": _LOGIT,
+    },
+    "mesh_splatting": {"coverage": {"kernel": "edge_window", "sigma": 1e-4}, "opacity": _LOGIT},
+}
+
+
+def front_camera(width: int = 40, height: int = 28, **moved: float) -> Camera:
+    """Return a camera at the origin that looks along +z; `moved` replaces cx or cy."""
+    place = {"cx": width / 2, "cy": height / 2} | moved
+    return Camera(width, height, 42.0, 45.0, place["cx"], place["cy"], np.eye(4))
+
+
+def random_triangles(seed: int, count: int = 60, size: float = 0.8) -> np.ndarray:
+    """Return triangles in front of `front_camera`, (count, 3, 3) float32, no two centroids at one depth."""
+    rng = np.random.default_rng(seed)
+    centers = rng.uniform((-1.2, -0.9, 2.5), (1.2, 0.9, 6.0), (count, 3))
+    return (centers[:, None] + rng.normal(scale=size / 2, size=(count, 3, 3))).astype(np.float32)
+
+
+def soup(
+    method: str,
+    triangles: np.ndarray,
+    *,
+    seed: int = 0,
+    degree: int = 0,
+    settings: dict[str, Any] | None = None,
+    **buffers: np.ndarray,
+) -> Asset:
+    """Return `triangles` (F, 3, 3) as a model of `method` with random parameters, or those given by name."""
+    rng = np.random.default_rng(seed)
+    count = len(triangles)
+    rows = 3 * count if method == "mesh_splatting" else count
+    arrays: dict[str, Any] = {
+        "positions": np.asarray(triangles, np.float32).reshape(-1, 3),
+        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
+    }
+    if method == "diffsoup":
+        return _diffsoup(rng, count, arrays | buffers, settings)
+    arrays["f_dc"] = rng.uniform(-1.5, 1.5, (rows, 3)).astype(np.float32)
+    arrays["opacity"] = rng.normal(0.5, 1.5, rows).astype(np.float32)
+    if method == "triangle_splatting":
+        arrays["sigma"] = rng.uniform(-3, 0.5, rows).astype(np.float32)
+    if degree:
+        arrays["f_rest"] = rng.normal(scale=0.3, size=(rows, 3 * ((degree + 1) ** 2 - 1))).astype(np.float32)
+    arrays |= buffers
+    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
+    if degree:
+        appearance["f_rest_order"] = "coefficient_major"
+    description = Description(
+        method=method,
+        sh_degree=degree,
+        appearance=appearance,
+        compositing={"kind": "front_to_back"},
+        settings=_stored(settings),
+        **_DESCRIPTIONS[method],
+    )
+    domain: Any = "vertex" if method == "mesh_splatting" else "face"
+    return build_asset(arrays, dict.fromkeys(arrays.keys() - {"positions", "indices"}, domain), description)
+
+
+def _diffsoup(
+    rng: np.random.Generator, count: int, arrays: dict[str, Any], settings: dict[str, Any] | None
+) -> Asset:
+    level = 1
+    samples = (2**level + 1) * (2**level + 2) // 2
+    shapes = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
+    random: dict[str, Any] = {
+        "features.lattice": rng.random((count, samples, 7)).astype(np.float32),
+        "features.opacity": rng.uniform(0.45, 1, (count, samples)).astype(np.float32),
+    }
+    for layer, shape in shapes.items():
+        random[f"decoder.{layer}.weight"] = rng.normal(scale=0.4, size=shape).astype(np.float32)
+        random[f"decoder.{layer}.bias"] = rng.normal(scale=0.1, size=shape[0]).astype(np.float32)
+    arrays = random | arrays
+    description = Description(
+        method="diffsoup",
+        opacity={"encoding": "feature", "threshold": 0.5},
+        appearance={"kind": "neural_decoder", "level": level, "feature_encoding": "sigmoid"},
+        compositing={"kind": "binary_z_buffer"},
+        settings=_stored(settings),
+    )
+    domains: dict[str, Any] = {
+        name: "global" if name.startswith("decoder.") else "face"
+        for name in arrays
+        if name not in ("positions", "indices")
+    }
+    return build_asset(arrays, domains, description)
+
+
+def _stored(settings: dict[str, Any] | None) -> dict[str, StoredSetting]:
+    return {name: StoredSetting(value, "flag") for name, value in (settings or {}).items()}
+
+
+def constant_color(count: int, color: tuple[float, float, float]) -> np.ndarray:
+    """Return coefficients `f_dc` (count, 3) that show `color` from everywhere."""
+    return np.tile(((np.array(color) - 0.5) / C0).astype(np.float32), (count, 1))

@@ -1,0 +1,158 @@
+"""Tiles and compositing against loops over single samples and faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from msb.reference.blend import Composite, Layers, Rule, composite, expected_depth
+from msb.reference.tiles import Rectangles, Tile, grid_size, tile_number, tiles_front_to_back
+
+RULES = [Rule(crossing, first) for crossing in (True, False) for first in (True, False)]
+F = np.float32
+
+
+def one_sample(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, rule: Rule) -> tuple[object, ...]:
+    """Composite faces front to back, one after the other: colour, depth, T, median depth and face."""
+    color, depth, t, median, face = np.zeros(3, F), F(0), F(1), F(0), -1
+    for number, alpha in enumerate(alphas):
+        if alpha < F(1) / F(255):
+            continue
+        after = t * (F(1) - alpha)
+        if not rule.blends_crossing and after < F(1e-4):
+            break
+        weight = alpha * t
+        color = color + (colors[number] * weight if rule.weight_first else colors[number] * alpha * t)
+        depth = depth + depths[number] * weight
+        if t > F(0.5):
+            median, face = depths[number], number
+        t = after
+        if rule.blends_crossing and t <= F(1e-4):
+            break
+    return color, depth, t, median, face
+
+
+def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, rule: Rule) -> Composite:
+    """Composite K faces at P samples of one tile, P at most 16."""
+    faces, samples = alphas.shape
+    tile = Tile(np.arange(samples), np.zeros(samples, np.int64), np.arange(faces))
+
+    def shade(chosen: np.ndarray, x: np.ndarray, y: np.ndarray) -> Layers:
+        assert x.dtype == y.dtype == F
+        normal = np.zeros((len(chosen), 1, 3), F)
+        return Layers(alphas[chosen], colors[chosen, None], depths[chosen, None], normal)
+
+    return composite([tile], shade, rule, samples, 1, np.float32)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=str)
+@pytest.mark.parametrize(
+    ("faces", "scale"), [(1, 1.0), (7, 1.0), (32, 0.3), (33, 0.5), (100, 0.1), (500, 0.02)]
+)
+def test_composite_is_the_loop(rule: Rule, faces: int, scale: float) -> None:
+    """Bit for bit: more faces than are evaluated at once, samples that stop early and late."""
+    rng = np.random.default_rng(faces)
+    alphas = np.minimum(rng.random((faces, 16)) * scale, 0.99).astype(F)
+    alphas[rng.random(alphas.shape) < 0.3] = 0
+    colors, depths = rng.random((faces, 3)).astype(F), (1 + rng.random(faces)).astype(F)
+    found = blend_columns(alphas, colors, depths, rule)
+    for sample in range(16):
+        color, depth, t, median, face = one_sample(alphas[:, sample], colors, depths, rule)
+        np.testing.assert_array_equal(found.color[0, sample], color)
+        assert found.depth[0, sample] == depth
+        assert found.transmittance[0, sample] == t
+        assert found.depth_median[0, sample] == median
+        assert found.face_median[0, sample] == face
+
+
+@pytest.mark.parametrize("rule", RULES, ids=str)
+def test_weights_and_transmittance_add_up_to_one(rule: Rule) -> None:
+    rng = np.random.default_rng(2)
+    alphas = (rng.random((200, 16)) * 0.2).astype(F)
+    found = blend_columns(alphas, np.ones((200, 3), F), np.ones(200, F), rule)
+    np.testing.assert_allclose(found.color[..., 0] + found.transmittance, 1, atol=2e-6)
+    np.testing.assert_allclose(found.depth + found.transmittance, 1, atol=2e-6)
+    np.testing.assert_allclose(found.over(np.ones(3, F)), 1, atol=2e-6)
+
+
+def test_the_crossing_face_is_blended_or_refused() -> None:
+    alphas = np.full((3, 1), 0.99, F)
+    colors, depths = np.eye(3, dtype=F), np.ones(3, F)
+    blended = blend_columns(alphas, colors, depths, Rule(True, True))
+    refused = blend_columns(alphas, colors, depths, Rule(False, True))
+    # Two faces leave slightly less than 1e-4 in float32: the second is the crossing one.
+    assert (blended.color[0, 0] > 0).tolist() == [True, True, False]
+    assert (refused.color[0, 0] > 0).tolist() == [True, False, False]
+    assert blended.transmittance[0, 0] < 1e-4 < refused.transmittance[0, 0]
+
+
+def test_infinite_depth_outside_a_face_is_not_blended() -> None:
+    alphas = np.array([[0.5, 0.0]], F)
+
+    def shade(chosen: np.ndarray, x: np.ndarray, y: np.ndarray) -> Layers:
+        depth = np.array([[2.0, np.inf]], F)
+        color = np.array([[[1, 1, 1], [np.nan, np.nan, np.nan]]], F)
+        return Layers(alphas, color, depth, np.ones((1, 1, 3), F))
+
+    tile = Tile(np.array([0, 1]), np.array([0, 0]), np.array([0]))
+    found = composite([tile], shade, RULES[0], 2, 1, np.float32)
+    np.testing.assert_array_equal(found.depth, [[1, 0]])
+    np.testing.assert_array_equal(found.color[0, 1], 0)
+
+
+def test_expected_depth_is_zero_where_nothing_is() -> None:
+    depth, alpha = np.array([0.0, 3.0], F), np.array([0.0, 0.5], F)
+    np.testing.assert_array_equal(expected_depth(depth, alpha), [0, 6])
+
+
+def test_tile_numbers_saturate_as_on_a_gpu() -> None:
+    limit = np.array([5, 3])
+    values = np.array([[-1e30, 1e30], [np.nan, -0.9], [np.inf, -np.inf], [2.99, 0.0]], F)
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(tile_number(values, limit), [[0, 3], [0, 0], [5, 0], [2, 0]])
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (16, 16), (17, 15), (50, 33)])
+def test_tiles_list_what_their_rectangle_says_front_to_back(width: int, height: int) -> None:
+    rng = np.random.default_rng(width)
+    grid = grid_size(width, height)
+    low = rng.integers(0, grid + 1, (40, 2))
+    rectangles = Rectangles(low, np.minimum(low + rng.integers(0, 3, (40, 2)), grid))
+    depth = rng.integers(1, 6, 40).astype(F)
+    kept = rng.random(40) < 0.8
+    found = {}
+    for tile in tiles_front_to_back(rectangles, depth, kept, width, height):
+        at = (int(tile.columns[0]) // 16, int(tile.rows[0]) // 16)
+        found[at] = tile
+    for x in range(int(grid[0])):
+        for y in range(int(grid[1])):
+            inside = (rectangles.low <= (x, y)).all(axis=1) & ((x, y) < rectangles.high).all(axis=1) & kept
+            wanted = sorted(np.flatnonzero(inside).tolist(), key=lambda face: (depth[face], face))
+            if not wanted:
+                assert (x, y) not in found
+                continue
+            tile = found.pop((x, y))
+            assert tile.faces.tolist() == wanted
+            samples = {
+                (i, j)
+                for i in range(16 * x, min(16 * x + 16, width))
+                for j in range(16 * y, min(16 * y + 16, height))
+            }
+            assert set(zip(tile.columns.tolist(), tile.rows.tolist(), strict=True)) == samples
+            assert len(tile.columns) == len(samples)
+    assert not found
+
+
+def test_depths_are_compared_as_float32() -> None:
+    rectangles = Rectangles(np.zeros((2, 2), int), np.ones((2, 2), int))
+    depth = np.array([1 + 1e-12, 1.0])
+    (tile,) = tiles_front_to_back(rectangles, depth, np.ones(2, bool), 4, 4)
+    assert tile.faces.tolist() == [0, 1]
+
+
+def test_rectangles_with_a_product_of_zero_are_empty() -> None:
+    """The official kernels multiply unsigned extents: one turned inside out both ways is not empty."""
+    low, high = np.array([[0, 0], [1, 0], [3, 2]]), np.array([[1, 2], [1, 2], [0, 0]])
+    np.testing.assert_array_equal(Rectangles(low, high).empty, [False, True, False])
+    listed = list(tiles_front_to_back(Rectangles(low, high), np.ones(3, F), np.ones(3, bool), 40, 40))
+    assert all(2 not in tile.faces for tile in listed)
