@@ -11,7 +11,7 @@ from data_stubs.splat_like import splat_like
 from data_stubs.torch_file import write_torch
 from msb.asset import Asset, Description, build_asset, save
 from msb.asset.manifest import CoordinateFrame, StoredSetting
-from msb.meshes.assets import SH_C0
+from msb.asset.sh import SH_C0
 from msb.methods import METHODS
 
 HERE = Path(__file__).parent

@@ -17,8 +17,9 @@ from msb.adapters.model import Model
 from msb.adapters.settings import Settings, background
 from msb.adapters.tensors import Tensors
 from msb.asset import Description
+from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError
-from msb.meshes.assets import SH_C0, mesh_buffers
+from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset import Asset, Description, build_asset
+from msb.asset.sh import SH_C0
 from msb.asset.visible import visible_faces
 from msb.errors import AssetError, Unsupported
 from msb.meshes.mesh import Mesh
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset.manifest import Domain
-
-SH_C0 = 0.28209479177387814
-"""Zeroth real spherical harmonic, 1 / (2 sqrt(pi)); the paper rounds it to 0.28209."""
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:

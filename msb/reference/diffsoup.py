@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import AssetError
 from msb.reference.arithmetic import Reals, dot, norm, sigmoid, transform
 from msb.reference.camera_matrices import diffsoup_projection
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import buffer
-from msb.reference.sh import C0, basis
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -71,7 +71,7 @@ def render(
     row, column = np.nonzero(hit)
     features = interpolate(lattice, face, level, b0, b1)
     directions = towards_camera(inverse, columns[column], rows[row])
-    encoding = np.stack([np.full_like(b0, C0), *basis(directions, 2)], axis=-1)
+    encoding = np.stack([np.full_like(b0, SH_C0), *sh_basis(directions, 2)], axis=-1)
     image = np.broadcast_to(background, (*hit.shape, 3)).copy()
     image[hit] = decode(asset, features, encoding)
 

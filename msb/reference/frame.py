@@ -38,6 +38,8 @@ class ReferenceFrame:
         are seen in at least one pixel.
     raw : dict
         The official kernel's own buffers, at its resolution, in its row order; docs/reference.md lists them.
+    timings : dict
+        Stage -> milliseconds, where somebody measured them.
     """
 
     image: NDArray[np.floating[Any]]
@@ -48,3 +50,4 @@ class ReferenceFrame:
     face_id: NDArray[np.int32] | None
     visible: NDArray[np.bool_]
     raw: dict[str, Any] = field(default_factory=dict)
+    timings: dict[str, float] = field(default_factory=dict)

@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.asset import Asset, Description, build_asset
 from msb.asset.manifest import StoredSetting
-from msb.reference.sh import C0
+from msb.asset.sh import SH_C0
 from msb.scenes import Camera
 
 SPLATTING = ("two_dts", "triangle_splatting", "mesh_splatting")
@@ -114,4 +114,4 @@ def _stored(settings: dict[str, Any] | None) -> dict[str, StoredSetting]:
 
 def constant_color(count: int, color: tuple[float, float, float]) -> np.ndarray:
     """Return coefficients `f_dc` (count, 3) that show `color` from everywhere."""
-    return np.tile(((np.array(color) - 0.5) / C0).astype(np.float32), (count, 1))
+    return np.tile(((np.array(color) - 0.5) / SH_C0).astype(np.float32), (count, 1))

@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from msb.asset.sh import SH_C0, sh_basis
 from msb.reference.arithmetic import fast_power, ndc_to_pixel, power, sigmoid
 from msb.reference.camera_matrices import splatting_camera
 from msb.reference.diffsoup import fragments, interpolate, ndc_centers, towards_camera
 from msb.reference.edge_window import project_windows, window_alpha
 from msb.reference.mesh_splatting import box_mean, screen_barycentrics
-from msb.reference.sh import C0, basis, colors_from_sh
+from msb.reference.sh import colors_from_sh
 from msb.reference.triangle_splatting import contour_tiles, points_seen
 from msb.reference.two_dts import coverage_alpha, rescale, resize, straight_through
 from tests.reference.soups import front_camera, random_triangles
@@ -28,7 +29,7 @@ def test_harmonics_are_orthonormal() -> None:
     area = np.repeat(weights, 16) * 2 * np.pi / 16
     ring = np.sqrt(1 - z * z)
     directions = np.stack([ring * np.cos(phi), ring * np.sin(phi), z], axis=1)
-    values = np.stack([np.full(len(z), C0), *basis(directions, 3)])
+    values = np.stack([np.full(len(z), SH_C0), *sh_basis(directions, 3)])
     np.testing.assert_allclose((values * area) @ values.T, np.eye(16), atol=1e-12)
 
 
@@ -39,9 +40,9 @@ def test_colors_add_a_half_and_have_no_upper_clamp(degree: int) -> None:
     coefficients[2, 1:] = 1
     points = np.array([[0, 0, 2], [1, 0, 0], [0, 3, 0]], F)
     color = colors_from_sh(coefficients, points, np.zeros(3, F), degree)
-    np.testing.assert_allclose(color[0], [0.5, 0.5 + 3 * C0, 0], rtol=1e-6)
-    assert color[1, 0] == pytest.approx(0.5 + C0)
-    assert len(basis(points, degree)) == (degree + 1) ** 2 - 1
+    np.testing.assert_allclose(color[0], [0.5, 0.5 + 3 * SH_C0, 0], rtol=1e-6)
+    assert color[1, 0] == pytest.approx(0.5 + SH_C0)
+    assert len(sh_basis(points, degree)) == (degree + 1) ** 2 - 1
     # The direction is +y: B1 is negative there.
     assert color[2, 0] == 0.5 if degree == 0 else color[2, 0] < 0.5
 

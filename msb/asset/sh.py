@@ -1,0 +1,58 @@
+"""Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Reals = NDArray[np.floating[Any]]
+
+SH_C0 = 0.28209479177387814
+"""Zeroth real spherical harmonic, 1 / (2 sqrt(pi)); the paper rounds it to 0.28209."""
+_C1 = 0.4886025119029199
+_C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
+_C3 = (
+    -0.5900435899266435,
+    2.890611442640554,
+    -0.4570457994644658,
+    0.3731763325901154,
+    -0.4570457994644658,
+    1.445305721320277,
+    -0.5900435899266435,
+)
+
+
+def sh_basis(directions: Reals, degree: int) -> list[Reals]:
+    """Return B_1 .. B_K, K = (degree + 1)^2 - 1, of unit vectors (..., 3); each has the shape (...).
+
+    Source: GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu; the
+    other methods have the same formulas in the same order of operations.
+    """
+    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    values: list[Reals] = []
+    if degree > 0:
+        values += [-_C1 * y, _C1 * z, -_C1 * x]
+    xx, yy, zz = x * x, y * y, z * z
+    xy, yz, xz = x * y, y * z, x * z
+    if degree > 1:
+        values += [
+            _C2[0] * xy,
+            _C2[1] * yz,
+            _C2[2] * (2 * zz - xx - yy),
+            _C2[3] * xz,
+            _C2[4] * (xx - yy),
+        ]
+    if degree > 2:
+        values += [
+            _C3[0] * y * (3 * xx - yy),
+            _C3[1] * xy * z,
+            _C3[2] * y * (4 * zz - xx - yy),
+            _C3[3] * z * (2 * zz - 3 * xx - 3 * yy),
+            _C3[4] * x * (4 * zz - xx - yy),
+            _C3[5] * z * (xx - yy),
+            _C3[6] * x * (xx - 3 * yy),
+        ]
+    return values
