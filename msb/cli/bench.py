@@ -155,7 +155,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
         f"{escape(record['renderer'])} on {escape(about['platform'])}: {escape(about['name'])}",
         soft_wrap=True,
     )
-    rows = list(_rows(found))
+    rows = list(_rows(found, everything=output.verbose > 0))
     if output.quiet:
         rows = rows[:3]
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
@@ -169,7 +169,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
     console.print(table)
 
 
-def _rows(found: Profile) -> Any:
+def _rows(found: Profile, *, everything: bool) -> Any:
     """Yield label, unit, value, and how to find the value in an older record."""
     yield "frames per second", "", found.fps, lambda old: old["fps"]
     yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
@@ -178,7 +178,8 @@ def _rows(found: Profile) -> Any:
         yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
     total = sum(found.memory.values())
     yield "memory", "MiB", total / 2**20, lambda old: sum(old["memory_bytes"].values()) / 2**20
-    for use, size in found.memory.items():
+    uses = sorted(found.memory.items(), key=lambda item: -item[1])
+    for use, size in uses if everything else [item for item in uses if item[1] >= total / 100]:
         yield f"  {use}", "MiB", size / 2**20, lambda old, use=use: old["memory_bytes"].get(use, 0) / 2**20
 
 
