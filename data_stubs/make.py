@@ -13,6 +13,7 @@ from msb.asset import Asset, Description, build_asset, save
 from msb.asset.manifest import CoordinateFrame, StoredSetting
 from msb.asset.sh import SH_C0
 from msb.methods import METHODS
+from msb.scenes import Camera, turntable, write_cameras
 
 HERE = Path(__file__).parent
 SIZE = 36
@@ -83,6 +84,13 @@ def write_checkpoint(folder: Path, n: int = CHECKPOINT_SIZE) -> None:
     (folder / "cfg_args").write_text(f"Namespace({arguments})")
 
 
+def cameras() -> list[Camera]:
+    """Return eight cameras around the demo meshes, which fill the unit cube."""
+    center = (0.5, 0.5, 0.5)
+    return turntable(center, 2.4, up=(0, 1, 0), count=8, width=640, height=480, fov_y=0.7, elevation=0.35)
+
+
 if __name__ == "__main__":
+    write_cameras(cameras(), HERE / "views.json", background=(1, 1, 1))
     write_checkpoint(HERE / "checkpoint")
     save(splat_like_asset(), HERE / "splat_like.triasset")

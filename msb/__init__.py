@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from msb._version import __version__
 
 if TYPE_CHECKING:
+    from msb import metrics
     from msb.adapters import export
     from msb.asset import Asset, load, save
     from msb.errors import MsbError, Unsupported
@@ -32,6 +33,8 @@ _HOME = {
     "Audit": "msb.topology",
     "audit": "msb.topology",
 }
+_PACKAGES = ("metrics", "render")
+"""Packages of the public API; render can be called."""
 
 __all__ = [
     "Asset",
@@ -45,6 +48,7 @@ __all__ = [
     "audit",
     "export",
     "load",
+    "metrics",
     "read_cameras",
     "render",
     "save",
@@ -52,11 +56,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME and name != "render":
+    if name not in _HOME and name not in _PACKAGES:
         text = f"module 'msb' has no attribute {name!r}"
         raise AttributeError(text)
-    if name == "render":  # a package that can be called
-        return import_module("msb.render")
+    if name in _PACKAGES:
+        return import_module(f"msb.{name}")
     value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value

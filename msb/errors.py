@@ -99,6 +99,10 @@ class MeshError(MsbError):
     """Arrays given as a mesh are not one."""
 
 
+class MetricError(MsbError):
+    """Images, meshes, weights or data sets that a metric cannot be computed from."""
+
+
 class OutputError(MsbError):
     """An output cannot be written."""
 
@@ -122,6 +126,7 @@ EXIT_STATUS: dict[type[MsbError], int] = {
     SceneError: 3,
     MeshFileError: 3,
     MeshError: 3,
+    MetricError: 3,
     OutputError: 3,
     Unsupported: 4,
     DeviceError: 5,
@@ -237,6 +242,7 @@ _FIX_CAMERA = "Correct the camera; docs/cameras.md has the conventions."
 _FIX_CAMERAS = "Correct the file; docs/cameras.md has the rules of its format."
 _FIX_COLMAP = "Write the model again with COLMAP's model_converter."
 _FIX_MESH = "Export the mesh again from the program that wrote it."
+_FIX_DTU = "Take the file from the official DTU MVS 2014 archives; docs/metrics.md lists them."
 
 CODES: dict[str, Code] = {
     **_codes(
@@ -259,6 +265,18 @@ CODES: dict[str, Code] = {
             "EXTRA_MISSING": (
                 "The command needs a library that is not installed.",
                 "Install the extra named in the message.",
+            ),
+            "VIEW_NO_GL": (
+                "VTK has nothing to draw with: no display, no EGL, no OSMesa.",
+                "Install one of the packages the message names, or write a page with --html.",
+            ),
+            "VIEW_NO_DISPLAY": (
+                "There is no display to open a window on.",
+                "Give --screenshot, --html or --figure, which need none.",
+            ),
+            "VIEW_ELEMENT": (
+                "There is no layer, element, vertex or component of that name or number.",
+                "The message says what there is.",
             ),
             "OUTPUT_EXISTS": (
                 "The output exists and --force was not given.",
@@ -412,6 +430,76 @@ CODES: dict[str, Code] = {
             "MESH_FILE_TOO_LARGE": (
                 "The file declares more than it can hold or than we accept.",
                 _FIX_MESH,
+            ),
+        },
+    ),
+    **_codes(
+        MetricError,
+        {
+            "METRIC_IMAGE_SHAPE": (
+                "An image is not height x width x 3, or has no pixels.",
+                "Give RGB; composite alpha over a background first.",
+            ),
+            "METRIC_IMAGE_DTYPE": (
+                "An image is neither uint8 nor floating point.",
+                "Give bytes, or floats in [0, 1].",
+            ),
+            "METRIC_IMAGE_VALUE": (
+                "An image holds NaN or infinity, or floats that are bytes in disguise.",
+                "Give floats in [0, 1]; divide bytes by 255.",
+            ),
+            "METRIC_SIZES_DIFFER": (
+                "The two images differ in size.",
+                "Render at the size of the ground truth; nothing is resized here.",
+            ),
+            "METRIC_IMAGE_TOO_SMALL": (
+                "LPIPS halves the image four times, so each side needs 16 pixels.",
+                "Leave LPIPS out for such images.",
+            ),
+            "METRIC_IMAGE_FILE": (
+                "An image file is damaged, too large or of a kind that is not evaluated.",
+                "Give 8-bit RGB PNG or JPEG, or float .npy or .exr as msb render writes them.",
+            ),
+            "METRIC_IMAGE_ALPHA": (
+                "An image is partly transparent and no background was given.",
+                "Give --background; the same for both folders.",
+            ),
+            "METRIC_IMAGE_NAMES": (
+                "The two folders do not hold the same images.",
+                "The message names them; --subset lets GT hold more than PRED.",
+            ),
+            "METRIC_VGG_WEIGHTS": (
+                "The file does not hold the weights of torchvision's VGG16.",
+                "docs/metrics.md says which file it is and where it comes from.",
+            ),
+            "METRIC_VGG_UNKNOWN": (
+                "The VGG16 weights are not the published ones: LPIPS compares with nothing published.",
+                "Use vgg16-397923af.pth; docs/metrics.md says where it comes from.",
+            ),
+            "METRIC_LPIPS_HEADS": (
+                "The installed lpips package does not bring the linear layers of version 0.1.",
+                "Install lpips 0.1.4.",
+            ),
+            "METRIC_MESH": (
+                "The mesh or points cannot be evaluated: wrong shape, index or coordinate.",
+                "Vertices are (V, 3) finite numbers, faces (F, 3) indices below V.",
+            ),
+            "METRIC_MESH_FILE": (
+                "The file is not a PLY that can be read.",
+                "Write it again; msb convert makes a PLY of any mesh.",
+            ),
+            "METRIC_MESH_SCALE": (
+                "Sampling the surface every 0.2 mm would take far too many points.",
+                "The mesh must be culled and in the millimetres of DTU.",
+            ),
+            "METRIC_DTU_FILE": ("A file of the DTU evaluation data is not what it must be.", _FIX_DTU),
+            "METRIC_DTU_VIEWS": (
+                "The matrices or masks of a DTU scan cannot be used for culling.",
+                "Give one 4 x 4 world_mat, scale_mat and one mask for each view.",
+            ),
+            "METRIC_ARGUMENT": (
+                "An argument of a metric is out of range.",
+                "The message says what it takes.",
             ),
         },
     ),

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from msb.bench.profile import Profile
 
 EPILOG = epilog(
-    "msb bench --frames 20 --seconds 0.5 data_stubs/splat_like.triasset",
-    "msb bench --frames 20 --seconds 0.5 --json out/a.json --force data_stubs/splat_like.triasset",
-    "msb bench --cameras garden/sparse/0 --scale 0.25 --compare out/a.json garden.triasset",
+    "msb bench data_stubs/splat_like.triasset",
+    "msb bench --frames 20 --seconds 0.5 --json out/a.json --force data_stubs/checkpoint",
+    "msb bench --cameras data_stubs/views.json --scale 0.5 data_stubs/checkpoint",
 )
 SCHEMA = "msb.bench/1"
 _TURNTABLE = 8

@@ -30,6 +30,7 @@ COMMANDS = (
     "completion",
     "convert",
     "devices",
+    "eval",
     "export",
     "info",
     "methods",
@@ -67,7 +68,8 @@ def examples() -> list[str]:
 @pytest.mark.oracle
 def test_every_help_example_runs(tmp_path: Path) -> None:
     pytest.importorskip("pymeshlab", reason="extra crosscheck is not installed")
-    (tmp_path / "data_stubs").symlink_to(ROOT / "data_stubs")
+    for folder in ("data_stubs", "tests"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     for example in examples():
         program, *args = shlex.split(example)
         start = ["audit"] if program == "msb-audit" else []

@@ -1,0 +1,210 @@
+"""`msb eval`: PSNR, SSIM and LPIPS of images against the ground truth."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, csv_text, plain_table
+from msb.cli.run import report
+from msb.errors import MsbError, UsageError, shorten
+
+if TYPE_CHECKING:
+    from msb.metrics import ImagePair, LpipsVgg
+
+    Color = tuple[float, float, float]
+
+EPILOG = epilog(
+    "msb eval tests/golden/metrics/pred tests/golden/metrics/gt",
+    "msb eval --json - tests/golden/metrics/pred tests/golden/metrics/gt",
+)
+SCHEMA = "msb.eval/1"
+NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
+_DECIMALS = {"psnr": 2, "ssim": 3, "lpips": 3}
+_COLUMNS = ("name", "pred", "gt", "width", "height", *_DECIMALS)
+
+
+def evaluate(
+    pred: Annotated[Path, typer.Argument(metavar="PRED", help="Folder of images, or one image.")],
+    gt: Annotated[Path, typer.Argument(metavar="GT", help="The ground truth: the same, with equal names.")],
+    vgg_weights: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="torchvision's vgg16-397923af.pth; without it LPIPS is --."),
+    ] = None,
+    background: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLOR", help="What alpha is laid over: black, white, #rrggbb or r,g,b in 0..1."
+        ),
+    ] = None,
+    subset: Annotated[bool, typer.Option("--subset", help="GT may hold more images than PRED.")] = False,
+    json_file: JsonFile = None,
+    csv_file: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write one row per image to FILE.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Compare images with their ground truth: PSNR, SSIM and LPIPS, each and in the mean.
+
+    Images are paired by their path below the folder without its suffix (png, jpg, npy, exr); sizes must be
+    equal, nothing is resized. All are clamped and rounded to 8 bits. A bad image costs a line on standard
+    error and status 3; the others are still compared.
+    """
+    output = Output(json_file, quiet, verbose, force)
+    for path in (json_file, csv_file):
+        output.check_free(path)
+    color = None if background is None else _parse_color(background)
+    from msb.metrics import pair_images
+
+    pairs = pair_images(pred, gt, subset=subset)
+    raise typer.Exit(_Task(output, pred, gt, color, vgg_weights).run(pairs, csv_file))
+
+
+class _Task:
+    """Pairs of images, and what is said about them."""
+
+    def __init__(
+        self, output: Output, pred: Path, gt: Path, background: Color | None, vgg_weights: Path | None
+    ) -> None:
+        self.output, self.pred, self.gt, self.background = output, pred, gt, background
+        self.network: LpipsVgg | None = None
+        self.notes: list[str] = []
+        if vgg_weights is not None:
+            from msb.metrics import LpipsVgg
+
+            with output.progress(f"reading {vgg_weights.name}"):
+                self.network = LpipsVgg(vgg_weights)
+            for warning in self.network.warnings:
+                self.notes.append(f"{warning.code}: {vgg_weights}: {warning.message}")
+
+    def run(self, pairs: list[ImagePair], csv_file: Path | None) -> int:
+        """Compare all pairs, print and write; return the exit status."""
+        rows: list[dict[str, Any]] = []
+        failed: list[dict[str, Any]] = []
+        status = 0
+        for note in self.notes:
+            self.output.note(note)
+        with self.output.counted("comparing", len(pairs)) as step:
+            for pair in pairs:
+                try:
+                    rows.append(self.compare(pair))
+                except MsbError as error:
+                    status = max(status, report(error))
+                    failed.append({"name": pair.name, "code": error.code, "message": str(error)})
+                step()
+        data = self.summary(rows, failed)
+        self.output.write_json(data)
+        if csv_file is not None:
+            _write_csv(csv_file, rows)
+        if self.output.prints_text and rows:
+            self.show(rows, data)
+        return status
+
+    def compare(self, pair: ImagePair) -> dict[str, Any]:
+        """Return the row of one pair."""
+        from msb import metrics
+        from msb.cli.run import about
+
+        pred, gt = (metrics.read_image(path, background=self.background) for path in (pair.pred, pair.gt))
+        with about(pair.pred):
+            return {
+                "name": pair.name,
+                "pred": str(pair.pred),
+                "gt": str(pair.gt),
+                "width": int(gt.shape[1]),
+                "height": int(gt.shape[0]),
+                "psnr": metrics.psnr(pred, gt),
+                "ssim": metrics.ssim(pred, gt),
+                "lpips": None if self.network is None else self.network(pred, gt),
+            }
+
+    def summary(self, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> dict[str, Any]:
+        """Return the JSON document. A mean is over the images that could be compared."""
+        from msb import metrics
+        from msb.errors import json_safe
+
+        mean: dict[str, float | None] = dict.fromkeys(_DECIMALS)
+        infinite = 0
+        if rows:
+            mean["psnr"], infinite = metrics.mean_psnr(row["psnr"] for row in rows)
+            for key in ("ssim", "lpips") if self.network else ("ssim",):
+                mean[key] = math.fsum(row[key] for row in rows) / len(rows)
+        identities = [metrics.identity("psnr"), metrics.identity("ssim")]
+        if self.network is not None:
+            identities.append(self.network.identity())
+        return {
+            "schema": SCHEMA,
+            "pred": str(self.pred),
+            "gt": str(self.gt),
+            "background": None if self.background is None else list(self.background),
+            "count": len(rows),
+            "partial": bool(failed),
+            "mean": mean,
+            "psnr_inf_count": infinite,
+            "lpips_reason": NO_WEIGHTS if self.network is None else None,
+            "warnings": self.notes,
+            "images": [{**row, "psnr": json_safe(row["psnr"])} for row in rows],
+            "failed": failed,
+            "metrics": [each.to_dict() for each in identities],
+        }
+
+    def show(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
+        """Print the table; with --quiet its last line alone."""
+        from rich.markup import escape
+
+        table = plain_table("Image", "Size", "PSNR", "SSIM", "LPIPS", right=(1, 2, 3, 4))
+        if not self.output.quiet:
+            for row in rows:
+                name, size = escape(shorten(row["name"], 200)), f"{row['width']}x{row['height']}"
+                table.add_row(name, size, *(_cell(row, key) for key in _DECIMALS))
+        of = f"{len(rows)} of {len(rows) + len(data['failed'])}" if data["failed"] else str(len(rows))
+        plural = "" if len(rows) == 1 and not data["failed"] else "s"
+        means = (_cell(data["mean"], key) for key in _DECIMALS)
+        table.add_row(f"[bold]mean of {of} image{plural}[/bold]", "", *means)
+        console = self.output.console()
+        console.print(table)
+        if self.output.quiet:
+            return
+        if data["psnr_inf_count"]:
+            from msb.metrics.images import PSNR_CAP
+
+            text = (
+                f"{data['psnr_inf_count']} equal to the ground truth: inf counts {PSNR_CAP:g} dB in the mean"
+            )
+            console.print(text)
+        if data["lpips_reason"]:
+            console.print(f"LPIPS --: {data['lpips_reason']}")
+
+
+def _cell(row: dict[str, Any], key: str) -> str:
+    return "--" if row[key] is None else f"{row[key]:.{_DECIMALS[key]}f}"
+
+
+def _parse_color(text: str) -> Color:
+    from msb.cli.views import parse_background
+
+    try:
+        if text.strip().lower() != "official":  # there is no asset that would know
+            return parse_background(text, cast("Any", None))
+    except UsageError:
+        pass
+    shown = shorten(text, 40)
+    raise UsageError("USAGE", f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1')
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    import csv
+
+    from msb.atomic import new_file
+
+    with new_file(path) as file, csv_text(file) as text:
+        writer = csv.DictWriter(text, fieldnames=_COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)

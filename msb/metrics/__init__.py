@@ -1,0 +1,40 @@
+"""PSNR, SSIM and LPIPS of images, and the Chamfer distance of DTU: each in one fixed, named definition.
+
+docs/metrics.md gives the definitions and how other programs differ. `identity` returns what must be stored
+beside every number.
+"""
+
+from __future__ import annotations
+
+from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface
+from msb.metrics.culling import CulledMesh, cull_dtu
+from msb.metrics.dtu_data import DtuScan, read_dtu_scan, read_ply
+from msb.metrics.identity import METRICS, Identity, identity
+from msb.metrics.image_files import IMAGE_SUFFIXES, read_image
+from msb.metrics.images import mean_psnr, psnr, ssim
+from msb.metrics.pairs import ImagePair, pair_images
+from msb.metrics.perceptual import LpipsVgg, MetricWarning, lpips_vgg
+
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "METRICS",
+    "CulledMesh",
+    "DtuScan",
+    "Identity",
+    "ImagePair",
+    "LpipsVgg",
+    "MetricWarning",
+    "chamfer_dtu",
+    "chamfer_points",
+    "chamfer_surface",
+    "cull_dtu",
+    "identity",
+    "lpips_vgg",
+    "mean_psnr",
+    "pair_images",
+    "psnr",
+    "read_dtu_scan",
+    "read_image",
+    "read_ply",
+    "ssim",
+]

@@ -1,0 +1,211 @@
+"""The Chamfer distance of the DTU benchmark: accuracy and completeness where a surface could be seen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MetricError, MsbError, shorten
+from msb.metrics.dtu_data import read_dtu_scan, read_ply
+from msb.metrics.identity import identity
+from msb.metrics.sampling import mesh_arrays, sample_surface, thin
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from msb.metrics.dtu_data import DtuScan
+
+DENSITY = 0.2
+"""Spacing of the samples and radius of the thinning, in mm."""
+PATCH = 60.0
+"""How far below the box points still count, in mm; above it is twice as far, upstream's asymmetry."""
+MAX_DISTANCE = 20.0
+"""Longer distances are dropped from the means, not clipped, in mm."""
+_QUERIES = 1 << 20
+"""Points looked up at a time."""
+
+
+def chamfer_dtu(
+    mesh_path: str | os.PathLike[str],
+    dataset_dir: str | os.PathLike[str],
+    scan: int,
+    seed: int = 0,
+    *,
+    max_distance: float = MAX_DISTANCE,
+) -> dict[str, Any]:
+    """Return the Chamfer distance of a mesh file to a DTU scan, in mm.
+
+    Parameters
+    ----------
+    mesh_path : path-like
+        A PLY file, read as stored; already culled and in DTU's millimetres (`cull_dtu`). For other formats
+        give arrays to `chamfer_surface`.
+    dataset_dir : path-like
+        Holds Points/stl and ObsMask; see `read_dtu_scan`.
+    scan : int
+        The number in the file names.
+    seed : int
+        Of the shuffle before thinning: `numpy.random.default_rng(seed).shuffle(points, axis=0)`.
+    max_distance : float
+        In mm; 20 in the benchmark.
+
+    Returns
+    -------
+    dict
+        "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their mean "overall"
+        in mm, None where no point is left, with the "reason"; "scan", "seed"; counts of each stage, "n_...";
+        "identity".
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_MESH_FILE, METRIC_MESH, METRIC_MESH_SCALE, METRIC_DTU_FILE or METRIC_ARGUMENT.
+
+    Notes
+    -----
+    `jzhangbs/DTUeval-python`: eval.py, as `hbb1/2d-gaussian-splatting` uses it: scripts/eval_dtu/eval.py.
+    """
+    data = read_dtu_scan(dataset_dir, scan)
+    vertices, faces = read_ply(mesh_path)
+    try:
+        result = chamfer_surface(vertices, faces, data, seed, max_distance=max_distance)
+    except MetricError as error:
+        if error.file is not None or error.code == "METRIC_ARGUMENT":
+            raise
+        raise _about(error, mesh_path) from error
+    return {**result, "scan": int(scan)}
+
+
+def chamfer_surface(
+    vertices: ArrayLike, faces: ArrayLike, data: DtuScan, seed: int = 0, *, max_distance: float = MAX_DISTANCE
+) -> dict[str, Any]:
+    """Return what `chamfer_dtu` returns, for a mesh given as arrays.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array_like
+        In mm. Each is a sample, whether a face uses it or not.
+    faces : (F, 3) array_like of int
+        Faces without area give no samples.
+    data : DtuScan
+        What to compare with.
+    seed, max_distance
+        As for `chamfer_dtu`.
+
+    Raises
+    ------
+    MetricError
+        METRIC_MESH, METRIC_MESH_SCALE or METRIC_ARGUMENT.
+    """
+    generator = _generator(seed)
+    points, corners = mesh_arrays(vertices, faces)
+    samples, proper = sample_surface(points, corners, DENSITY)
+    cloud = np.concatenate([points, samples])
+    counts = {"n_vertices": len(points), "n_faces_nonzero": proper, "n_sampled": len(cloud)}
+    del samples
+    generator.shuffle(cloud, axis=0)
+    result = chamfer_points(thin(cloud, DENSITY), data, max_distance=max_distance)
+    about = identity("chamfer_dtu", seed=int(seed), max_distance_mm=float(max_distance))
+    return {**result, **counts, "seed": int(seed), "identity": about.to_dict()}
+
+
+def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MAX_DISTANCE) -> dict[str, Any]:
+    """Return the distances between points already thinned and a scan: the steps after the thinning.
+
+    Parameters
+    ----------
+    points : (N, 3) array_like
+        In mm.
+    data : DtuScan
+        What to compare with.
+    max_distance : float
+        In mm.
+
+    Returns
+    -------
+    dict
+        As of `chamfer_dtu`; without what only a mesh has.
+
+    Raises
+    ------
+    MetricError
+        METRIC_MESH or METRIC_ARGUMENT.
+    """
+    if not 0 < max_distance < np.inf:
+        text = f"max_distance is {max_distance}; it must be a positive number of millimetres"
+        raise MetricError("METRIC_ARGUMENT", text)
+    cloud, _ = mesh_arrays(points, ())
+    low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
+    inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
+    voxel = np.around((inside - data.box[:1]) / data.resolution)
+    in_grid = ((voxel >= 0) & (voxel < data.observed.shape)).all(axis=1)
+    seen = inside[in_grid][data.observed[tuple(voxel[in_grid].astype(np.int64).T)]]
+    above = data.points[data.points @ data.plane[:3] + data.plane[3] > 0]
+
+    to_scan = _near_distances(seen, data.points, max_distance)
+    to_mesh = _near_distances(above, inside, max_distance)
+    accuracy, completeness = _mean(to_scan), _mean(to_mesh)
+    overall = None if accuracy is None or completeness is None else (accuracy + completeness) / 2
+    return {
+        "mean_d2s": accuracy,
+        "mean_s2d": completeness,
+        "overall": overall,
+        "reason": None if overall is not None else _reason(len(seen), len(above), len(inside), max_distance),
+        "n_down": len(cloud),
+        "n_inbound": len(inside),
+        "n_grid_in": int(np.count_nonzero(in_grid)),
+        "n_in_obs": len(seen),
+        "n_stl": len(data.points),
+        "n_stl_above": len(above),
+        "n_d2s_lt_max": len(to_scan),
+        "n_s2d_lt_max": len(to_mesh),
+        "identity": identity("chamfer_dtu", max_distance_mm=float(max_distance)).to_dict(),
+    }
+
+
+def _near_distances(
+    queries: NDArray[np.float64], targets: NDArray[np.float64], limit: float
+) -> NDArray[np.float64]:
+    """Return the distance of each query to its nearest target, without those of `limit` or more."""
+    from scipy.spatial import cKDTree
+
+    if not len(queries) or not len(targets):
+        return np.zeros(0)
+    tree = cKDTree(targets)
+    parts = []
+    for start in range(0, len(queries), _QUERIES):
+        # With a bound a far query ends soon; searching on would cost the most and change nothing.
+        found, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
+        parts.append(found[found < limit])
+    return np.concatenate(parts)
+
+
+def _mean(distances: NDArray[np.float64]) -> float | None:
+    return float(distances.mean()) if len(distances) else None
+
+
+def _reason(seen: int, above: int, inside: int, limit: float) -> str:
+    if not inside:
+        return "no point of the mesh lies in the bounds of the scan"
+    if not seen:
+        return "no point of the mesh lies in the observed volume"
+    if not above:
+        return "no point of the scan lies above the table"
+    return f"no point of the mesh lies within {limit:g} mm of the scan"
+
+
+def _generator(seed: int) -> np.random.Generator:
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        text = f"the seed is {shorten(str(seed), 20)}; it must be a whole number from 0 on"
+        raise MetricError("METRIC_ARGUMENT", text)
+    return np.random.default_rng(int(seed))
+
+
+def _about(error: MsbError, path: object) -> MetricError:
+    where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
+    return MetricError(error.code, error.message, file=path, **where)

@@ -1,0 +1,155 @@
+"""The official DTU evaluation data: laser-scanned points, the observed volume and the table's plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import InputError, MetricError, shorten
+from msb.metrics.files import regular_file
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import NDArray
+
+MAX_SCAN = 999
+_MAX_VOXELS = 1 << 31
+_SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
+
+
+@dataclass(frozen=True, eq=False)
+class DtuScan:
+    """What one scan is evaluated against; lengths are millimetres.
+
+    Attributes
+    ----------
+    points : (N, 3) float64
+        The laser scan.
+    observed : (X, Y, Z) bool
+        Voxels in which a surface could be seen.
+    box : (2, 3) float32
+        Corners of the grid: voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
+    resolution : float
+        Side of a voxel.
+    plane : (4,) float64
+        Points with plane . (x, y, z, 1) > 0 are above the table.
+    """
+
+    points: NDArray[np.float64]
+    observed: NDArray[np.bool_]
+    box: NDArray[np.float32]
+    resolution: float
+    plane: NDArray[np.float64]
+
+
+def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
+    """Return the evaluation data of one scan.
+
+    Parameters
+    ----------
+    dataset_dir : path-like
+        Holds Points/stl/stl{scan:03}_total.ply, ObsMask/ObsMask{scan}_10.mat and ObsMask/Plane{scan}.mat, as
+        in SampleSet.zip and Points.zip of the DTU MVS data set (Aanaes et al., Large-Scale Data for
+        Multiple-View Stereopsis, 2016).
+    scan : int
+        1 to 999.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_ARGUMENT: no such number. METRIC_DTU_FILE or METRIC_MESH_FILE: a file is not what it must be.
+    """
+    if isinstance(scan, bool) or not isinstance(scan, int | np.integer) or not 1 <= scan <= MAX_SCAN:
+        text = f"the scan is {shorten(str(scan), 20)}; it must be a whole number from 1 to {MAX_SCAN}"
+        raise MetricError("METRIC_ARGUMENT", text, limit=MAX_SCAN)
+    folder = Path(dataset_dir)
+    if not folder.is_dir():
+        text = "there is no such folder; it must hold Points/stl and ObsMask"
+        raise InputError("FILE_NOT_FOUND", text, file=folder)
+    grid_file = folder / "ObsMask" / f"ObsMask{scan}_10.mat"
+    grid = _read_mat(grid_file, ("ObsMask", "BB", "Res"))
+    plane = _read_mat(folder / "ObsMask" / f"Plane{scan}.mat", ("P",))["P"]
+    resolution = float(grid["Res"][0, 0])
+    if not resolution > 0:
+        raise _bad(grid_file, f"the side of a voxel (Res) is {resolution}; it must be positive")
+    cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
+    points, _ = read_ply(cloud)
+    if not np.isfinite(points).all():
+        raise _bad(cloud, "a coordinate is not a finite number")
+    # float32 as upstream: it decides which points lie on the border of the box.
+    box = np.asarray(grid["BB"], np.float32)
+    return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
+
+
+def read_ply(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return vertices (V, 3) and faces (F, 3) of a PLY file, every row as stored; a cloud has no faces.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_MESH_FILE: the file is not a PLY or is damaged.
+    """
+    import trimesh
+
+    place = regular_file(path)
+    with place.open("rb") as file:
+        if file.read(3) != b"ply":
+            text = "it is not a PLY file; msb convert makes one of any mesh"
+            raise MetricError("METRIC_MESH_FILE", text, file=place)
+        file.seek(0)
+        try:
+            # Nothing may merge, split or drop a row: each vertex is a sample, and the order decides.
+            found: Any = trimesh.load(
+                file, file_type="ply", process=False, fix_texture=False, skip_materials=True
+            )
+            vertices = np.array(found.vertices, np.float64).reshape(-1, 3)
+            faces = np.array(getattr(found, "faces", ()), np.int64).reshape(-1, 3)
+        except MemoryError:
+            raise
+        except Exception as error:  # the reader trusts its input, so damage shows as any exception
+            text = f"it cannot be read: {shorten(str(error) or type(error).__name__)}"
+            raise MetricError("METRIC_MESH_FILE", text, file=place) from error
+    return vertices, faces
+
+
+def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Return the named arrays of a MATLAB 5 file, sizes checked before they are decompressed."""
+    from scipy.io import loadmat, whosmat
+
+    place = regular_file(path)
+    try:
+        shapes = {name: shape for name, shape, _ in whosmat(place, appendmat=False)}
+        for name in names:
+            _check_shape(place, name, shapes.get(name))
+        found = loadmat(place, appendmat=False, variable_names=list(names))
+        arrays = {name: np.asarray(found[name]) for name in names}
+    except (MetricError, MemoryError):
+        raise
+    except Exception as error:  # damage shows as any exception
+        text = f"it cannot be read as a MATLAB 5 file: {shorten(str(error) or type(error).__name__)}"
+        raise _bad(place, text) from error
+    for name, array in arrays.items():
+        if array.dtype.kind not in "biuf" or (name != "ObsMask" and not np.isfinite(array).all()):
+            raise _bad(place, f"{name} does not hold finite numbers")
+    return arrays
+
+
+def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
+    if shape is None:
+        raise _bad(path, f"it holds no variable {name}")
+    good = len(shape) == 3 if name == "ObsMask" else shape == _SHAPES[name]
+    if not good or np.prod(shape, dtype=float) > _MAX_VOXELS:
+        wanted = "three axes" if name == "ObsMask" else " x ".join(map(str, _SHAPES[name]))
+        raise _bad(path, f"{name} is {' x '.join(map(str, shape))}; it must have {wanted}")
+
+
+def _bad(path: Path, message: str) -> MetricError:
+    return MetricError("METRIC_DTU_FILE", message, file=path)

@@ -1,0 +1,147 @@
+"""Images to be evaluated, read from files nobody vouches for: PNG, JPEG, NumPy and OpenEXR."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MetricError, shorten
+from msb.metrics.files import regular_file
+
+if TYPE_CHECKING:
+    import os
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Color = tuple[float, float, float]
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".npy", ".exr")
+MAX_SIDE = 65_535
+MAX_PIXELS = 1 << 26
+"""More than any benchmark has (67 million); checked before a pixel is decoded."""
+_NPY = b"\x93NUMPY"
+_PNG_HEAD = 26
+"""Signature, length and type of IHDR, width, height, bit depth, colour type."""
+
+
+def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:
+    """Return the image in a file as (H, W, 3): bytes of a PNG or JPEG, floats of .npy or .exr, as stored.
+
+    Parameters
+    ----------
+    path : path-like
+        The suffix says what it is. PNG and JPEG: 8 bits, RGB, or PNG with alpha. NPY: (H, W, 3), uint8 or
+        float. EXR: channels R, G, B. An orientation, gamma or colour profile in the metadata is not applied.
+    background : (float, float, float), optional
+        In [0, 1]. What partly transparent pixels are laid over, in float64 and without rounding:
+        rgb a + background (1 - a). An alpha that is 255 everywhere needs none.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_IMAGE_FILE: damaged, over `MAX_SIDE` or `MAX_PIXELS`, 16-bit, palette, grey, or another kind of
+        file. METRIC_IMAGE_ALPHA: transparent, and no background.
+    """
+    place = regular_file(path)
+    suffix = place.suffix.lower()
+    if suffix not in IMAGE_SUFFIXES:
+        raise _bad(
+            place, f"the suffix is '{shorten(suffix, 20)}'; it must be one of {', '.join(IMAGE_SUFFIXES)}"
+        )
+    try:
+        if suffix == ".npy":
+            return _read_npy(place)
+        if suffix == ".exr":
+            return _read_exr(place)
+        return _read_picture(place, background)
+    except (MetricError, MemoryError):
+        raise
+    except Exception as error:  # decoders raise all kinds of things about damaged files
+        raise _bad(place, f"it cannot be decoded: {shorten(str(error) or type(error).__name__)}") from error
+
+
+def _bad(path: Path, message: str) -> MetricError:
+    return MetricError("METRIC_IMAGE_FILE", message, file=path)
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
+        text = f"it is {width} x {height} pixels; a side may have {MAX_SIDE}, the image {MAX_PIXELS}"
+        raise MetricError("METRIC_IMAGE_FILE", text, file=path, value=(width, height), limit=MAX_PIXELS)
+
+
+def _read_picture(path: Path, background: Color | None) -> NDArray[Any]:
+    from PIL import Image
+
+    _check_png_kind(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of sizes, which are checked here
+        picture = Image.open(path, formats=("PNG", "JPEG"))
+    with picture:
+        _check_size(path, *picture.size)
+        if "transparency" in picture.info:
+            raise _bad(path, "it names one colour as transparent; store an alpha channel, or none")
+        if picture.mode not in ("RGB", "RGBA"):
+            raise _bad(path, f"its pixels are of kind {picture.mode}; they must be 8-bit RGB or RGBA")
+        picture.load()
+        pixels: NDArray[np.uint8] = np.array(picture)
+    if pixels.shape[2] == 3:
+        return pixels
+    color, alpha = pixels[..., :3], pixels[..., 3:]
+    if (alpha == 255).all():
+        return np.ascontiguousarray(color)
+    if background is None:
+        share = np.count_nonzero(alpha != 255) / alpha.size
+        text = f"{share:.0%} of its pixels are not opaque, and no background was given to lay them over"
+        raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
+    weight = alpha / 255.0
+    return np.asarray(color / 255.0 * weight + np.asarray(background, np.float64) * (1 - weight))
+
+
+def _check_png_kind(path: Path) -> None:
+    """Refuse what Pillow would silently turn into 8-bit RGB: it drops the lower half of 16-bit values."""
+    with path.open("rb") as file:
+        head = file.read(_PNG_HEAD)
+    if not head.startswith(b"\x89PNG\r\n\x1a\n"):
+        return
+    if len(head) < _PNG_HEAD:
+        raise _bad(path, "it ends within its header")
+    depth, kind = head[24], head[25]
+    if kind == 3:
+        raise _bad(path, "its colours are in a palette; they must be 8-bit RGB or RGBA")
+    if depth != 8:
+        raise _bad(path, f"it has {depth} bits per channel; it must have 8")
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    # Mapped: the header is checked against the size of the file before anything is read. No pickle.
+    with path.open("rb") as file:
+        if file.read(len(_NPY)) != _NPY:
+            raise _bad(path, "it is not an array as numpy.save writes one")
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.ndim != 3 or array.shape[2] != 3:
+        shape = " x ".join(map(str, array.shape))
+        raise _bad(path, f"its array is {shape}; it must be height x width x 3")
+    _check_size(path, array.shape[1], array.shape[0])
+    return np.array(array)
+
+
+def _read_exr(path: Path) -> NDArray[Any]:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), header_only=True) as file:
+        corners = np.asarray(file.header()["dataWindow"], np.int64)
+    width, height = (int(side) for side in corners[1] - corners[0] + 1)
+    _check_size(path, width, height)
+    with OpenEXR.File(str(path)) as file:
+        channels = file.channels()
+        names = ", ".join(sorted(channels)) or "none"
+        found = channels["RGB"].pixels if "RGB" in channels else None
+    if found is None or found.ndim != 3:
+        raise _bad(path, f"its channels are {shorten(names)}; they must be R, G and B of one size")
+    return np.array(found, np.float32)

@@ -1,0 +1,180 @@
+"""PSNR and SSIM of two images, and what all image metrics demand of their inputs."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MetricError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+PSNR_CAP = 100.0
+"""What an infinite PSNR counts in a mean, in dB; the number of such images is reported beside it."""
+_WINDOW_RADIUS = 5
+"""Of the 11 x 11 window."""
+
+
+def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
+    """Return the peak signal-to-noise ratio in dB: 10 log10(1 / mse).
+
+    Parameters
+    ----------
+    pred, gt : (H, W, 3) uint8 or float
+        RGB of one size; floats are in [0, 1] and clamped to it, bytes are divided by 255.
+    quantize : bool
+        Round floats to 8 bits first, floor(255 x + 0.5), as the files were on which published numbers were
+        taken. The benchmark's numbers are with it.
+
+    Returns
+    -------
+    float
+        The mean is over all pixels and channels, in float64; equal images give inf.
+
+    Raises
+    ------
+    MetricError
+        METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
+
+    Notes
+    -----
+    The training log of the 3DGS family is another quantity, the mean of three PSNRs, one per channel
+    (`graphdeco-inria/gaussian-splatting`: utils/image_utils.py, called with channels first).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> black, grey = np.zeros((8, 8, 3)), np.full((8, 8, 3), 0.2)
+    >>> round(psnr(grey, black), 6)
+    13.9794
+    """
+    a, b = image_pair(pred, gt, quantize=quantize)
+    mse = float(np.mean(np.square(a - b)))
+    return math.inf if mse == 0 else -10 * math.log10(mse)
+
+
+def mean_psnr(values: Iterable[float]) -> tuple[float, int]:
+    """Return the mean of PSNRs in dB and how many of them were infinite; those count `PSNR_CAP`.
+
+    Raises
+    ------
+    MetricError
+        METRIC_ARGUMENT: there is no value, or one is NaN.
+    """
+    found = list(values)
+    if not found or any(math.isnan(value) for value in found):
+        raise MetricError("METRIC_ARGUMENT", "a mean needs at least one PSNR, and none that is NaN")
+    infinite = sum(value == math.inf for value in found)
+    return math.fsum(PSNR_CAP if value == math.inf else value for value in found) / len(found), infinite
+
+
+def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
+    """Return the structural similarity as the 3DGS family evaluates it, in float64.
+
+    An 11 x 11 Gaussian window of sigma 1.5; zeros outside the image, so every pixel counts; population
+    variances; C1 = 0.01^2, C2 = 0.03^2; the mean over all pixels and channels.
+
+    Parameters
+    ----------
+    pred, gt : (H, W, 3) uint8 or float
+        As for `psnr`; any size from one pixel on.
+    quantize : bool
+        As for `psnr`.
+
+    Returns
+    -------
+    float
+        In [-1, 1]; 1 for equal images.
+
+    Raises
+    ------
+    MetricError
+        METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
+
+    Notes
+    -----
+    Definition: Wang et al., Image Quality Assessment: From Error Visibility to Structural Similarity, 2004.
+    Border rule: `graphdeco-inria/gaussian-splatting`: utils/loss_utils.py.
+    """
+    a, b = image_pair(pred, gt, quantize=quantize)
+    with ThreadPoolExecutor(3) as pool:  # the filters let go of the interpreter, and memory is per channel
+        channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
+    return math.fsum(channels) / len(channels)
+
+
+def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Return the mean over one channel (H, W).
+
+    scikit-image averages only where the window lies inside its input: of an image padded by the window's
+    radius these are all pixels of the image, each having seen zeros beyond the border.
+    """
+    from skimage.metrics import structural_similarity
+
+    measure: Any = structural_similarity  # it has no types
+    value = measure(
+        np.pad(a, _WINDOW_RADIUS),
+        np.pad(b, _WINDOW_RADIUS),
+        data_range=1.0,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+    )
+    return float(value)
+
+
+def image_pair(
+    pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded as the input rule says.
+
+    Raises
+    ------
+    MetricError
+        METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
+    """
+    a, b = _checked(pred, "pred"), _checked(gt, "gt")
+    if a.shape != b.shape:
+        sizes = [f"{image.shape[1]} x {image.shape[0]}" for image in (a, b)]
+        text = f"pred has {sizes[0]} pixels and gt {sizes[1]}; they must be equal"
+        raise MetricError("METRIC_SIZES_DIFFER", text, value=a.shape, limit=b.shape)
+    return _unit(a, quantize), _unit(b, quantize)
+
+
+def _checked(image: ArrayLike, name: str) -> NDArray[Any]:
+    array = np.asarray(image)
+    if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
+        shape = " x ".join(map(str, array.shape)) or "a single value"
+        text = f"{name} is {shape}; it must be height x width x 3"
+        raise MetricError("METRIC_IMAGE_SHAPE", text, value=array.shape)
+    if array.dtype == np.uint8:
+        return array
+    if array.dtype.kind != "f":
+        text = f"{name} holds {array.dtype}; it must be uint8, or floating point in [0, 1]"
+        raise MetricError("METRIC_IMAGE_DTYPE", text, value=str(array.dtype))
+    finite = np.isfinite(array)
+    if not finite.all():
+        y, x, channel = (int(i) for i in np.argwhere(~finite)[0])
+        text = f"{name}[{y}, {x}, {channel}] is {array[y, x, channel]}; every value must be a finite number"
+        raise MetricError("METRIC_IMAGE_VALUE", text, pointer=f"{name}[{y}, {x}, {channel}]")
+    # A few bright pixels are the renderer's affair and are clamped; this many are bytes not divided by 255.
+    if 2 * np.count_nonzero(array > 2) > array.size:
+        text = f"most values of {name} are above 2, the largest is {array.max():g}; floats must be in [0, 1]"
+        raise MetricError("METRIC_IMAGE_VALUE", text, value=float(array.max()), limit=1.0)
+    return array
+
+
+def _unit(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
+    """Return checked values in [0, 1]; floats are rounded in their own precision, as those of a PNG."""
+    if array.dtype != np.uint8:
+        kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)
+        clamped = np.clip(array.astype(kind), 0, 1)
+        if not quantize:
+            return clamped.astype(np.float64)
+        array = np.floor(clamped * kind.type(255) + kind.type(0.5))
+    return array.astype(np.float64) / 255

@@ -1,0 +1,118 @@
+"""Which image is compared with which: by full relative name, never by its place in a list."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from msb.errors import InputError, MetricError, shorten
+from msb.metrics.image_files import IMAGE_SUFFIXES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_NAMED = 5
+"""Names an error lists before it only counts."""
+_PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
+
+
+class ImagePair(NamedTuple):
+    """Two files to compare.
+
+    Attributes
+    ----------
+    name : str
+        Path below the folder, with forward slashes and without suffix.
+    pred, gt : Path
+    """
+
+    name: str
+    pred: Path
+    gt: Path
+
+
+def pair_images(
+    pred: str | os.PathLike[str], gt: str | os.PathLike[str], *, subset: bool = False
+) -> list[ImagePair]:
+    """Return the pairs of two folders, or of two files, sorted by name.
+
+    Parameters
+    ----------
+    pred, gt : path-like
+        Two folders, searched with all below them, or two files, which need not have the same name. Names are
+        compared without their suffix, which is one of `IMAGE_SUFFIXES`; hidden files do not count, nor do
+        the depths and face ids that `msb render` writes beside an image.
+    subset : bool
+        Allow `gt` to hold more, say the training views.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE, or FILE_NOT_RECOGNISED: one is a file and one a folder.
+    MetricError
+        METRIC_IMAGE_NAMES: an image is missing or one too many, or two have the same name.
+    """
+    pred, gt = Path(pred), Path(gt)
+    folders = [_is_folder(each) for each in (pred, gt)]
+    if not any(folders):
+        return [ImagePair(pred.stem, pred, gt)]
+    if not all(folders):
+        file, folder = (pred, gt) if folders[1] else (gt, pred)
+        text = f"it is a file and {shorten(str(folder))} a folder; give two of a kind"
+        raise InputError("FILE_NOT_RECOGNISED", text, file=file)
+    found, wanted = _images(pred), _images(gt)
+    missing = sorted(set(found) - set(wanted))
+    if missing:
+        text = f"{_listed(missing, pred)} not there; names must be the same but for the suffix"
+        raise MetricError("METRIC_IMAGE_NAMES", text, file=gt, value=missing)
+    extra = sorted(set(wanted) - set(found))
+    if extra and not subset:
+        text = f"{_listed(extra, gt)} not there; --subset compares those there are"
+        raise MetricError("METRIC_IMAGE_NAMES", text, file=pred, value=extra)
+    return [ImagePair(name, found[name], wanted[name]) for name in sorted(found)]
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path) from error
+    except (OSError, ValueError) as error:
+        raise InputError("FILE_UNREADABLE", "it cannot be looked at", file=path) from error
+    return path.is_dir()
+
+
+def _images(folder: Path) -> dict[str, Path]:
+    def refuse(error: OSError) -> None:
+        text = f"it cannot be read: {error.strerror}"
+        raise InputError("FILE_UNREADABLE", text, file=error.filename or folder) from error
+
+    found: dict[str, Path] = {}
+    for root, folders, names in os.walk(folder, onerror=refuse):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for path in _pictures(Path(root), names):
+            name = path.relative_to(folder).with_suffix("").as_posix()
+            if name in found:
+                text = f"{found[name].name} and {path.name} have the same name; leave one of them"
+                raise MetricError("METRIC_IMAGE_NAMES", text, file=path.parent, value=name)
+            found[name] = path
+    if not found:
+        text = f"there is no image in it; suffixes are {', '.join(IMAGE_SUFFIXES)}"
+        raise MetricError("METRIC_IMAGE_NAMES", text, file=folder)
+    return found
+
+
+def _pictures(folder: Path, names: Iterable[str]) -> list[Path]:
+    paths = [folder / name for name in sorted(names) if not name.startswith(".")]
+    paths = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES]
+    stems = {path.stem for path in paths}
+    return [
+        path for path in paths if not path.name.endswith(_PLANES) or path.stem.rpartition("_")[0] not in stems
+    ]
+
+
+def _listed(names: list[str], folder: Path) -> str:
+    shown = ", ".join(shorten(name, 60) for name in names[:_NAMED])
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{shown}{more} of {shorten(str(folder))} {'is' if len(names) == 1 else 'are'}"

@@ -1,0 +1,188 @@
+"""LPIPS with a VGG16 that the user supplies, on [-1, 1]; torch is imported only here, when it is used.
+
+The network is written out below rather than taken from the lpips package, whose constructor downloads a
+backbone or fills 138 million parameters with random numbers, and whose import needs torchvision. The linear
+layers are the package's.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import Finding, MetricError, finding
+from msb.metrics.files import regular_file
+from msb.metrics.identity import Identity, identity
+from msb.metrics.images import image_pair
+from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import ArrayLike, NDArray
+
+MIN_SIDE = 16
+"""Four times halved, this leaves a pixel."""
+_SHIFT = (-0.030, -0.088, -0.188)
+_SCALE = (0.458, 0.448, 0.450)
+_POOLED = {5, 10, 17, 24}
+"""Convolutions that come after a 2 x 2 maximum."""
+
+
+class MetricWarning(UserWarning):
+    """A number is right but compares with nothing published."""
+
+
+def lpips_vgg(
+    pred: ArrayLike, gt: ArrayLike, vgg_weights: str | os.PathLike[str], *, quantize: bool = True
+) -> float:
+    """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal ones.
+
+    The network stays loaded between calls with the same file; `LpipsVgg` gives control over that.
+
+    Parameters
+    ----------
+    pred, gt : (H, W, 3) uint8 or float
+        As for `psnr`; each side at least 16 pixels.
+    vgg_weights : path-like
+        torchvision's vgg16-397923af.pth; see `read_vgg` for other forms.
+    quantize : bool
+        As for `psnr`.
+
+    Returns
+    -------
+    float
+        Not negative, in float32 precision.
+
+    Warns
+    -----
+    MetricWarning
+        The weights are not the published ones (METRIC_VGG_UNKNOWN).
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING: torch or lpips is not installed.
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_VGG_WEIGHTS, METRIC_LPIPS_HEADS, METRIC_IMAGE_TOO_SMALL, and those of `psnr`.
+
+    Notes
+    -----
+    Zhang et al., The Unreasonable Effectiveness of Deep Features as a Perceptual Metric, 2018;
+    `richzhang/PerceptualSimilarity`: lpips/lpips.py, lpips/pretrained_networks.py.
+    """
+    check_extra()
+    place = regular_file(vgg_weights)
+    status = place.stat()
+    network = _cached(str(place.resolve()), status.st_mtime_ns, status.st_size)
+    for warning in network.warnings:
+        warnings.warn(f"{warning.code}: {place}: {warning.message}", MetricWarning, stacklevel=2)
+    return network(pred, gt, quantize=quantize)
+
+
+@lru_cache(maxsize=1)
+def _cached(path: str, _changed: int, _size: int) -> LpipsVgg:
+    return LpipsVgg(path)
+
+
+class LpipsVgg:
+    """LPIPS with one set of weights, loaded once: ``LpipsVgg(path)(pred, gt)``.
+
+    Parameters
+    ----------
+    vgg_weights : path-like
+        As for `lpips_vgg`.
+
+    Attributes
+    ----------
+    weights : dict
+        "vgg" (see `read_vgg`) and "heads": file names and hashes, for the identity.
+    warnings : tuple of Finding
+        METRIC_VGG_UNKNOWN if the weights are not the published ones.
+
+    Raises
+    ------
+    UsageError, InputError, MetricError
+        As `lpips_vgg`.
+    """
+
+    def __init__(self, vgg_weights: str | os.PathLike[str]) -> None:
+        check_extra()
+        import torch  # type: ignore[import-not-found,unused-ignore]
+
+        tensors, record = read_vgg(Path(vgg_weights))
+        heads, heads_sha256 = read_heads()
+        self.weights: dict[str, Any] = {
+            "vgg": record,
+            "heads": {"file": "weights/v0.1/vgg.pth", "sha256": heads_sha256, "known": _known(heads_sha256)},
+        }
+        found: list[Finding] = []
+        if record["known"] is None:
+            text = f"its sha256 {record['sha256'][:16]}... is not that of vgg16-397923af.pth"
+            found.append(finding("METRIC_VGG_UNKNOWN", text, severity="warning"))
+        self.warnings = tuple(found)
+        self._layers: list[tuple[int, Any, Any]] = [
+            (number, torch.from_numpy(tensors[f"{name}.weight"]), torch.from_numpy(tensors[f"{name}.bias"]))
+            for number, name in ((n, f"features.{n}") for n, _, _ in LAYERS)
+        ]
+        self._heads = [torch.from_numpy(head) for head in heads]
+
+    def identity(self, *, quantize: bool = True) -> Identity:
+        """Return what must be stored beside this network's numbers."""
+        return identity("lpips_vgg", weights=self.weights, quantize=quantize)
+
+    def __call__(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
+        return float(sum(self.per_layer(pred, gt, quantize=quantize)))
+
+    def per_layer(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> list[float]:
+        """Return the five terms whose sum LPIPS is, from relu1_2 to relu5_3.
+
+        Raises
+        ------
+        MetricError
+            METRIC_IMAGE_TOO_SMALL, and those of `psnr`.
+        """
+        import torch  # type: ignore[import-not-found,unused-ignore]
+        from torch.nn import functional  # type: ignore[import-not-found,unused-ignore]
+
+        a, b = image_pair(pred, gt, quantize=quantize)
+        if min(a.shape[:2]) < MIN_SIDE:
+            text = f"the images are {a.shape[1]} x {a.shape[0]}; LPIPS needs {MIN_SIDE} pixels a side"
+            raise MetricError("METRIC_IMAGE_TOO_SMALL", text, value=min(a.shape[:2]), limit=MIN_SIDE)
+        terms = []
+        with torch.inference_mode():
+            # One image after the other through each layer: two sets of features are alive, not ten.
+            x, y = (torch.from_numpy(_network_input(image)) for image in (a, b))
+            heads = iter(self._heads)
+            for number, weight, bias in self._layers:
+                if number in _POOLED:
+                    x, y = functional.max_pool2d(x, 2), functional.max_pool2d(y, 2)
+                x = functional.conv2d(x, weight, bias, padding=1).relu_()
+                y = functional.conv2d(y, weight, bias, padding=1).relu_()
+                if number in TAPS:
+                    terms.append(_distance(x, y, next(heads)))
+        return terms
+
+
+def _network_input(image: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return an image in [0, 1] as (1, 3, H, W): mapped to [-1, 1], then shifted and scaled."""
+    centred = image.astype(np.float32) * np.float32(2) - np.float32(1)
+    scaled = (centred - np.array(_SHIFT, np.float32)) / np.array(_SCALE, np.float32)
+    return np.ascontiguousarray(np.moveaxis(scaled, 2, 0)[None], np.float32)
+
+
+def _distance(x: Any, y: Any, head: Any) -> float:
+    """Return the mean over pixels of the weighted squared difference of unit feature vectors."""
+    x, y = (f / (f.square().sum(1, keepdim=True).sqrt_() + 1e-10) for f in (x, y))
+    difference = (x - y).square_()
+    return float((difference[0].mean((1, 2)) * head).sum())
+
+
+def _known(sha256: str) -> str | None:
+    return "lpips 0.1.4" if sha256 == HEADS_SHA256 else None

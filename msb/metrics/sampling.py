@@ -1,0 +1,171 @@
+"""Points on a mesh at a given spacing, and their thinning until none is near another.
+
+Both as in `jzhangbs/DTUeval-python`: eval.py, which `hbb1/2d-gaussian-splatting` adapts in
+scripts/eval_dtu/eval.py; here in bounded memory and without a loop over faces.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MetricError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+MAX_SAMPLES = 1 << 28
+"""Points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""
+_CANDIDATES = 1 << 20
+"""Tried at a time."""
+_FIRST_WINDOW = 64
+_WINDOW = 1 << 16
+"""Points whose neighbours are looked up at a time, and at most `_NEIGHBORS` of these unless one has more."""
+_NEIGHBORS = 1 << 22
+
+
+def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return both arrays as a mesh of finite vertices (V, 3) and valid faces (F, 3).
+
+    Raises
+    ------
+    MetricError
+        METRIC_MESH.
+    """
+    points, corners = np.asarray(vertices), np.asarray(faces)
+    if corners.size == 0:
+        corners = np.zeros((0, 3), np.int64)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        text = f"vertices are {points.dtype} of shape {points.shape}; they must be numbers (V, 3)"
+        raise MetricError("METRIC_MESH", text)
+    if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
+        text = f"faces are {corners.dtype} of shape {corners.shape}; they must be integers (F, 3)"
+        raise MetricError("METRIC_MESH", text)
+    points = points.astype(np.float64)
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise MetricError(
+            "METRIC_MESH", f"vertex {row} has a coordinate that is not a finite number", pointer=f"{row}"
+        )
+    outside = (corners < 0) | (corners >= len(points))
+    if outside.any():
+        row, corner = (int(i) for i in np.argwhere(outside)[0])
+        text = f"faces[{row}, {corner}] is {corners[row, corner]}; there are {len(points)} vertices"
+        raise MetricError("METRIC_MESH", text, pointer=f"faces[{row}, {corner}]")
+    return points, corners.astype(np.int64)
+
+
+def sample_surface(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], spacing: float
+) -> tuple[NDArray[np.float64], int]:
+    """Return points on the faces about `spacing` apart, in face order, and the number of faces with an area.
+
+    Face by face, with edges e1 = v1 - v0 and e2 = v2 - v0 of lengths l1, l2:
+    step = spacing sqrt(l1 l2 / |e1 x e2|), n = floor(l / step), and v0 + c1 e1 + c2 e2 for c = (i + 0.5) / n
+    wherever c1 + c2 < 1. A face shorter than a step along an edge gets none.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int64
+    spacing : float
+        In the units of the vertices.
+
+    Raises
+    ------
+    MetricError
+        METRIC_MESH_SCALE: there would be more than `MAX_SAMPLES`.
+    """
+    origin = vertices[faces[:, 0]]
+    first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
+    with np.errstate(over="ignore", invalid="ignore"):
+        double_area = np.linalg.norm(np.cross(first, second), axis=1)
+    if not np.isfinite(double_area).all():
+        raise _too_many(np.inf, spacing)
+    proper = double_area > 0
+    origin, first, second, double_area = (each[proper] for each in (origin, first, second, double_area))
+    lengths = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
+    step = spacing * np.sqrt(lengths[0] * lengths[1] / double_area)
+    steps = [np.floor(length / step) for length in lengths]
+    candidates = np.where((steps[0] > 0) & (steps[1] > 0), (steps[0] + 1) * (steps[1] + 1), 0.0)
+    total = float(candidates.sum())
+    if not total <= 2 * MAX_SAMPLES:
+        raise _too_many(total / 2, spacing)
+    counts = np.stack(steps, axis=1).astype(np.int64)
+    parts = [
+        first[face] * along[:, :1] + second[face] * along[:, 1:] + origin[face]
+        for face, along in _grid_points(counts, candidates.astype(np.int64))
+    ]
+    return np.concatenate([np.zeros((0, 3)), *parts]), int(np.count_nonzero(proper))
+
+
+def _too_many(points: float, spacing: float) -> MetricError:
+    text = (
+        f"sampling it every {spacing:g} would take about {points:.3g} points; {MAX_SAMPLES:.3g} are allowed;"
+        " it must be culled and in millimetres"
+    )
+    return MetricError("METRIC_MESH_SCALE", text, value=points, limit=MAX_SAMPLES)
+
+
+def _grid_points(
+    counts: NDArray[np.int64], candidates: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Yield (face, (c1, c2)) of the points to keep, a bounded number of candidates at a time.
+
+    Candidates are numbered through all faces, so that one huge face is split like many small ones.
+    """
+    ends = np.cumsum(candidates)
+    total = int(ends[-1]) if len(ends) else 0
+    for start in range(0, total, _CANDIDATES):
+        number = np.arange(start, min(start + _CANDIDATES, total))
+        face = np.searchsorted(ends, number, side="right")
+        inside = number - (ends[face] - candidates[face])
+        slow, fast = np.divmod(inside, counts[face, 1] + 1)
+        along = (np.stack([slow, fast], axis=1) + 0.5) / counts[face]
+        keep = along.sum(axis=1) < 1
+        yield face[keep], along[keep]
+
+
+def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+    """Return the points that remain when each, in order, removes all others within `spacing` of it.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        The order decides: shuffle first.
+    spacing : float
+        A point at exactly this distance is removed too.
+
+    Notes
+    -----
+    Neighbours are looked up for a window of points at a time, only for those not yet removed and for no more
+    than fit into memory. Windows start small and grow: where points lie dense, the first few remove most.
+    """
+    from scipy.spatial import cKDTree
+
+    alive = np.ones(len(points), bool)
+    if not len(points):
+        return points
+    tree = cKDTree(points)
+    start, size = 0, _FIRST_WINDOW
+    while start < len(points):
+        window = start + np.flatnonzero(alive[start : start + size])
+        if not len(window):
+            start += size
+            continue
+        chosen = points[window]
+        found = tree.query_ball_point(chosen, spacing, workers=-1, return_length=True)
+        fits = max(1, int(np.searchsorted(np.cumsum(found), _NEIGHBORS, side="right")))
+        near: Any = tree.query_ball_point(chosen[:fits], spacing, workers=-1, return_sorted=False)
+        for index, others in zip(window[:fits].tolist(), near, strict=True):
+            if alive[index]:
+                alive[others] = False
+                alive[index] = True
+        cut = fits < len(window)
+        start = int(window[fits]) if cut else start + size
+        size = max(_FIRST_WINDOW, min(_WINDOW, 4 * fits if cut else 2 * size))
+    return points[alive]

@@ -1,0 +1,199 @@
+"""The files behind LPIPS: VGG16 weights the user supplies, and the linear layers of the lpips package."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MetricError, UsageError, shorten
+from msb.metrics.files import file_sha256, regular_file
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import NDArray
+
+INSTALL = 'pip install "meshsplatbench[lpips]"'
+LAYERS = (
+    (0, 3, 64),
+    (2, 64, 64),
+    (5, 64, 128),
+    (7, 128, 128),
+    (10, 128, 256),
+    (12, 256, 256),
+    (14, 256, 256),
+    (17, 256, 512),
+    (19, 512, 512),
+    (21, 512, 512),
+    (24, 512, 512),
+    (26, 512, 512),
+    (28, 512, 512),
+)
+"""(N, in, out) of the 3 x 3 convolutions features.N of torchvision's VGG16."""
+TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
+"""Convolutions whose rectified output is compared, and its channels: relu1_2, 2_2, 3_3, 4_3, 5_3."""
+KNOWN = {
+    "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0": "torchvision vgg16-397923af.pth",
+}
+"""SHA-256 of a whole file -> what it is."""
+HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
+"""Of weights/v0.1/vgg.pth in lpips 0.1.4."""
+_HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
+"""Of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
+_MAX_JSON = 1 << 20
+
+Weights = dict[str, Any]
+"""features.N.weight and .bias -> float32 array."""
+
+
+def check_extra() -> None:
+    """Raise if torch or lpips is not installed.
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING.
+    """
+    missing = [name for name in ("torch", "lpips") if importlib.util.find_spec(name) is None]
+    if missing:
+        text = f"LPIPS needs {' and '.join(missing)}, which the extra lpips brings: {INSTALL}"
+        raise UsageError("EXTRA_MISSING", text)
+
+
+def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
+    """Return the convolutions of a VGG16 and the record of where they come from.
+
+    Parameters
+    ----------
+    path : path-like
+        A state dict of torchvision's VGG16 as torch.save writes it, or the same keys as .npz or .safetensors.
+        Others (classifier.*) are ignored. Nothing in a file is executed.
+
+    Returns
+    -------
+    weights : dict
+        features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32.
+    record : dict
+        "file" (its name), "sha256" of the file, "tensors_sha256" of the values (the same whatever file
+        they are in), "known" (what the file is, or None).
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_VGG_WEIGHTS.
+    """
+    place = regular_file(path)
+    readers = {".npz": _read_npz, ".safetensors": _read_safetensors}
+    wanted: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
+    wanted |= {f"features.{n}.bias": (o,) for n, _, o in LAYERS}
+    try:
+        found = readers.get(place.suffix.lower(), _read_torch)(place, wanted)
+        weights = {key: _tensor(place, found, key, shape) for key, shape in wanted.items()}
+    except (MetricError, MemoryError):
+        raise
+    except Exception as error:  # readers raise all kinds of things about foreign files
+        text = f"it cannot be read: {shorten(str(error) or type(error).__name__)}"
+        raise MetricError("METRIC_VGG_WEIGHTS", text, file=place) from error
+    digest = hashlib.sha256()
+    for key in wanted:
+        digest.update(key.encode() + b"\0" + weights[key].astype("<f4").tobytes())
+    sha256 = file_sha256(place)
+    record = {
+        "file": place.name,
+        "sha256": sha256,
+        "tensors_sha256": digest.hexdigest(),
+        "known": KNOWN.get(sha256),
+    }
+    return weights, record
+
+
+def read_heads() -> tuple[list[NDArray[np.float32]], str]:
+    """Return the five linear layers (C,) of LPIPS 0.1 for VGG16, and the SHA-256 of their file.
+
+    The file is in the lpips package, which is located but not imported: importing it imports torchvision.
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING.
+    MetricError
+        METRIC_LPIPS_HEADS.
+    """
+    check_extra()
+    import torch  # type: ignore[import-not-found,unused-ignore]
+
+    spec = importlib.util.find_spec("lpips")
+    assert spec is not None
+    folder = Path(spec.origin or "").parent
+    place = folder / "weights" / "v0.1" / "vgg.pth"
+    try:
+        found = torch.load(place, map_location="cpu", weights_only=True)
+        heads = [found[f"lin{k}.model.1.weight"].numpy() for k in range(5)]
+    except Exception as error:
+        text = f"it cannot be read: {shorten(str(error) or type(error).__name__)}"
+        raise MetricError("METRIC_LPIPS_HEADS", text, file=place) from error
+    for head, channels, total in zip(heads, TAPS.values(), _HEAD_SUMS, strict=True):
+        if head.shape != (1, channels, 1, 1) or abs(float(head.sum()) - total) > 1e-3:
+            text = f"a layer of shape {head.shape} adds up to {head.sum():.4f}; version 0.1 has {total}"
+            raise MetricError("METRIC_LPIPS_HEADS", text, file=place)
+    return [head.reshape(-1).astype(np.float32) for head in heads], file_sha256(place)
+
+
+def _tensor(path: Path, found: Weights, key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    if key not in found:
+        text = f"it holds no {key}; it must be a state dict of torchvision's VGG16"
+        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+    array = np.asarray(found[key])
+    if array.shape != shape or array.dtype.kind != "f":
+        text = f"{key} is {array.dtype} of shape {array.shape}; it must be floats of shape {shape}"
+        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+    if not np.isfinite(array).all():
+        text = f"{key} holds NaN or infinity"
+        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+    return np.ascontiguousarray(array, np.float32)
+
+
+def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
+    import torch  # type: ignore[import-not-found,unused-ignore]
+
+    found = torch.load(path, map_location="cpu", weights_only=True)
+    if not isinstance(found, dict):
+        text = f"it holds a {type(found).__name__}; it must be a state dict of torchvision's VGG16"
+        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path)
+    return {key: found[key].detach().float().numpy() for key in wanted if torch.is_tensor(found.get(key))}
+
+
+def _read_npz(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
+    # Opened here: NumPy leaves a file open that it finds to be no archive.
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        return {key: archive[key] for key in wanted if key in archive}
+
+
+def _read_safetensors(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
+    """Read a 64-bit length, a JSON header of that length, and the tensors at the offsets it gives.
+
+    Source: `huggingface/safetensors`: README.md, Format.
+    """
+    data = np.memmap(path, np.uint8, mode="r")
+    length = int(data[:8].view("<u8")[0])
+    if length > min(_MAX_JSON, len(data) - 8):
+        raise MetricError("METRIC_VGG_WEIGHTS", "its header is longer than the file or 1 MiB", file=path)
+    header = json.loads(data[8 : 8 + length].tobytes())
+    body, found = data[8 + length :], {}
+    for key, shape in wanted.items():
+        if key not in header:
+            continue
+        entry = header[key]
+        begin, end = entry["data_offsets"]
+        if entry["dtype"] != "F32" or end - begin != 4 * np.prod(shape) or not 0 <= begin <= end <= len(body):
+            text = f"{key} is {shorten(str(entry))}; it must be F32 of shape {shape}"
+            raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+        found[key] = np.array(body[begin:end]).view("<f4").reshape(entry["shape"])
+    return found

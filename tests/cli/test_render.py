@@ -1,0 +1,189 @@
+"""`msb render` and `msb bench` as users meet them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import msb as library
+from msb.scenes import turntable, write_cameras
+from tests.adapters.models import GOLDEN
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
+
+
+@pytest.fixture(scope="module")
+def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a views.json with three small cameras around the demo checkpoint."""
+    path = tmp_path_factory.mktemp("cameras") / "views.json"
+    views = turntable((0.5, 0.5, 0.5), 2.2, up=(0, 1, 0), count=3, width=60, height=44, fov_y=0.7)
+    write_cameras(views, path)
+    return path
+
+
+def test_every_camera_gives_an_image_named_like_it(
+    msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    result = msb("render", "--cameras", cameras, "-o", out, "--background", "white", demo_asset)
+    assert (result.status, result.out, result.err) == (0, f"{out}: 3 views\n", "")
+    assert sorted(path.name for path in out.iterdir()) == [f"turntable_{i:05d}.png" for i in range(3)]
+    with Image.open(out / "turntable_00001.png") as image:
+        assert (image.size, image.mode) == ((60, 44), "RGB")
+        pixels = np.asarray(image)
+    asset = library.load(demo_asset)
+    camera = library.read_cameras(cameras)[1]
+    frame = library.render(asset, camera, background=(1, 1, 1))
+    expected = np.floor(np.clip(frame.image, 0, 1) * np.float32(255) + np.float32(0.5))
+    np.testing.assert_array_equal(pixels, expected)
+    assert (pixels[0, 0] == 255).all()
+    assert (pixels != 255).any()
+
+
+def test_floats_depth_and_ids_are_written_as_rendered(
+    msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
+) -> None:
+    args = ("--cameras", cameras, "--camera", "1", "-o", tmp_path, "--format", "npy", "--depth", "--ids")
+    result = msb("render", *args, "--json", "-", demo_asset)
+    assert result.status == 0
+    frame = library.render(library.load(demo_asset), library.read_cameras(cameras)[1])
+    for suffix, plane in (("", frame.image), ("_depth", frame.depth), ("_ids", frame.face_id)):
+        found = np.load(tmp_path / f"turntable_00001{suffix}.npy", allow_pickle=False)
+        np.testing.assert_array_equal(found, plane)
+        assert found.dtype == plane.dtype
+    row = result.json["frames"][0]
+    assert result.json["schema"] == "msb.render/1"
+    assert (row["camera"], row["width"], row["height"]) == ("turntable_00001", 60, 44)
+    assert row["image"] == str(tmp_path / "turntable_00001.npy")
+    assert 0 < row["coverage"] < 1
+    assert result.json["memory"]
+    assert msb("render", *args, demo_asset).status == 2  # the files are there
+    assert msb("render", *args, "--force", demo_asset).status == 0
+
+
+def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
+    base = ("render", "--cameras", cameras, "-q")
+    msb(
+        *base,
+        "--camera",
+        "turntable_00002",
+        "--camera",
+        "0",
+        "--size",
+        "30x20",
+        "-o",
+        tmp_path / "a",
+        demo_asset,
+    )
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == [
+        "turntable_00000.png",
+        "turntable_00002.png",
+    ]
+    with Image.open(tmp_path / "a" / "turntable_00000.png") as image:
+        assert image.size == (30, 20)
+    msb(*base, "--camera", "all", "--scale", "0.5", "-o", tmp_path / "b", demo_asset)
+    assert len(list((tmp_path / "b").iterdir())) == 3
+    result = msb(*base, "--flight", "5", "--film", tmp_path / "f.gif", demo_asset)
+    assert result.status == 0
+    with Image.open(tmp_path / "f.gif") as film:
+        assert (film.n_frames, film.size) == (5, (60, 44))
+
+
+def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> None:
+    size = ("--turntable", "2", "--size", "40x32", "--background", "#ff8000")
+    for tier in ("standard", "reference"):
+        assert msb("render", *size, "--tier", tier, "-o", tmp_path / tier, CHECKPOINT).status == 0
+        with Image.open(tmp_path / tier / "00000.png") as image:
+            assert image.getpixel((0, 0)) == (255, 128, 0)
+            assert len(set(np.asarray(image).reshape(-1, 3).sum(axis=1).tolist())) > 50
+    result = msb("render", *size, "-o", tmp_path / "no", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint")
+    assert (result.status, result.err.startswith("UNSUPPORTED_STANDARD: ")) == (4, True)
+    assert not (tmp_path / "no").exists()
+
+
+def test_wrong_usage_is_said_before_anything_is_drawn(
+    msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
+) -> None:
+    views = ("--cameras", cameras)
+    out = ("-o", tmp_path / "out")
+    for args, status, text in (
+        ((*views,), 2, "give --out FOLDER for images, --film FILE for a film, or both"),
+        ((*out,), 2, "give either --cameras PATH or --turntable N"),
+        ((*views, *out, "--turntable", "3"), 2, "give either --cameras PATH or --turntable N"),
+        (
+            (*views, *out, "--camera", "nobody"),
+            2,
+            'there is no camera "nobody"; there are 3: turntable_00000',
+        ),
+        ((*views, *out, "--camera", "3"), 2, 'there is no camera "3"'),
+        ((*views, *out, "--size", "big"), 2, '--size is "big"; it must look like 1237x822'),
+        ((*views, *out, "--size", "0x5"), 3, "width is 0"),
+        ((*views, *out, "--size", "9x9", "--scale", "2"), 2, "--size and --scale exclude each other"),
+        ((*views, *out, "--background", "mauve"), 2, '--background is "mauve"; it must be black, white'),
+        ((*views, *out, "--background", "official"), 2, "none is recorded in the asset"),
+        ((*views, *out, "--renderer", "quake"), 2, 'there is no renderer "quake"; there are standard, '),
+        ((*views, *out, "--set", "sigmo=1"), 2, 'mesh_splatting has no setting "sigmo"'),
+        ((*views, "--film", tmp_path / "f.avi"), 2, 'the film is "f.avi"; it must end in .mp4 or .gif'),
+        (("--cameras", tmp_path / "nothing", *out), 3, "there is no such file or folder"),
+        ((*views, *out, "--device", "nowhere:7"), 5, "nowhere"),
+    ):
+        result = msb("render", *args, demo_asset)
+        assert result.status == status, (args, result.err)
+        assert text in result.err, (args, result.err)
+        assert len(result.err.splitlines()) == 1
+        assert result.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_broken_assets_are_refused_by_name(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    asset = library.load(demo_asset)
+    library.save(asset, tmp_path / "bad.triasset", form="folder")
+    indices = asset.buffers["indices"].copy()
+    indices[5, 1] = 999999
+    (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(indices.tobytes())
+    result = msb("render", "--turntable", "1", "-o", tmp_path / "out", tmp_path / "bad.triasset")
+    assert (result.status, result.err.startswith("TRIASSET_INDEX_OUT_OF_RANGE: ")) == (3, True)
+    positions = asset.buffers["positions"].copy()
+    positions[7, 2] = np.nan
+    (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(asset.buffers["indices"].tobytes())
+    (tmp_path / "bad.triasset" / "buffers" / "positions.bin").write_bytes(positions.tobytes())
+    result = msb("render", "--turntable", "1", "-o", tmp_path / "out", tmp_path / "bad.triasset")
+    assert (result.status, result.err.startswith("TRIASSET_VALUE_NONFINITE: ")) == (3, True)
+
+
+def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
+    record = tmp_path / "old.json"
+    args = ("bench", "--cameras", cameras, "--frames", "4", "--seconds", "0")
+    result = msb(*args, "--json", record, demo_asset)
+    assert result.status == 0
+    assert "frames per second" in result.out
+    data = json.loads(record.read_text())
+    assert data["schema"] == "msb.bench/1"
+    assert data["frames"] == 4
+    assert data["machine"]["device"]["platform"]
+    assert 0 < data["device_ms"]["p50"] <= data["device_ms"]["p95"]
+    assert sum(data["memory_bytes"].values()) > library.load(demo_asset).buffers["indices"].nbytes
+    assert sum(data["stages_ms"].values()) <= 2 * data["device_ms"]["p95"]
+    result = msb(*args, "--compare", record, demo_asset)
+    assert "Now / before" in result.out
+    for content, code in (
+        ("{}", "FILE_NOT_RECOGNISED"),
+        ("[", "FILE_NOT_RECOGNISED"),
+        (None, "FILE_NOT_FOUND"),
+    ):
+        bad = tmp_path / "bad.json"
+        bad.unlink(missing_ok=True)
+        if content is not None:
+            bad.write_text(content)
+        result = msb(*args, "--compare", bad, demo_asset)
+        assert (result.status, result.err.split(":")[0]) == (3, code)

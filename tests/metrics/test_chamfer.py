@@ -1,0 +1,228 @@
+"""The DTU Chamfer distance against the reference script's results, stage by stage, and what it refuses."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+from scipy.spatial.distance import cdist
+
+from msb import metrics
+from msb.errors import InputError, MetricError
+from msb.metrics import sampling
+from msb.metrics.sampling import sample_surface, thin
+from tests.metrics.conftest import DTU, golden
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+CASES = golden("dtu_synthetic/chamfer.json")["cases"]
+RUNS = [(case, run) for case in CASES for run in case.get("runs", ())]
+CLOUDS = [case for case in CASES if case["mode"] == "pcd"]
+
+
+def scan_of(case: dict[str, Any]) -> int:
+    return int(case["id"].removeprefix("scan").partition("_")[0])
+
+
+def assert_is(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    for key, value in expected.items():
+        if key in found and value is not None:
+            assert found[key] == pytest.approx(value, abs=1e-12), key
+
+
+@pytest.mark.parametrize(("case", "run"), RUNS, ids=[f"{c['id']}-{r['shuffle_seed']}" for c, r in RUNS])
+def test_golden_meshes(case: dict[str, Any], run: dict[str, Any]) -> None:
+    found = metrics.chamfer_dtu(DTU / case["mesh"], DTU, scan_of(case), seed=run["shuffle_seed"])
+    assert_is(found, {**case["deterministic"], **run})
+    assert found["overall"] == (found["mean_d2s"] + found["mean_s2d"]) / 2
+    assert found["reason"] is None
+    assert (found["scan"], found["seed"]) == (scan_of(case), run["shuffle_seed"])
+    assert found["identity"]["parameters"]["seed"] == run["shuffle_seed"]
+
+
+@pytest.mark.parametrize("case", CLOUDS, ids=lambda case: case["id"])
+def test_golden_points(case: dict[str, Any]) -> None:
+    data = metrics.read_dtu_scan(DTU, scan_of(case))
+    points, faces = metrics.read_ply(DTU / case["points"])
+    assert len(faces) == 0
+    assert_is(metrics.chamfer_points(points, data), {**case["deterministic"], **case})
+    shorter = metrics.chamfer_points(points, data, max_distance=1)
+    assert_is(shorter, case["with_max_dist_1"])
+    assert shorter["identity"]["parameters"]["max_distance_mm"] == 1
+
+
+def test_memory_bounds_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = metrics.read_ply(DTU / "mesh2.ply")
+    whole, _ = sample_surface(vertices, faces, 0.2)
+    thinned = thin(whole, 0.2)
+    monkeypatch.setattr(sampling, "_CANDIDATES", 97)
+    monkeypatch.setattr(sampling, "_WINDOW", 64)
+    monkeypatch.setattr(sampling, "_NEIGHBORS", 50)
+    assert np.array_equal(sample_surface(vertices, faces, 0.2)[0], whole)
+    assert np.array_equal(thin(whole, 0.2), thinned)
+
+
+def sample_by_loops(vertices: NDArray[Any], faces: NDArray[Any], spacing: float) -> list[NDArray[Any]]:
+    found = []
+    for a, b, c in vertices[faces]:
+        double_area = np.linalg.norm(np.cross(b - a, c - a))
+        if double_area == 0:
+            continue
+        l1, l2 = np.linalg.norm(b - a), np.linalg.norm(c - a)
+        step = spacing * np.sqrt(l1 * l2 / double_area)
+        n1, n2 = int(l1 / step), int(l2 / step)
+        for i in range(n1 + 1):
+            for j in range(n2 + 1):
+                if n1 and n2 and (i + 0.5) / n1 + (j + 0.5) / n2 < 1:
+                    found.append((b - a) * ((i + 0.5) / n1) + (c - a) * ((j + 0.5) / n2) + a)
+    return found
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 2))
+def test_sampling_and_thinning_are_the_loops(seed: int, spacing: float) -> None:
+    random = np.random.default_rng(seed)
+    vertices, faces = random.normal(size=(9, 3)), random.integers(0, 9, (12, 3))
+    samples, proper = sample_surface(vertices, faces, spacing)
+    assert np.array_equal(samples, np.reshape(sample_by_loops(vertices, faces, spacing), (-1, 3)))
+    assert proper == sum(len({*face}) == 3 for face in faces.tolist())
+    cloud = np.concatenate([vertices, samples])[:800]
+    alive = np.ones(len(cloud), bool)
+    near = cdist(cloud, cloud) <= spacing
+    for index in range(len(cloud)):
+        if alive[index]:
+            alive &= ~near[index]
+            alive[index] = True
+    assert np.array_equal(thin(cloud, spacing), cloud[alive])
+
+
+def test_copies_of_one_point_cost_no_more_than_one() -> None:
+    cloud = np.zeros((300_000, 3))
+    cloud[7] = 1
+    assert thin(cloud, 0.2).tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert len(thin(np.zeros((0, 3)), 0.2)) == 0
+
+
+def test_nothing_in_reach_is_none_with_a_reason() -> None:
+    data = metrics.read_dtu_scan(DTU, 1)
+    low, high = data.box.astype(float)
+    middle = (low + high) / 2
+    for points, reason in (
+        (np.zeros((0, 3)), "bounds"),
+        ([low - 61], "bounds"),
+        ([low - 59], "observed volume"),
+    ):
+        found = metrics.chamfer_points(points, data)
+        assert found["overall"] is None
+        assert reason in found["reason"]
+    seen = data.box[0] + np.argwhere(data.observed)[:1] * data.resolution
+    assert "within 1e-06 mm" in metrics.chamfer_points(seen, data, max_distance=1e-6)["reason"]
+    assert metrics.chamfer_points([middle], data)["n_inbound"] == 1
+
+
+def test_bounds_are_60_below_and_120_above() -> None:
+    data = metrics.read_dtu_scan(DTU, 1)
+    low, high = data.box.astype(float)
+    inside = [low - 60, high + 119.99]
+    outside = [low - 60.01, high + 120]
+    assert metrics.chamfer_points(inside, data)["n_inbound"] == 2
+    assert metrics.chamfer_points(outside, data)["n_inbound"] == 0
+
+
+def test_a_mesh_in_other_units_is_refused_before_it_fills_the_memory() -> None:
+    vertices, faces = metrics.read_ply(DTU / "mesh1.ply")
+    data = metrics.read_dtu_scan(DTU, 1)
+    with pytest.raises(MetricError, match=r"METRIC_MESH_SCALE: .*millimetres"):
+        metrics.chamfer_surface(vertices * 1000, faces, data)
+    with pytest.raises(MetricError, match="METRIC_MESH_SCALE"):
+        metrics.chamfer_surface(vertices * 1e300, faces, data)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [
+        (np.zeros((3, 2)), [[0, 1, 2]]),
+        (np.full((3, 3), np.nan), [[0, 1, 2]]),
+        (np.zeros((3, 3)), [[0, 1, 3]]),
+        (np.zeros((3, 3)), [[0, 1, -1]]),
+        (np.zeros((3, 3)), [[0.0, 1, 2]]),
+        (np.zeros((3, 3)), [0, 1, 2]),
+        (np.full((3, 3), "x"), [[0, 1, 2]]),
+    ],
+)
+def test_what_is_no_mesh_is_refused(vertices: Any, faces: Any) -> None:
+    with pytest.raises(MetricError, match="METRIC_MESH: "):
+        metrics.chamfer_surface(vertices, faces, metrics.read_dtu_scan(DTU, 1))
+
+
+@pytest.mark.parametrize("scan", [0, -1, 1000, 1.0, "1", True, None])
+def test_scan_is_a_number_of_one(scan: Any) -> None:
+    with pytest.raises(MetricError, match="METRIC_ARGUMENT: the scan"):
+        metrics.chamfer_dtu(DTU / "mesh1.ply", DTU, scan)
+
+
+@pytest.mark.parametrize("arguments", [{"seed": -1}, {"seed": 0.5}, {"seed": True}, {"max_distance": 0}])
+def test_other_arguments_are_checked(arguments: Any) -> None:
+    with pytest.raises(MetricError, match="METRIC_ARGUMENT"):
+        metrics.chamfer_dtu(DTU / "mesh1.ply", DTU, 1, **arguments)
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    shutil.copytree(DTU, tmp_path / "dtu")
+    return tmp_path / "dtu"
+
+
+FILES = ("Points/stl/stl001_total.ply", "ObsMask/ObsMask1_10.mat", "ObsMask/Plane1.mat", "mesh1.ply")
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("damage", ["gone", "empty", "noise", "half", "folder"])
+def test_a_missing_or_damaged_file_is_named(dataset: Path, name: str, damage: str) -> None:
+    path = dataset / name
+    content = path.read_bytes()
+    path.unlink()
+    if damage == "folder":
+        path.mkdir()
+    elif damage != "gone":
+        path.write_bytes({"empty": b"", "noise": b"noise" * 99, "half": content[: len(content) // 2]}[damage])
+    with pytest.raises((InputError, MetricError)) as caught:
+        metrics.chamfer_dtu(dataset / "mesh1.ply", dataset, 1)
+    assert caught.value.file == str(path)
+    assert caught.value.exit_status == 3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"BB": np.zeros((3, 3))},
+        {"BB": np.full((2, 3), np.nan)},
+        {"Res": 0.0},
+        {"Res": -1.0},
+        {"Res": np.zeros((2, 2))},
+        {"ObsMask": np.zeros((4, 4))},
+        {"ObsMask": np.array([["a"]])},
+        {"ObsMask": None},
+    ],
+)
+def test_wrong_variables_are_refused(dataset: Path, change: dict[str, Any]) -> None:
+    variables = {"ObsMask": np.ones((4, 4, 4), np.uint8), "BB": np.zeros((2, 3)), "Res": 0.5, **change}
+    path = dataset / "ObsMask" / "ObsMask1_10.mat"
+    savemat(path, {key: value for key, value in variables.items() if value is not None})
+    with pytest.raises(MetricError) as caught:
+        metrics.read_dtu_scan(dataset, 1)
+    assert caught.value.code == "METRIC_DTU_FILE"
+    assert caught.value.file == str(path)
+
+
+def test_the_dataset_folder_must_exist(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"FILE_NOT_FOUND: .*none: .*ObsMask"):
+        metrics.chamfer_dtu(DTU / "mesh1.ply", tmp_path / "none", 1)

@@ -1,0 +1,171 @@
+"""Images as files: what is read as what, what is refused, and how two folders are paired."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb import metrics
+from msb.errors import InputError, MetricError
+from msb.metrics.pairs import pair_images
+from msb.render.images import write_image
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PIXELS = np.random.default_rng(0).integers(0, 256, (6, 9, 3), dtype=np.uint8)
+
+
+def encoded(form: str, pixels: Any = PIXELS, **options: Any) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, form, **options)
+    return stream.getvalue()
+
+
+def png(width: int, height: int, depth: int, kind: int, data: bytes = b"") -> bytes:
+    def chunk(name: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+    head = struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0)
+    parts = chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(data)), chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def test_bytes_are_read_as_bytes(tmp_path: Path) -> None:
+    for name in ("a.png", "A.PNG"):
+        (tmp_path / name).write_bytes(encoded("PNG"))
+        assert np.array_equal(metrics.read_image(tmp_path / name), PIXELS)
+    (tmp_path / "a.JPEG").write_bytes(encoded("JPEG"))
+    assert metrics.read_image(tmp_path / "a.JPEG").dtype == np.uint8
+    np.save(tmp_path / "b.npy", PIXELS)
+    assert np.array_equal(metrics.read_image(tmp_path / "b.npy"), PIXELS)
+
+
+@pytest.mark.parametrize("form", ["npy", "exr"])
+def test_floats_are_read_as_msb_render_writes_them(tmp_path: Path, form: Any) -> None:
+    frame = np.random.default_rng(1).normal(0.5, 1, (6, 9, 3)).astype(np.float32)
+    write_image(tmp_path / f"a.{form}", frame, form)
+    found = metrics.read_image(tmp_path / f"a.{form}")
+    assert found.dtype == np.float32
+    assert np.array_equal(found, frame)
+
+
+def test_alpha_is_laid_over_the_background_in_floats(tmp_path: Path) -> None:
+    alpha = np.full((6, 9, 1), 255, np.uint8)
+    path = tmp_path / "a.png"
+    path.write_bytes(encoded("PNG", np.concatenate([PIXELS, alpha], 2)))
+    assert np.array_equal(metrics.read_image(path), PIXELS)
+    alpha[2:, :4] = 51
+    path.write_bytes(encoded("PNG", np.concatenate([PIXELS, alpha], 2)))
+    with pytest.raises(MetricError, match=r"METRIC_IMAGE_ALPHA: .*30% of its pixels"):
+        metrics.read_image(path)
+    found = metrics.read_image(path, background=(1, 0.5, 0))
+    expected = PIXELS / 255 * (alpha / 255) + np.array([1, 0.5, 0]) * (1 - alpha / 255)
+    assert np.allclose(found, expected, atol=1e-15)
+
+
+def npy(array: Any) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=True)
+    return stream.getvalue()
+
+
+def huge_npy() -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        stream, {"descr": "<f4", "fortran_order": False, "shape": (1 << 20, 1 << 20, 3)}
+    )
+    return stream.getvalue()
+
+
+def plane_exr(folder: Path) -> bytes:
+    write_image(folder / "plane.exr", np.zeros((4, 4), np.float32), "exr")
+    return (folder / "plane.exr").read_bytes()
+
+
+BAD: dict[str, tuple[str, Any, str]] = {
+    "16-bit": ("png", png(2, 2, 16, 2, bytes(26)), "16 bits per channel; it must have 8"),
+    "16-bit grey": ("png", png(2, 2, 16, 0, bytes(10)), "16 bits"),
+    "palette": ("png", png(2, 2, 8, 3), "in a palette"),
+    "grey": ("png", encoded("PNG", PIXELS[..., 0]), "kind L"),
+    "grey jpeg": ("jpg", encoded("JPEG", PIXELS[..., 0]), "kind L"),
+    "one colour transparent": ("png", encoded("PNG", transparency=(1, 2, 3)), "one colour as transparent"),
+    "truncated": ("png", encoded("PNG")[:-40], "cannot be decoded"),
+    "truncated jpeg": ("jpg", encoded("JPEG")[:-40], "cannot be decoded"),
+    "ends in its header": ("png", encoded("PNG")[:20], "ends within its header"),
+    "bomb": ("png", png(60_000, 60_000, 8, 2), "pixels|bomb"),
+    "too wide": ("png", png(70_000, 1, 8, 2), "70000 x 1 pixels"),
+    "large": ("png", png(10_000, 10_000, 8, 2), "10000 x 10000 pixels"),
+    "another format": ("png", encoded("GIF", PIXELS[..., 0]), "cannot be decoded"),
+    "empty": ("jpg", b"", "cannot be decoded"),
+    "pickle": ("npy", npy(np.array([[[{}] * 3]], object)), "cannot be decoded"),
+    "archive": ("npy", b"PK\x05\x06" + bytes(18), "not an array"),
+    "header of terabytes": ("npy", huge_npy(), "cannot be decoded"),
+    "plane": ("npy", npy(np.zeros((4, 4))), "4 x 4; it must be"),
+    "noise": ("npy", b"noise", "not an array"),
+    "noise after the magic": ("npy", b"\x93NUMPY\1\0noise", "cannot be decoded"),
+    "exr noise": ("exr", b"noise" * 9, "cannot be decoded"),
+    "exr plane": ("exr", plane_exr, "channels are Z"),
+    "suffix": ("tif", b"", "the suffix is '.tif'"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_are_one_clear_error(tmp_path: Path, name: str) -> None:
+    suffix, content, text = BAD[name]
+    path = tmp_path / f"image.{suffix}"
+    path.write_bytes(content(tmp_path) if callable(content) else content)
+    with pytest.raises(MetricError, match=text) as caught:
+        metrics.read_image(path)
+    assert caught.value.code == "METRIC_IMAGE_FILE"
+    assert caught.value.file == str(path)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    for path, code in ((tmp_path / "none.png", "FILE_NOT_FOUND"), (tmp_path, "FILE_UNREADABLE")):
+        with pytest.raises(InputError, match=code):
+            metrics.read_image(path)
+
+
+def folder(root: Path, *names: str) -> Path:
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_bytes(b"")
+    return root
+
+
+def test_pairs_are_by_full_name_without_suffix(tmp_path: Path) -> None:
+    names = ("a.b.png", "a.c.exr", "sub/x.npy", "x.JPG", "x_depth.npy", ".hidden.png", "notes.txt")
+    pred = folder(tmp_path / "pred", *names)
+    gt = folder(tmp_path / "gt", "x.png", "sub/x.png", "a.c.png", "a.b.jpeg", ".git/y.png")
+    pairs = pair_images(pred, gt)
+    assert [pair.name for pair in pairs] == ["a.b", "a.c", "sub/x", "x"]
+    assert pairs[2] == ("sub/x", pred / "sub/x.npy", gt / "sub/x.png")
+    folder(gt, "more.png")
+    with pytest.raises(MetricError, match=r"METRIC_IMAGE_NAMES: .*pred: more of .*gt is not there"):
+        pair_images(pred, gt)
+    assert pair_images(pred, gt, subset=True) == pairs
+    folder(pred, *(f"z{number}.png" for number in range(7)))
+    with pytest.raises(MetricError, match=r"gt: z0, z1, z2, z3, z4 and 2 more of .*pred are not there"):
+        pair_images(pred, gt, subset=True)
+
+
+def test_pairs_that_are_none(tmp_path: Path) -> None:
+    full, empty = folder(tmp_path / "full", "a.png"), folder(tmp_path / "empty", "a.txt")
+    twice = folder(tmp_path / "twice", "a.png", "a.jpg")
+    with pytest.raises(MetricError, match="no image in it"):
+        pair_images(full, empty)
+    with pytest.raises(MetricError, match=r"a\.jpg and a\.png have the same name"):
+        pair_images(full, twice)
+    with pytest.raises(InputError, match="FILE_NOT_RECOGNISED"):
+        pair_images(full, full / "a.png")
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+        pair_images(full, tmp_path / "none")
+    assert pair_images(full / "a.png", twice / "a.jpg") == [("a", full / "a.png", twice / "a.jpg")]

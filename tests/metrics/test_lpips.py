@@ -1,0 +1,198 @@
+"""LPIPS with synthetic weights against golden values and the lpips package, and the reading of weights."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb import metrics
+from msb.errors import InputError, MetricError, UsageError
+from msb.metrics.vgg import read_heads, read_vgg
+from tests.metrics.conftest import GOLDEN, golden
+from tests.metrics.synthetic_vgg import synthetic_vgg
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CASES = golden("lpips_synthetic_vgg.json")["cases"]
+IMAGES = np.load(GOLDEN / "lpips_synthetic_vgg.npz")
+HAS_EXTRA = find_spec("torch") is not None and find_spec("lpips") is not None
+needs_extra = pytest.mark.skipif(not HAS_EXTRA, reason="extra lpips (torch, lpips) is not installed")
+
+
+@pytest.fixture(scope="module")
+def network(vgg_file: Path) -> metrics.LpipsVgg:
+    return metrics.LpipsVgg(vgg_file)
+
+
+@pytest.mark.oracle
+@needs_extra
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["id"])
+def test_golden(case: dict[str, Any], network: metrics.LpipsVgg) -> None:
+    pred, gt = IMAGES[f"{case['id']}__pred"], IMAGES[f"{case['id']}__gt"]
+    value = network(pred / 255, gt / 255)
+    assert value == pytest.approx(case["lpips"], rel=1e-4, abs=1e-6)
+    assert network.per_layer(pred, gt) == pytest.approx(case["per_layer"], rel=1e-4, abs=1e-6)
+    assert network(gt, pred) == pytest.approx(value, rel=1e-6)
+    if case["lpips"] == 0:
+        assert value == 0
+    else:
+        assert abs(value - case["lpips_input_0_1"]) > 0.1 * value
+
+
+@pytest.mark.oracle
+@needs_extra
+def test_is_the_package_s_number(network: metrics.LpipsVgg) -> None:
+    import torch
+
+    try:
+        import lpips
+    except Exception as error:
+        pytest.skip(f"the lpips package does not load: {error}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        theirs = lpips.LPIPS(net="vgg", pnet_rand=True, verbose=False).eval()
+    weights = synthetic_vgg()
+    state = {
+        key: torch.from_numpy(weights["features." + key.partition(".")[2]]) for key in theirs.net.state_dict()
+    }
+    theirs.net.load_state_dict(state)
+    for shape in ((16, 16), (33, 50), (64, 47)):
+        images = np.random.default_rng(shape[0]).integers(0, 256, (2, *shape, 3), dtype=np.uint8)
+        tensors = torch.from_numpy(images / 255).float().permute(0, 3, 1, 2) * 2 - 1
+        with torch.no_grad():
+            expected = float(theirs(tensors[:1], tensors[1:]))
+        assert network(*images) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.oracle
+@needs_extra
+def test_unknown_weights_are_used_recorded_and_warned_about(vgg_file: Path) -> None:
+    image = np.zeros((16, 16, 3))
+    with pytest.warns(metrics.MetricWarning, match="METRIC_VGG_UNKNOWN: .*synthetic.npz"):
+        assert metrics.lpips_vgg(image, image, vgg_weights=vgg_file) == 0
+    network = metrics.LpipsVgg(vgg_file)
+    assert [warning.code for warning in network.warnings] == ["METRIC_VGG_UNKNOWN"]
+    record = network.identity().to_dict()
+    assert record["weights"]["vgg"]["known"] is None
+    assert record["weights"]["heads"]["known"] == "lpips 0.1.4"
+    assert record["libraries"]["torch"]
+
+
+@pytest.mark.oracle
+@needs_extra
+def test_small_and_unequal_images_are_refused(network: metrics.LpipsVgg) -> None:
+    with pytest.raises(MetricError, match="METRIC_IMAGE_TOO_SMALL"):
+        network(np.zeros((15, 20, 3)), np.zeros((15, 20, 3)))
+    with pytest.raises(MetricError, match="METRIC_SIZES_DIFFER"):
+        network(np.zeros((16, 20, 3)), np.zeros((20, 16, 3)))
+
+
+@pytest.mark.oracle
+@needs_extra
+@pytest.mark.parametrize("modern", [True, False])
+def test_torch_files_hold_the_same_tensors(vgg_file: Path, tmp_path: Path, modern: bool) -> None:
+    import torch
+
+    path = tmp_path / "vgg.pth"
+    state = {key: torch.from_numpy(value) for key, value in synthetic_vgg().items()}
+    state["classifier.0.weight"] = torch.zeros(2, 2)
+    torch.save(state, path, _use_new_zipfile_serialization=modern)
+    assert read_vgg(path)[1]["tensors_sha256"] == read_vgg(vgg_file)[1]["tensors_sha256"]
+
+
+@pytest.mark.oracle
+@needs_extra
+def test_a_torch_file_is_never_executed(tmp_path: Path) -> None:
+    path = tmp_path / "vgg.pth"
+    marker = tmp_path / "executed"
+    path.write_bytes(b"cos\nsystem\n(V" + f"touch {marker}".encode() + b"\ntR.")
+    with pytest.raises(MetricError, match="METRIC_VGG_WEIGHTS"):
+        read_vgg(path)
+    assert not marker.exists()
+
+
+@pytest.mark.oracle
+@needs_extra
+def test_the_package_s_linear_layers_are_version_0_1() -> None:
+    heads, sha256 = read_heads()
+    assert [len(head) for head in heads] == [64, 128, 256, 512, 512]
+    assert all((head >= 0).all() for head in heads)
+    assert sha256.startswith("a78928a0")
+
+
+@pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
+def test_without_the_extra_the_error_names_it(vgg_file: Path) -> None:
+    image = np.zeros((16, 16, 3))
+    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*torch.*meshsplatbench\[lpips\]"):
+        metrics.lpips_vgg(image, image, vgg_weights=vgg_file)
+
+
+def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
+    import hashlib
+
+    weights, record = read_vgg(vgg_file)
+    for key, prefix in golden("lpips_synthetic_vgg.json")["weight_sha256_prefix"].items():
+        assert hashlib.sha256(weights[key].tobytes()).hexdigest().startswith(prefix)
+    assert record["file"] == "synthetic.npz"
+    assert record["known"] is None
+
+
+def write_safetensors(path: Path, tensors: dict[str, Any]) -> None:
+    header, body = {}, b""
+    for key, value in tensors.items():
+        start = len(body)
+        body += value.tobytes()
+        header[key] = {"dtype": "F32", "shape": list(value.shape), "data_offsets": [start, len(body)]}
+    text = json.dumps(header).encode()
+    path.write_bytes(len(text).to_bytes(8, "little") + text + body)
+
+
+def test_safetensors_hold_the_same_tensors(vgg_file: Path, tmp_path: Path) -> None:
+    path = tmp_path / "vgg.safetensors"
+    write_safetensors(path, synthetic_vgg())
+    weights, record = read_vgg(path)
+    assert record["tensors_sha256"] == read_vgg(vgg_file)[1]["tensors_sha256"]
+    assert weights["features.28.weight"].flags.writeable
+
+
+@pytest.mark.parametrize(
+    "kind", ["missing", "shape", "nan", "integers", "pickle", "noise", "header", "range"]
+)
+def test_bad_weights_are_refused(tmp_path: Path, kind: str) -> None:
+    weights: dict[str, Any] = synthetic_vgg()
+    path = tmp_path / ("vgg.safetensors" if kind in ("header", "range") else "vgg.npz")
+    if kind == "missing":
+        del weights["features.5.bias"]
+    elif kind == "shape":
+        weights["features.0.weight"] = weights["features.0.weight"][:, :2]
+    elif kind == "nan":
+        weights["features.0.bias"][3] = np.nan
+    elif kind == "integers":
+        weights["features.0.bias"] = np.zeros(64, int)
+    elif kind == "pickle":
+        weights["features.0.bias"] = np.array([{}] * 64)
+    if kind == "header":
+        path.write_bytes((2**63).to_bytes(8, "little") + b"{}")
+    elif kind == "range":
+        write_safetensors(path, weights)
+        path.write_bytes(path.read_bytes()[:-4])
+    elif kind == "noise":
+        path.write_bytes(b"PK\x03\x04 nonsense")
+    else:
+        np.savez(path, **weights)
+    with pytest.raises(MetricError) as caught:
+        read_vgg(path)
+    assert caught.value.code == "METRIC_VGG_WEIGHTS"
+    assert caught.value.file == str(path)
+
+
+def test_a_missing_file_is_an_input_error(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.pth", tmp_path):
+        with pytest.raises(InputError):
+            read_vgg(path)
