@@ -53,7 +53,7 @@ def bench(
     """
     from msb.asset.settings import parse_overrides
     from msb.bench.profile import profile
-    from msb.cli.views import around, choose_cameras, open_asset, parse_background
+    from msb.cli.views import around, choose_cameras, lean_options, open_asset, parse_background
     from msb.render import Renderer
     from msb.scenes import read_cameras
 
@@ -70,7 +70,8 @@ def bench(
         views = around(asset, _TURNTABLE, size, None, 20.0)
     settings = parse_overrides(asset.manifest.method, assignments or [])
     color = parse_background(background, asset)
-    with Renderer(asset, tier, device, settings, name=renderer_name) as renderer:
+    options = lean_options(tier, renderer_name)
+    with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
         with output.counted("timing", frames) as step:
             found = profile(renderer, views, color, frames=frames, seconds=seconds, step=step)
         name = renderer.name

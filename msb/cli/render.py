@@ -91,11 +91,12 @@ def render(
     views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
     task = _Task(output, out, form, depth, ids, film, fps)
     task.check(views)
-    from msb.cli.views import parse_background
+    from msb.cli.views import lean_options, parse_background
     from msb.render import Renderer
 
     color = parse_background(background, asset)
-    options: dict[str, Any] = {} if supersample == 1 else {"supersample": supersample}
+    options = lean_options(tier, renderer_name, ids=ids)
+    options |= {} if supersample == 1 else {"supersample": supersample}
     settings = _settings(asset, assignments)
     with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
         rows = task.run(renderer, views, color)

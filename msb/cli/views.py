@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -135,6 +135,13 @@ def parse_background(text: str, asset: Asset) -> tuple[float, float, float]:
     shown = shorten(word if text == "official" else text, 40)
     text = f'--background is "{shown}"; it must be black, white, #rrggbb, r,g,b in 0..1, or official'
     raise UsageError("USAGE", text)
+
+
+def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
+    """Return the options with which our renderer of `tier` computes no more than is written."""
+    if tier != "dedicated" or renderer is not None:
+        return {}
+    return {"outputs": ("face_id",) if ids else ()}
 
 
 def around(asset: Asset, count: int, size: str | None, up: str | None, elevation: float) -> list[Camera]:

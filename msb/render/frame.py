@@ -5,11 +5,33 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from msb.errors import UsageError, shorten
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     import numpy as np
     from numpy.typing import NDArray
+
+
+EXTRAS = ("normal", "depth_median", "face_id", "raw")
+"""What a frame may hold besides image, alpha, depth and visible, and what may cost time."""
+
+
+def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
+    """Return the extras that `outputs` names: some of `EXTRAS`, "all", or "auto", which is all, too.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: an unknown name.
+    """
+    names = EXTRAS if outputs in ("all", "auto") else tuple(outputs)
+    for name in names:
+        if name not in EXTRAS:
+            text = f'there is no output "{shorten(str(name), 40)}"; there are {", ".join(EXTRAS)}, and "all"'
+            raise UsageError("USAGE", text, value=str(name))
+    return frozenset(names)
 
 
 @dataclass(frozen=True, eq=False)

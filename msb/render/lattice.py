@@ -13,13 +13,13 @@ import numpy as np
 from msb._version import __version__
 from msb.asset.settings import effective_settings
 from msb.cl import Device, open_device
-from msb.render.frame import Frame
+from msb.render.frame import Frame, chosen_extras
 from msb.render.lattice_camera import lattice_matrices, pixel_centers
 from msb.render.lattice_model import FEATURES, lattice_model
 from msb.render.protocol import Drawn
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
@@ -71,12 +71,12 @@ class LatticePipeline:
         A selector (`msb.cl.open_device`), or an open device, which stays open.
     settings : mapping, optional
         Overrides of `layout`, `z_near`, `z_far`.
+    outputs : "auto", "all" or iterable of str
+        With "raw" among them the frame has the official kernels' buffers too, which costs a quarter more.
     viewer : bool
         What the official viewers draw: lattices truncated to bytes, features rounded to bytes once more
         after interpolation. Their hardware rasterization is not imitated: triangles that cross the
         camera plane are dropped, not clipped, and pixels are sampled exactly at their centres.
-    raw : bool
-        Also return the official kernels' buffers, in `Frame.raw`.
 
     Raises
     ------
@@ -97,12 +97,12 @@ class LatticePipeline:
         *,
         device: Device | str | None = None,
         settings: Mapping[str, Any] | None = None,
+        outputs: str | Iterable[str] = "auto",
         viewer: bool = False,
-        raw: bool = False,
     ) -> None:
         self._settings = effective_settings(asset.manifest, settings)
         model = lattice_model(asset, quantise=viewer)
-        self._viewer, self._raw = viewer, raw
+        self._viewer, self._raw = viewer, "raw" in chosen_extras(outputs)
         self._faces, self._side = len(model.indices), np.int32(2**model.level)
         self._padded = -(-self._faces // _LANES) * _LANES
         self._owned = not isinstance(device, Device)
@@ -150,7 +150,7 @@ class LatticePipeline:
             `alpha` is 1 or 0, `depth` the camera's z of the triangle seen, `visible` the faces seen in at
             least one pixel, `timings` the stages clear, project, raster, decode and read.
             `raw`, in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4) float32,
-            `tri_id` (H, W) int32, -1 where nothing; with the option `raw` also `bary01` (H, W, 2),
+            `tri_id` (H, W) int32, -1 where nothing; with the output "raw" also `bary01` (H, W, 2),
             `depth` (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 where nothing,
             `clip_corners` (F, 3, 4) float32, and `num_fragments`, those inside and between the planes,
             before the opacity test.

@@ -77,7 +77,6 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
     path = view.scene / "web_export" / view.scene.name if web else view.scene / "checkpoint"
-    options = {"raw": True, **options}
     pipeline = LatticePipeline(exported(path), device=device, settings=view.settings, **options)
     try:
         return pipeline.render(view.camera, view.background)
@@ -134,7 +133,7 @@ def test_frame(device: Device, view: View) -> None:
     assert np.abs(ndc - raster_rows(view, frame.raw["depth"])[hit]).max() <= 1e-4
     assert set(frame.timings) == {"project", "clear", "raster", "decode", "read"}
     # Without the option nothing else changes.
-    plain = draw(device, view, raw=False)
+    plain = draw(device, view, outputs=())
     assert set(plain.raw) == {"mvp", "mvp_inv", "tri_id"}
     np.testing.assert_array_equal(plain.image, frame.image)
 

@@ -107,7 +107,7 @@ def camera(width: int = 61, height: int = 45, **changes: Any) -> Camera:
 
 
 def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK, **options: Any) -> Frame:
-    pipeline = LatticePipeline(asset, device=device, **{"raw": True, **options})
+    pipeline = LatticePipeline(asset, device=device, **options)
     try:
         return pipeline.render(seen_by, background)
     finally:
@@ -170,7 +170,7 @@ def test_large_image() -> None:
     positions = np.array([[-9, -0.02, 3], [9, -0.02, 3], [9, 0.02, 3], [-9, 0.02, 3]])
     asset = model(positions, np.array([[0, 1, 2], [0, 2, 3]]), 5, opacity=np.ones((2, 561)))
     with open_device(SELECTOR) as device:
-        frame = draw(device, asset, camera(7680, 4320), (0.0, 0.5, 1.0), raw=False)
+        frame = draw(device, asset, camera(7680, 4320), (0.0, 0.5, 1.0), outputs=())
     rows = np.flatnonzero((frame.face_id >= 0).all(axis=1))
     # y = +-0.02 at depth 3, focal length 1.1 * 0.9 * 7680 pixels
     assert (rows[0], rows[-1]) == (2109, 2210)

@@ -1,0 +1,152 @@
+// Front-to-back blending, CPU style: one work-item a tile, eight samples of a row at a time, all state
+// private, no barriers. PoCL does not vectorise work-items whose control flow depends on data: explicit
+// vectors are 4 to 6 times faster (docs/dedicated.md).
+
+#define HALVES 2 // rows of a tile are two vectors wide
+#define PAIRS 8  // rows are taken in pairs: two chains of operations that do not wait for each other
+#define ALL_PAIRS 0xffu
+
+// Faces of a list lie scattered in memory.
+#ifdef __clang__
+#define PREFETCH(face) (__builtin_prefetch(face), __builtin_prefetch((__global const char *)(face) + 64))
+#else
+#define PREFETCH(face)
+#endif
+
+typedef struct {
+    real t, red, green, blue, z;
+#if EXTRAS
+    real nx, ny, nz, median;
+    mask id;
+#endif
+} State;
+
+// Whether a sample can still change. One that has stopped has a transmittance that no face passes: negated
+// where the face that crosses the threshold is refused (the next then fails the same test), else at most the
+// threshold.
+#if BLENDS_CROSSING
+#define RUNNING(t) ((t) > MIN_TRANSMITTANCE)
+#else
+#define RUNNING(t) ((t) > 0.0f)
+#endif
+
+void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s, int number)
+{
+    real before = p->t, after = before * (1.0f - s->alpha);
+#if BLENDS_CROSSING
+    mask blended = hit & (before > MIN_TRANSMITTANCE);
+    p->t = blended ? after : before;
+#else
+    mask blended = hit & (after >= MIN_TRANSMITTANCE);
+    p->t = blended ? after : (hit ? -magnitude(before) : before);
+#endif
+    real weight = blended ? s->alpha * before : (real)0.0f;
+    real rgb[3], depth;
+    shade(f, c, y, s, rgb, &depth);
+    p->red = MAD(rgb[0], weight, p->red);
+    p->green = MAD(rgb[1], weight, p->green);
+    p->blue = MAD(rgb[2], weight, p->blue);
+    // Outside a face its depth may be extrapolated to infinity, and 0 times that is no 0.
+    p->z = blended ? MAD(depth, weight, p->z) : p->z;
+#if EXTRAS
+    float3 n = normal_of(f);
+    p->nx = MAD(weight, (real)n.x, p->nx);
+    p->ny = MAD(weight, (real)n.y, p->ny);
+    p->nz = MAD(weight, (real)n.z, p->nz);
+    mask half_seen = blended & (before > 0.5f);
+    p->median = half_seen ? depth : p->median;
+    p->id = half_seen ? (mask)number : p->id;
+#endif
+}
+
+__kernel void blend(__constant View *view, __global const ulong *starts, __global const uint *list,
+                    __global const Face *faces, __global float *planes, uint first_tile_row, uint tile_rows)
+{
+    uint column = get_global_id(0) % view->columns, band_row = get_global_id(0) / view->columns;
+    if (band_row >= tile_rows)
+        return;
+    uint tile = (first_tile_row + band_row) * view->columns + column;
+    int left = column * TILE, top = (first_tile_row + band_row) * TILE;
+
+    State state[HALVES][TILE];
+    uint alive[HALVES]; // bit p: rows 2p and 2p + 1 of this half have a sample that has not stopped
+    for (int h = 0; h < HALVES; h++) {
+        real x = (float)(left + 8 * h) + LANE_INDEX;
+        real start = x < (float)view->width ? (real)1.0f : (real)-1.0f;
+        alive[h] = left + 8 * h < (int)view->width ? ALL_PAIRS : 0;
+        if (top + TILE > (int)view->height)
+            alive[h] &= (1u << (view->height - top + 1) / 2) - 1u;
+        for (int r = 0; r < TILE; r++) {
+            State *p = &state[h][r];
+            p->t = top + r < (int)view->height ? start : (real)-1.0f;
+            p->red = p->green = p->blue = p->z = (real)0.0f;
+#if EXTRAS
+            p->nx = p->ny = p->nz = p->median = (real)0.0f;
+            p->id = (mask)-1;
+#endif
+        }
+    }
+
+    ulong end = starts[tile + 1];
+    for (ulong e = starts[tile]; e < end; e++) {
+        uint number = list[e];
+        FACE_POINTER f = faces + number;
+        PREFETCH(faces + list[e + 4 < end ? e + 4 : e]);
+        int y0 = (f->y0 > top ? f->y0 - top : 0) / 2;
+        int y1 = (f->y1 - top < TILE - 1 ? f->y1 - top : TILE - 1) / 2;
+        if (f->y1 < top || y0 > y1)
+            continue;
+        uint pairs = (ALL_PAIRS >> (PAIRS - 1 - y1)) & (ALL_PAIRS << y0);
+        for (int h = 0; h < HALVES; h++) {
+            int from = left + 8 * h;
+            if (!(alive[h] & pairs) || f->x1 < from || f->x0 > from + 7)
+                continue;
+            uint todo = alive[h] & pairs & bits_of(reaches(f, (float)from, (float)top + 2.0f * LANE_INDEX));
+            if (!todo)
+                continue;
+            Columns c = columns_of(f, (float)from + LANE_INDEX, view);
+            for (; todo; todo &= todo - 1) {
+                int k = (int)(as_uint((float)(todo & -todo)) >> 23) - 127; // of the lowest bit
+                float y = (float)(top + 2 * k);
+                Sample s, u;
+                mask m = inside(f, &c, y, view, &s), n = inside(f, &c, y + 1.0f, view, &u);
+                if (!ANY(m | n))
+                    continue;
+                m = cover(f, view, m, &s);
+                n = cover(f, view, n, &u);
+                if (!ANY(m | n))
+                    continue;
+                State *p = &state[h][2 * k];
+                blend_row(p, f, &c, y, m, &s, (int)number);
+                blend_row(p + 1, f, &c, y + 1.0f, n, &u, (int)number);
+#if EARLY_STOP
+                if (!ANY(RUNNING(p[0].t) | RUNNING(p[1].t)))
+                    alive[h] &= ~(1u << k);
+#endif
+            }
+        }
+#if EARLY_STOP
+        if (!(alive[0] | alive[1]))
+            break;
+#endif
+    }
+
+    uint stride = view->columns * TILE;
+    size_t plane = (size_t)stride * tile_rows * TILE;
+    for (int r = 0; r < TILE; r++)
+        for (int h = 0; h < HALVES; h++) {
+            __global float *out = planes + (size_t)(band_row * TILE + r) * stride + left + 8 * h;
+            vstore8(state[h][r].red, 0, out);
+            vstore8(state[h][r].green, 0, out + plane);
+            vstore8(state[h][r].blue, 0, out + 2 * plane);
+            vstore8(magnitude(state[h][r].t), 0, out + 3 * plane);
+            vstore8(state[h][r].z, 0, out + 4 * plane);
+#if EXTRAS
+            vstore8(state[h][r].nx, 0, out + 5 * plane);
+            vstore8(state[h][r].ny, 0, out + 6 * plane);
+            vstore8(state[h][r].nz, 0, out + 7 * plane);
+            vstore8(state[h][r].median, 0, out + 8 * plane);
+            vstore8(as_float8(state[h][r].id), 0, out + 9 * plane);
+#endif
+        }
+}

@@ -1,0 +1,328 @@
+// What the splatting kernels of all methods share: the view, vectors in the official order of operations,
+// and lanes, so that a method's coverage is written once for both styles of kernels.
+//
+// Nothing is fused unless MAD says so: depth keys, culling tests, tile rectangles and inside tests must
+// round as the official kernels do, and a default of "fuse where you like" differs between devices.
+#pragma OPENCL FP_CONTRACT OFF
+
+#define TILE 16
+#define MIN_ALPHA (1.0f / 255.0f)
+#define MIN_TRANSMITTANCE 1e-4f
+
+// Every member has four bytes: the layout is that of VIEW in msb/render/splat_view.py.
+typedef struct {
+    float world_to_camera[12]; // rows of W, for column vectors
+    float full[16];            // P W
+    float center[3];           // of the camera, world
+    float tan_fov[2];
+    float shift[2];            // of the principal point from the middle of the raster, samples
+    float power;               // 2DTS: 2 gamma
+    float sigma;               // MeshSplatting
+    uint width, height;        // of the raster, samples
+    uint columns, rows;        // of tiles
+    uint degree;               // of the spherical harmonics to evaluate
+    uint rest_stride;          // floats of f_rest a row; red, green, blue of coefficient 1, then of 2, ...
+    uint back_culling;
+    uint broadcast_z;
+    uint tile_rule;            // 1: a face is seen in its official tiles alone; 0: wherever it reaches
+} View;
+
+// The model. Soups have corners as rows of `positions` and do not read `indices`.
+typedef struct {
+    __global const float *positions;
+    __global const uint *indices;
+    __global const float *opacity; // activated
+    __global const float *falloff;
+    __global const float *f_dc, *f_rest;
+} Source;
+
+// ---- lanes: 8 faces, or 8 samples of a row, on a CPU; one on a GPU. Never 16: docs/opencl.md.
+
+#if LANES == 8
+typedef float8 real;
+typedef int8 mask;
+#define ANY(m) any_lane(m)
+// any() of PoCL looks at lane by lane; this becomes one test instruction.
+int any_lane(mask m)
+{
+    long4 q = as_long4(m);
+    return (q.x | q.y | q.z | q.w) != 0;
+}
+// Bit k: lane k.
+uint bits_of(mask m)
+{
+    long4 q = as_long4(m & (mask)(1, 2, 4, 8, 16, 32, 64, 128));
+    ulong r = as_ulong(q.x | q.y | q.z | q.w);
+    return (uint)(r | r >> 32) & 0xffu;
+}
+#define LANE_INDEX ((float8)(0, 1, 2, 3, 4, 5, 6, 7))
+
+real MAD(real a, real b, real c);
+
+// Built-in functions are calls in PoCL 3.0, which cost more than what they do; these are an instruction each.
+// With NaN the first argument of the two is returned.
+real lesser(real a, real b) { return b < a ? b : a; }
+real greater(real a, real b) { return a < b ? b : a; }
+mask lesser_of(mask a, mask b) { return b < a ? b : a; }
+mask greater_of(mask a, mask b) { return a < b ? b : a; }
+real magnitude(real a) { return as_float8(as_int8(a) & 0x7fffffff); }
+
+// Adding 1.5 * 2^23 leaves the rounded integer in the low bits: no conversion instruction, which PoCL
+// emits lane by lane.
+#define MAGIC 12582912.0f
+
+// 2^x for -126 <= x <= 127; relative error 2e-9 before rounding (own minimax fit on [-0.5, 0.5]).
+real exp2_fast(real x)
+{
+    real shifted = x + MAGIC;
+    real f = x - (shifted - MAGIC);
+    real p = MAD(f, (real)1.5345812e-4f, (real)1.3399931e-3f);
+    p = MAD(p, f, (real)9.6184891e-3f);
+    p = MAD(p, f, (real)5.5503286e-2f);
+    p = MAD(p, f, (real)2.4022646e-1f);
+    p = MAD(p, f, (real)6.9314718e-1f);
+    p = MAD(p, f, (real)1.0f);
+    return p * as_float8((as_int8(shifted) + 127) << 23);
+}
+
+// log2(x) for positive normal x; relative error 7e-10 before rounding: odd powers of (m - 1) / (m + 1), m in
+// [sqrt 1/2, sqrt 2) (own minimax fit).
+real log2_fast(real x)
+{
+    int8 bits = as_int8(x);
+    int8 exponent = (bits - 0x3f3504f3) >> 23;
+    real m = as_float8(bits - (exponent << 23));
+    real s = (m - 1.0f) / (m + 1.0f), t = s * s;
+    real p = MAD(t, (real)0.43173578f, (real)0.5767144f);
+    p = MAD(p, t, (real)0.96179885f);
+    p = MAD(p, t, (real)2.8853900f);
+    return MAD(p, s, as_float8(exponent + 0x4b400000) - MAGIC);
+}
+#else
+typedef float real;
+typedef int mask;
+#define ANY(m) (m)
+#define LANE_INDEX 0.0f
+#define lesser(a, b) fmin(a, b)
+#define greater(a, b) fmax(a, b)
+#define lesser_of(a, b) min(a, b)
+#define greater_of(a, b) max(a, b)
+#define magnitude(a) fabs(a)
+#define exp2_fast(x) exp2(x)
+#define log2_fast(x) log2(x)
+#endif
+
+// a b + c where rounding does not matter: fused if the device does that in one instruction.
+real MAD(real a, real b, real c)
+{
+#pragma OPENCL FP_CONTRACT ON
+    return a * b + c;
+}
+
+// ---- vectors of lanes; sums run from the first component to the last
+
+typedef struct {
+    real x, y;
+} vec2;
+
+typedef struct {
+    real x, y, z;
+} vec3;
+
+typedef struct {
+    mask x0, y0, x1, y1;
+} Box; // of samples, both ends included; of tiles, high ends excluded
+
+vec2 sub2(vec2 a, vec2 b) { return (vec2){a.x - b.x, a.y - b.y}; }
+vec2 add2(vec2 a, vec2 b) { return (vec2){a.x + b.x, a.y + b.y}; }
+vec2 mul2(vec2 a, real s) { return (vec2){a.x * s, a.y * s}; }
+real dot2(vec2 a, vec2 b) { return a.x * b.x + a.y * b.y; }
+real cross2(vec2 a, vec2 b) { return a.x * b.y - a.y * b.x; }
+real length2(vec2 a) { return sqrt(dot2(a, a)); }
+
+vec3 sub3(vec3 a, vec3 b) { return (vec3){a.x - b.x, a.y - b.y, a.z - b.z}; }
+vec3 add3(vec3 a, vec3 b) { return (vec3){a.x + b.x, a.y + b.y, a.z + b.z}; }
+vec3 mul3(vec3 a, real s) { return (vec3){a.x * s, a.y * s, a.z * s}; }
+vec3 div3(vec3 a, real s) { return (vec3){a.x / s, a.y / s, a.z / s}; }
+real dot3(vec3 a, vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+real length3(vec3 a) { return sqrt(dot3(a, a)); }
+
+vec3 cross3(vec3 a, vec3 b)
+{
+    return (vec3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+vec3 center_of(vec3 a, vec3 b, vec3 c) { return div3(add3(add3(a, b), c), (real)3.0f); }
+
+real affine(__constant float *row, vec3 p)
+{
+    return row[0] * p.x + row[1] * p.y + row[2] * p.z + row[3];
+}
+
+real linear(__constant float *row, vec3 v) { return row[0] * v.x + row[1] * v.y + row[2] * v.z; }
+
+vec3 to_camera(__constant View *view, vec3 p)
+{
+    __constant float *m = view->world_to_camera;
+    return (vec3){affine(m, p), affine(m + 4, p), affine(m + 8, p)};
+}
+
+vec3 rotate_to_camera(__constant View *view, vec3 v)
+{
+    __constant float *m = view->world_to_camera;
+    return (vec3){linear(m, v), linear(m + 4, v), linear(m + 8, v)};
+}
+
+#if LANES == 8
+real load(__global const float *p, const size_t *rows, uint width, uint member)
+{
+    p += member;
+    return (real)(p[rows[0] * width], p[rows[1] * width], p[rows[2] * width], p[rows[3] * width],
+                  p[rows[4] * width], p[rows[5] * width], p[rows[6] * width], p[rows[7] * width]);
+}
+#else
+real load(__global const float *p, const size_t *rows, uint width, uint member)
+{
+    return p[rows[0] * width + member];
+}
+#endif
+
+// Three consecutive members of rows of `width` floats.
+vec3 load3(__global const float *p, const size_t *rows, uint width, uint member)
+{
+    return (vec3){load(p, rows, width, member), load(p, rows, width, member + 1),
+                  load(p, rows, width, member + 2)};
+}
+
+// PoCL's fma() is a function call; with the instruction at hand, a b + c becomes it.
+#ifdef __FMA__
+#define exact_fma MAD
+#else
+#define exact_fma fma
+#endif
+
+// ((ndc + 1) size - 1) / 2, which upstream evaluates in double and rounds once: pixel i has its centre at the
+// integer i. Here as the unevaluated sum of two floats, product and sum with their rounding errors, which
+// rounds to the same float (tests/render/test_splatting.py) on devices without double precision, too.
+real to_sample(real ndc, uint size)
+{
+    real n = (real)(float)size, m = n - 1.0f;
+    real product = ndc * n, product_error = exact_fma(ndc, n, -product);
+    real sum = product + m, part = sum - product;
+    real sum_error = (product - (sum - part)) + (m - part);
+    real whole = sum + (product_error + sum_error);
+    return (magnitude(sum) < 1e30f ? whole : sum) * 0.5f;
+}
+
+// For 0 <= x < 2^22.
+#if LANES == 8
+real floor_small(real x)
+{
+    real r = (x + MAGIC) - MAGIC;
+    return r > x ? r - 1.0f : r;
+}
+mask integer_of(real whole) { return as_int8(whole + MAGIC) - 0x4b400000; }
+#else
+#define floor_small(x) floor(x)
+#define integer_of(x) ((int)(x))
+#endif
+
+// Conversion of a GPU: towards zero, saturating, NaN gives 0; then at most `limit`.
+mask tile_number(real value, uint limit)
+{
+    real clamped = value > 0.0f ? value : (real)0.0f;
+    clamped = clamped < (float)limit ? clamped : (real)(float)limit;
+    return integer_of(floor_small(clamped));
+}
+
+// The same of the value rounded up to a whole number.
+mask tile_after(real value, uint limit)
+{
+    real clamped = value > 0.0f ? value : (real)0.0f;
+    clamped = clamped < (float)limit ? clamped : (real)(float)limit;
+    real whole = floor_small(clamped);
+    return integer_of(whole < clamped ? whole + 1.0f : whole);
+}
+
+// The samples of [low, high], clamped to the raster; NaN (nothing is known) gives all.
+Box box_of(vec2 low, vec2 high, __constant View *view)
+{
+    real w = (real)((float)view->width - 1.0f), h = (real)((float)view->height - 1.0f), zero = (real)0.0f;
+    Box box;
+    // A sample beyond the raster stands for "none".
+    real x0 = low.x > 0.0f ? (low.x < w ? low.x : w + 1.0f) : zero;
+    real y0 = low.y > 0.0f ? (low.y < h ? low.y : h + 1.0f) : zero;
+    box.x0 = integer_of(floor_small(x0 + 0.999f));
+    box.y0 = integer_of(floor_small(y0 + 0.999f));
+    real x1 = high.x < w ? (high.x >= 0.0f ? high.x : (real)-1.0f) : w;
+    real y1 = high.y < h ? (high.y >= 0.0f ? high.y : (real)-1.0f) : h;
+    box.x1 = integer_of(floor_small(x1 + 1.0f) - 1.0f);
+    box.y1 = integer_of(floor_small(y1 + 1.0f) - 1.0f);
+    return box;
+}
+
+// ---- where a face is while it is blended: not copied to private memory first
+
+#if LANES == 8
+#define FACE_POINTER __global const struct Face *
+#define FACE_FLOATS __global const float *
+#else
+#define FACE_POINTER __local const struct Face *
+#define FACE_FLOATS __local const float *
+#endif
+
+// ---- colour
+
+// max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all three methods evaluate it
+// (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies).
+float3 color_of(__constant View *view, __global const float *f_dc, __global const float *f_rest, size_t row,
+                float3 towards)
+{
+    float x = towards.x - view->center[0], y = towards.y - view->center[1], z = towards.z - view->center[2];
+    float length = sqrt(x * x + y * y + z * z);
+    x = x / length;
+    y = y / length;
+    z = z / length;
+    f_dc += 3 * row;
+    float red = 0.28209479177387814f * f_dc[0], green = 0.28209479177387814f * f_dc[1];
+    float blue = 0.28209479177387814f * f_dc[2];
+    __global const float *rest = f_rest + row * view->rest_stride;
+#define ADD(number, value)                                                                                   \
+    do {                                                                                                     \
+        float basis = value;                                                                                 \
+        red = red + basis * rest[3 * number - 3];                                                            \
+        green = green + basis * rest[3 * number - 2];                                                        \
+        blue = blue + basis * rest[3 * number - 1];                                                          \
+    } while (0)
+    if (view->degree > 0) {
+        ADD(1, -0.4886025119029199f * y);
+        ADD(2, 0.4886025119029199f * z);
+        ADD(3, -0.4886025119029199f * x);
+    }
+    float xx = x * x, yy = y * y, zz = z * z;
+    float xy = x * y, yz = y * z, xz = x * z;
+    if (view->degree > 1) {
+        ADD(4, 1.0925484305920792f * xy);
+        ADD(5, -1.0925484305920792f * yz);
+        ADD(6, 0.31539156525252005f * (2.0f * zz - xx - yy));
+        ADD(7, -1.0925484305920792f * xz);
+        ADD(8, 0.5462742152960396f * (xx - yy));
+    }
+    if (view->degree > 2) {
+        ADD(9, -0.5900435899266435f * y * (3.0f * xx - yy));
+        ADD(10, 2.890611442640554f * xy * z);
+        ADD(11, -0.4570457994644658f * y * (4.0f * zz - xx - yy));
+        ADD(12, 0.3731763325901154f * z * (2.0f * zz - 3.0f * xx - 3.0f * yy));
+        ADD(13, -0.4570457994644658f * x * (4.0f * zz - xx - yy));
+        ADD(14, 1.445305721320277f * z * (xx - yy));
+        ADD(15, -0.5900435899266435f * x * (xx - 3.0f * yy));
+    }
+#undef ADD
+    return fmax((float3)(red, green, blue) + 0.5f, 0.0f);
+}
+
+// Centroid of a soup's triangle.
+float3 soup_center(__global const float *positions, size_t i)
+{
+    return (vload3(3 * i, positions) + vload3(3 * i + 1, positions) + vload3(3 * i + 2, positions)) / 3.0f;
+}

@@ -1,0 +1,138 @@
+// What Triangle-Splatting and MeshSplatting share: projected triangles, their incentre and edge distances.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
+// meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
+
+#define NEAREST 0.2f
+#define GRAZING 0.001f
+#define MIN_LENGTH 1e-4f
+#define MIN_OPACITY 0.01f
+#define MAX_RADIUS 1600.0f
+
+typedef struct {
+    real depth;          // camera z of the centroid
+    vec3 normal;         // unit, camera space, towards the camera; shorter for tiny faces
+    vec2 corners[3];     // samples
+    vec2 edge_normal[3]; // outwards
+    real edge_offset[3];
+    real inradius[3];    // negative
+    vec2 incentre;
+} Window;
+
+vec2 window_sample(__constant View *view, vec3 p)
+{
+    __constant float *m = view->full;
+    real inverse = 1.0f / (affine(m + 12, p) + 1e-7f);
+    return (vec2){to_sample(affine(m, p) * inverse, view->width) + view->shift[0],
+                  to_sample(affine(m + 4, p) * inverse, view->height) + view->shift[1]};
+}
+
+// Returns which triangles are kept, but for opacity and tiles. Nothing is clipped: a corner behind the camera
+// is mirrored by the division, as upstream.
+mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
+{
+    vec3 center = center_of(a, b, c), camera = to_camera(view, center);
+    w->depth = camera.z;
+    mask dropped = camera.z <= NEAREST;
+    vec3 normal = rotate_to_camera(view, cross3(sub3(b, a), sub3(c, a)));
+    normal = div3(normal, greater((real)MIN_LENGTH, length3(normal)));
+    real cosine = dot3(normal, div3(camera, greater((real)MIN_LENGTH, length3(camera))));
+    w->normal = mul3(normal, cosine > 0.0f ? (real)-1.0f : (real)1.0f);
+    dropped |= magnitude(cosine) < GRAZING;
+
+    vec2 middle = window_sample(view, center);
+    w->corners[0] = window_sample(view, a);
+    w->corners[1] = window_sample(view, b);
+    w->corners[2] = window_sample(view, c);
+    real radius = (real)0.0f;
+    for (int k = 0; k < 3; k++) {
+        real far = length2(sub2(w->corners[k], middle));
+        radius = far > radius ? far : radius;
+    }
+
+    vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2];
+    // The inradius is at most half the radius, so what follows would drop these, too; but for coincident
+    // corners, whose inradius is NaN. In a capture most triangles are as small as that.
+    mask tiny = (radius < 1.9f) & ((p.x != q.x) | (p.y != q.y)) & ((q.x != r.x) | (q.y != r.y)) &
+                ((p.x != r.x) | (p.y != r.y));
+    dropped |= (radius > MAX_RADIUS) | (radius < 1.0f) | tiny;
+    if (!ANY(!dropped))
+        return (mask)0;
+
+    real to_p = length2(sub2(q, r)), to_q = length2(sub2(p, r)), to_r = length2(sub2(p, q));
+    vec2 weighted = add2(add2(mul2(p, to_p), mul2(q, to_q)), mul2(r, to_r));
+    real total = to_p + to_q + to_r;
+    w->incentre = (vec2){weighted.x / total, weighted.y / total};
+    for (int k = 0; k < 3; k++) {
+        vec2 from = w->corners[k], to = w->corners[k == 2 ? 0 : k + 1];
+        vec2 n = {to.y - from.y, -(to.x - from.x)};
+        n = mul2(n, 1.0f / length2(n));
+        real t = -dot2(n, from);
+        real distance = dot2(n, w->incentre) + t;
+        real outward = distance > 0.0f ? (real)-1.0f : (real)1.0f;
+        w->edge_normal[k] = mul2(n, outward);
+        w->edge_offset[k] = t * outward;
+        w->inradius[k] = distance * outward;
+    }
+    // Not "<= 1": a NaN must not drop a face here.
+    return !(dropped | (w->inradius[2] > -1.0f));
+}
+
+// The samples where alpha is 1/255 or more: the triangle shrunk about its incentre until phi = `rim`, nothing
+// if that is above 1. Wider by what rounding can move an edge, which a sharp corner magnifies.
+Box window_box(__constant View *view, const Window *w, real rim)
+{
+    vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2], m = w->incentre;
+    vec2 low = {lesser(lesser(p.x, q.x), r.x), lesser(lesser(p.y, q.y), r.y)};
+    vec2 high = {greater(greater(p.x, q.x), r.x), greater(greater(p.y, q.y), r.y)};
+    real far = greater(greater(magnitude(low.x), magnitude(low.y)),
+                       greater(magnitude(high.x), magnitude(high.y)));
+    real longest = greater(high.x - low.x, high.y - low.y);
+    real slack = 0.01f + 1e-6f * far * (1.0f + longest / -w->inradius[2]);
+    low = (vec2){low.x + (m.x - low.x) * rim - slack, low.y + (m.y - low.y) * rim - slack};
+    high = (vec2){high.x + (m.x - high.x) * rim + slack, high.y + (m.y - high.y) * rim + slack};
+    Box box = box_of(low, high, view);
+    box.x1 = rim > 1.0f ? (mask)-1 : box.x1;
+    return box;
+}
+
+// ---- at the samples of a row
+
+typedef struct {
+    real edge[3]; // n.x x: what of an edge's distance the row does not change
+} EdgeColumns;
+
+// Returns the largest of the three distances n.x x + n.y y + t, summed in this order as upstream; outside is
+// where it is positive.
+real nearest_edge(FACE_FLOATS normal_y, FACE_FLOATS offset, const EdgeColumns *c, float y)
+{
+    real e0 = (c->edge[0] + normal_y[0] * y) + offset[0];
+    real e1 = (c->edge[1] + normal_y[1] * y) + offset[1];
+    real e2 = (c->edge[2] + normal_y[2] * y) + offset[2];
+    return greater(greater(e0, e1), e2);
+}
+
+// phi^sigma, as exp2(sigma log2 phi); 0 where phi is 0. The clamp keeps the fast exp2 in its range; below it
+// coverage is under 1/255 anyway.
+real window_power(real phi, float sigma)
+{
+    real value = exp2_fast(greater(sigma * log2_fast(greater(phi, (real)1e-30f)), (real)-100.0f));
+    return phi > (real)1e-30f ? value : (real)0.0f;
+}
+
+#if LANES == 8
+// Which pairs of rows y, y + 1 (a lane a pair) an edge leaves samples of the eight columns from `left` on:
+// where its distance at the corner of those samples that is farthest inside is not positive, give or take
+// rounding.
+mask window_reaches(FACE_FLOATS normal_x, FACE_FLOATS normal_y, FACE_FLOATS offset, float left, real y)
+{
+    mask found = (mask)-1;
+    for (int k = 0; k < 3; k++) {
+        float inwards = (normal_x[k] < 0.0f ? 7.0f * normal_x[k] : 0.0f) +
+                        (normal_y[k] < 0.0f ? normal_y[k] : 0.0f);
+        float slack = 0.01f + 1e-6f * (offset[k] < 0.0f ? -offset[k] : offset[k]);
+        float start = normal_x[k] * left + offset[k] + inwards - slack;
+        found &= MAD((real)normal_y[k], y, (real)start) <= 0.0f;
+    }
+    return found;
+}
+#endif

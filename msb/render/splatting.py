@@ -1,0 +1,315 @@
+"""The OpenCL pipeline of the splatting methods: project, order by depth, list by tile, blend front to back.
+
+Stages and their cost: docs/dedicated.md. What differs between methods: `msb.render.splat_methods`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb._version import __version__
+from msb.asset.settings import effective_settings
+from msb.asset.validation import check_values
+from msb.cl import Device, open_device
+from msb.errors import UsageError
+from msb.render.frame import Frame, chosen_extras
+from msb.render.protocol import Drawn
+from msb.render.splat_bins import Order, Projected, bin_faces
+from msb.render.splat_methods import make_model, sh_buffers
+from msb.render.splat_view import TILE, make_view
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.cl import Buffer, Program
+    from msb.scenes import Camera
+
+_GROUP = 64
+_LANES = {"cpu": 8, "gpu": 1}
+"""Faces, or samples of a row, that a work-item takes at once. Never 16: PoCL crashes (docs/opencl.md)."""
+_BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
+"""Planes of samples are kept for a band of the raster at a time, since 4 x 4 samples of an 8K frame are 10
+GB: so many bytes for each compute unit of a CPU (what its cache holds), or in all."""
+_PLANES = ("red", "green", "blue", "transmittance", "depth")
+_EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
+_ORDERS = ("tile", "global", "none")
+
+
+class SplattingPipeline:
+    """Draws one asset of 2DTS, Triangle-Splatting or MeshSplatting as its official renderer does.
+
+    Parameters
+    ----------
+    asset : Asset
+    device : str or Device, optional
+        As for `msb.cl.open_device`; an open device is used and left open.
+    settings : mapping, optional
+        Overrides of the asset's settings.
+    outputs : "auto", "all" or iterable of str
+        What a frame should hold besides image, alpha, depth and visible: "normal", "depth_median", "face_id"
+        (None where the method has none) and "raw". Less is faster. "auto" is all, but raw buffers only where
+        there is one sample to a pixel: of 4 x 4 they take 16 times the memory.
+    order : {"tile", "global", "none"}
+        "tile": official. "global": sorted by depth, but a primitive is seen wherever it reaches, not in its
+        official tiles alone. "none": drawn in the order of the asset, as an engine without sorting would.
+
+    Raises
+    ------
+    UsageError
+        `SETTING_UNKNOWN`, `SETTING_VALUE`; `USAGE` for an unknown output or order.
+    AssetError
+        `TRIASSET_VALUE_NONFINITE` (infinite opacity logits are fine), `TRIASSET_INDEX_OUT_OF_RANGE`, and
+        those of `msb.render.splat_methods.make_model`.
+    DeviceError
+    """
+
+    name = "msb-splatting"
+    version = __version__
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: str | Device | None = None,
+        settings: Mapping[str, Any] | None = None,
+        outputs: str | Iterable[str] = "auto",
+        order: Order = "tile",
+        early_stop: bool = True,
+    ) -> None:
+        values = effective_settings(asset.manifest, settings)
+        self._order = order
+        if order not in _ORDERS:
+            raise UsageError("USAGE", f'there is no order "{order!s:.40}"; there are {", ".join(_ORDERS)}')
+        _check(asset)
+        self._model = model = make_model(asset, values)
+        self._outputs = chosen_extras(outputs) & {*model.outputs, "raw"}
+        if outputs == "auto" and model.scale > 1:
+            self._outputs -= {"raw"}
+        self._count = asset.manifest.face_count
+        rows = asset.manifest.vertex_count if model.vertex_colors else self._count
+        f_dc, f_rest = sh_buffers(asset, rows)
+        self._fields = {
+            "degree": values["sh_degree"],
+            "rest_stride": 0 if f_rest is None else f_rest.shape[1],
+            "tile_rule": order == "tile",
+            **model.fields,
+        }
+        # Upstream's background depth is the farthest corner, as stored.
+        self._stored_positions = asset.buffers["positions"]
+
+        self._own_device = not isinstance(device, Device)
+        self._device = device if isinstance(device, Device) else open_device(device)
+        self._static: dict[str, Buffer] = {}
+        try:
+            for name, array in (
+                ("positions", model.positions),
+                ("indices", asset.buffers["indices"] if model.vertex_colors else None),
+                ("opacity", model.opacity),
+                ("falloff", model.falloff),
+                ("f_dc", f_dc),
+                ("f_rest", f_rest),
+            ):
+                self._static[name] = self._device.upload(
+                    np.zeros(1, np.float32) if array is None else array, name
+                )
+            defines = {
+                **model.defines,
+                "LANES": _LANES[self._device.style],
+                "EXTRAS": bool(self._outputs),
+                "EARLY_STOP": early_stop,
+                "FACE_WORDS": model.face_words,
+            }
+            self._program: Program = self._device.program(model.program, defines)
+        except BaseException:
+            self.close()
+            raise
+
+    def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_MEMORY`: the frame, its samples or its tile lists do not fit; the message has the figure.
+        """
+        with self._device.timing() as timing:
+            self._run(camera, background)
+            with self._device.stage("read"):
+                frame = self._read(camera, background)
+        return replace(frame, timings=timing.milliseconds())
+
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+        """Draw as `render` and wait, reading nothing back but the two counts of the tile lists."""
+        with self._device.timing() as timing:
+            self._run(camera, background)
+        return Drawn(timing.milliseconds(), timing.span())
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes on the device; of a device that is shared, only what is ours."""
+        held = self._device.memory()
+        if self._own_device:
+            return held
+        own = {name: buffer.nbytes for name, buffer in self._static.items()}
+        return own | {use: nbytes for use, nbytes in held.items() if use.startswith("splat ")}
+
+    def close(self) -> None:
+        """Release everything; a device that was given stays open, and so do its scratch buffers."""
+        for buffer in self._static.values():
+            buffer.release()
+        self._static.clear()
+        if self._own_device:
+            self._device.close()
+
+    def _scratch(self, name: str, shape: int | tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        return self._device.scratch(f"splat {name}", shape, dtype)
+
+    def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
+        """Queue everything from the projection to the pixels of the frame."""
+        model, device = self._model, self._device
+        record = make_view(camera, model.near, model.far, model.scale, self._fields)
+        with device.stage("project"):
+            view = self._scratch("view", record.nbytes, np.uint8)
+            view.write(np.frombuffer(record.tobytes(), np.uint8))
+            found = self._project(view)
+        columns, rows = int(record["columns"]), int(record["rows"])
+        lists = bin_faces(device, found, self._count, columns, rows, self._order)
+        planes = _EXTRA_PLANES if self._outputs else _PLANES
+        band_rows = self._band_rows(columns, rows, len(planes))
+        width, height = camera.width, camera.height
+        pixels: dict[str, Buffer] = {
+            "image": self._scratch("image", (height, width, 3)),
+            "alpha": self._scratch("alpha", (height, width)),
+            "depth": self._scratch("depth", (height, width)),
+        }
+        if self._outputs:
+            pixels["normal"] = self._scratch("normal", (height, width, 3))
+            pixels["depth_median"] = self._scratch("median", (height, width))
+            pixels["face_id"] = self._scratch("face id", (height, width), np.int32)
+        samples = self._scratch("planes", (len(planes), band_rows * TILE, columns * TILE))
+        for first in range(0, rows, band_rows):
+            here = min(band_rows, rows - first)
+            with device.stage("blend"):
+                self._blend(view, lists.starts, lists.list, found.faces, samples, columns, first, here)
+            with device.stage("resolve"):
+                self._resolve(samples, pixels, camera, (first, here, columns), background)
+        self._pixels, self._samples, self._visible = pixels, samples, found.visible
+        self.counts = {"listed": lists.listed, "pairs": lists.pairs}
+
+    def _project(self, view: Buffer) -> Projected:
+        count, static = self._count, self._static
+        found = Projected(
+            faces=self._scratch("faces", (count, self._model.face_words), np.uint32),
+            keys=self._scratch("keys", count, np.uint32),
+            tiles=self._scratch("tiles", (count, 4), np.uint16),
+            listed=self._scratch("listed", count + 1, np.uint32),
+            tile_counts=self._scratch("tile counts", count, np.uint32),
+            visible=self._scratch("visible", count, np.uint8),
+        )
+        first_color = static["f_dc"]
+        if self._model.vertex_colors:
+            vertices = len(self._model.positions)
+            first_color = self._scratch("vertex colors", (vertices, 3))
+            arguments = view, static["positions"], static["f_dc"], static["f_rest"], first_color
+            self._program.shade_vertices(vertices, _GROUP, *arguments, np.uint32(vertices))
+        sources = (static[name] for name in ("positions", "indices", "opacity", "falloff"))
+        groups = -(-count // _LANES[self._device.style])
+        self._program.project(
+            groups, _GROUP, view, *sources, first_color, static["f_rest"], *found, np.uint32(count)
+        )
+        return found
+
+    def _band_rows(self, columns: int, rows: int, planes: int) -> int:
+        """Return how many rows of tiles are blended before they are resolved: whole pixels in each."""
+        whole = math.lcm(TILE, self._model.scale) // TILE
+        if "raw" in self._outputs:
+            return -(-rows // whole) * whole
+        room = _BAND_BYTES[self._device.style]
+        if self._device.style == "cpu":
+            room *= self._device.record.compute_units
+        fit = room // (planes * 4 * columns * TILE * TILE)
+        return min(max(fit // whole, 1), -(-rows // whole)) * whole
+
+    def _blend(
+        self, view: Buffer, starts: Buffer, lists: Buffer, faces: Buffer, samples: Buffer, *tiles: int
+    ) -> None:
+        columns, first, here = tiles
+        arguments = view, starts, lists, faces, samples, np.uint32(first), np.uint32(here)
+        if self._device.style == "cpu":
+            self._program.blend(columns * here, 1, *arguments)
+        else:
+            self._program.blend((columns * TILE, here * TILE), (TILE, TILE), *arguments)
+
+    def _resolve(
+        self,
+        samples: Buffer,
+        pixels: Mapping[str, Buffer],
+        camera: Camera,
+        tiles: tuple[int, int, int],
+        background: tuple[float, float, float],
+    ) -> None:
+        first, here, columns = tiles
+        model = self._model
+        program = self._device.program("splat_resolve")
+        first_row = first * TILE // model.scale
+        rows = min((first + here) * TILE // model.scale, camera.height) - first_row
+        ends = (0, model.scale - 1) if model.box_mean else ((model.scale - 1) // 2, model.scale // 2)
+        values = camera.width, rows, model.scale, *ends, columns * TILE, here * TILE, first_row
+        band = self._scratch("band", len(values), np.uint32)
+        band.write(np.array(values, np.uint32))
+        size, group = (camera.width, rows), (_GROUP, 1)
+        rgb = (np.float32(value) for value in background)
+        program.resolve(size, group, samples, band, pixels["image"], pixels["alpha"], pixels["depth"], *rgb)
+        if self._outputs:
+            extras = pixels["normal"], pixels["depth_median"], pixels["face_id"]
+            program.resolve_extras(size, group, samples, band, *extras)
+
+    def _read(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        pixels = self._pixels
+        chosen = self._outputs & set(self._model.outputs)
+        optional: dict[str, Any] = {name: pixels[name].read() for name in sorted(chosen)}
+        return Frame(
+            image=pixels["image"].read(),
+            alpha=pixels["alpha"].read(),
+            depth=pixels["depth"].read(),
+            visible=self._visible.read().view(np.bool_),
+            raw=self._read_raw(camera, background) if "raw" in self._outputs else {},
+            **optional,
+        )
+
+    def _read_raw(self, camera: Camera, background: tuple[float, float, float]) -> dict[str, NDArray[Any]]:
+        """Return the official kernel's buffers, from the planes of the whole raster."""
+        height, width = self._model.scale * camera.height, self._model.scale * camera.width
+        planes = dict(zip(_EXTRA_PLANES, self._samples.read()[:, :height, :width], strict=True))
+        through, depth = planes["transmittance"], planes["depth"]
+        color = np.stack([planes[name] for name in _PLANES[:3]], axis=-1)
+        values = {
+            "image": color + through[..., None] * np.array(background, np.float32),
+            "transmittance": through,
+            "alpha": 1 - through,
+            "depth": depth,
+            "depth_over_background": depth + through * self._background_depth(camera),
+            "depth_median": planes["depth_median"],
+            "normal": np.stack([planes[name] for name in ("nx", "ny", "nz")], axis=-1),
+            "face_id": planes["face_id"].view(np.int32),
+        }
+        return {name: np.ascontiguousarray(values[plane]) for name, plane in self._model.raw.items()}
+
+    def _background_depth(self, camera: Camera) -> np.float32:
+        """Return the largest distance from the camera to a stored corner."""
+        pose = camera.world_to_camera
+        center = -(pose[:3, :3].T @ pose[:3, 3])
+        return np.float32(np.sqrt(np.square(self._stored_positions - center).sum(axis=1).max()))
+
+
+def _check(asset: Asset) -> None:
+    """Refuse values that cannot be drawn; what else `validate` says about them does not matter here."""
+    for item in check_values(asset):
+        if item.code in ("TRIASSET_VALUE_NONFINITE", "TRIASSET_INDEX_OUT_OF_RANGE"):
+            raise item.to_error(asset.path)

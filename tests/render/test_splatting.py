@@ -1,0 +1,369 @@
+"""The splatting pipeline against the NumPy reference on random models, and at its limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.cl import Device, open_device
+from msb.errors import AssetError, DeviceError, UsageError
+from msb.reference import render_reference
+from msb.reference.camera_matrices import splatting_camera
+from msb.reference.edge_window import FAR, NEAR, project_windows
+from msb.render import splatting
+from msb.render.splatting import SplattingPipeline
+from msb.scenes import Camera
+from tests.cl.conftest import SELECTOR
+from tests.reference.soups import SPLATTING, constant_color, front_camera, random_triangles, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.asset import Asset
+    from msb.render.frame import Frame
+
+VARIANTS: list[tuple[str, dict[str, Any]]] = [
+    ("two_dts", {}),
+    ("two_dts", {"sh_degree": 1, "gamma": 7.5, "back_culling": True, "gamma_rescale": True}),
+    ("two_dts", {"gamma": 50.0, "ste_threshold": 0.4, "render_up_scale": 2, "sh_degree": 0}),
+    ("two_dts", {"rasterizer": "3D", "render_up_scale": 3, "sh_degree": 2}),
+    ("two_dts", {"rasterizer": "3D", "gamma": 30.0, "back_culling": True, "render_up_scale": 4}),
+    ("triangle_splatting", {}),
+    ("triangle_splatting", {"view_dir": "centroid", "sh_degree": 2}),
+    ("mesh_splatting", {"opacity_floor": 0.0, "sigma": 0.3, "supersample": 1}),
+    ("mesh_splatting", {"opacity_floor": 0.1, "sigma": 2.0, "supersample": 3, "sh_degree": 1}),
+    ("mesh_splatting", {}),
+]
+variants = pytest.mark.parametrize(("method", "settings"), VARIANTS)
+methods = pytest.mark.parametrize("method", SPLATTING)
+
+
+@pytest.fixture(scope="module")
+def cpu() -> Iterator[Device]:
+    with open_device(SELECTOR, style="cpu") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def gpu() -> Iterator[Device]:
+    with open_device(SELECTOR, style="gpu") as opened:
+        yield opened
+
+
+def all_sorts(seed: int) -> np.ndarray:
+    """Return large, tiny, needle-like, edge-on, degenerate, doubled, near, hidden triangles: (F, 3, 3)."""
+    random = np.random.default_rng(seed)
+    sizes = np.exp(random.uniform(np.log(0.004), np.log(3), 260))
+    found = random_triangles(seed, 260, 1.0)
+    center = found.mean(axis=1, keepdims=True)
+    found = center + (found - center) * sizes[:, None, None]
+    found[:30, :, 0] = center[:30, :, 0] + (found[:30, :, 0] - center[:30, :, 0]) * 0.01
+    found[30:40, 2] = found[30:40, 1]
+    found[40:60] = found[60:80]
+    found[80:110, :, 2] -= random.uniform(2, 9, (30, 1))
+    found[110:130, :, 2] = random.uniform(2, 3, (20, 1))
+    return found.astype(np.float32)
+
+
+def model(method: str, seed: int, degree: int = 3) -> Asset:
+    random = np.random.default_rng(seed + 100)
+    triangles = all_sorts(seed)
+    count = len(triangles)
+    rows = 3 * count if method == "mesh_splatting" else count
+    buffers = {"opacity": random.normal(1, 3, rows).astype(np.float32)}
+    buffers["opacity"][:4] = np.inf, -np.inf, np.inf, np.inf
+    if method == "triangle_splatting":
+        buffers["sigma"] = random.uniform(-9, 2.5, rows).astype(np.float32)
+    return soup(method, triangles, seed=seed, degree=degree, **buffers)
+
+
+def draw(
+    asset: Asset,
+    device: Device,
+    camera: Camera,
+    settings: dict[str, Any] | None = None,
+    background: tuple[float, float, float] = (0.2, 0.7, 0.4),
+    **options: Any,
+) -> Frame:
+    pipeline = SplattingPipeline(asset, device=device, settings=settings, **options)
+    try:
+        return pipeline.render(camera, background)
+    finally:
+        pipeline.close()
+
+
+@variants
+@pytest.mark.parametrize("seed", range(3))
+def test_equals_the_reference(method: str, settings: dict[str, Any], seed: int, cpu: Device) -> None:
+    asset = model(method, seed)
+    camera = (front_camera(75, 53), front_camera(64, 48, cx=20.5, cy=31.25), front_camera(33, 50))[seed]
+    frame = draw(asset, cpu, camera, settings, outputs="all")
+    wanted = render_reference(asset, camera, (0.2, 0.7, 0.4), settings)
+    np.testing.assert_array_equal(frame.visible, wanted.visible)
+    for name in ("image", "alpha", "depth", "normal", "depth_median"):
+        found, right = getattr(frame, name), getattr(wanted, name)
+        if name in ("normal", "depth_median") and right is None:
+            assert found is None
+            continue
+        scale = max(1.0, float(np.abs(right).max()))
+        off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
+        assert (off > 1e-4).mean() <= 2e-3, name
+    if wanted.face_id is not None:
+        assert frame.face_id is not None
+        assert (frame.face_id != wanted.face_id).mean() <= 2e-3
+
+
+@variants
+def test_both_styles_agree(method: str, settings: dict[str, Any], cpu: Device, gpu: Device) -> None:
+    asset, camera = model(method, 7), front_camera(71, 45)
+    first, second = (draw(asset, device, camera, settings, outputs="all") for device in (cpu, gpu))
+    np.testing.assert_array_equal(first.visible, second.visible)
+    for name in ("image", "alpha", "depth", "normal"):
+        found, right = getattr(first, name), getattr(second, name)
+        assert (np.abs(found - right) > 1e-4 * max(1, np.abs(right).max())).mean() <= 1e-3, name
+
+
+@methods
+def test_same_device_same_bytes(method: str, cpu: Device, gpu: Device) -> None:
+    asset, camera = model(method, 3), front_camera(71, 45)
+    for device in (cpu, gpu):
+        frames = [draw(asset, device, camera, outputs="all") for _ in range(3)]
+        for other in frames[1:]:
+            for name in ("image", "alpha", "depth", "normal"):
+                np.testing.assert_array_equal(getattr(other, name), getattr(frames[0], name))
+
+
+@methods
+def test_f_rest_may_be_channel_major(method: str, cpu: Device) -> None:
+    asset, camera = model(method, 4), front_camera()
+    manifest = asset.manifest
+    rest = asset.buffers["f_rest"]
+    turned = np.ascontiguousarray(rest.reshape(len(rest), -1, 3).transpose(0, 2, 1)).reshape(rest.shape)
+    buffers = {**asset.buffers, "f_rest": turned}
+    from msb.asset import Description, build_asset
+
+    other = build_asset(
+        buffers,
+        {name: spec.domain for name, spec in manifest.buffers.items()},
+        Description(
+            method=method,
+            sh_degree=3,
+            coverage=manifest.coverage,
+            opacity=manifest.opacity,
+            appearance={**manifest.appearance, "f_rest_order": "channel_major"},
+            compositing=manifest.compositing,
+        ),
+    )
+    np.testing.assert_array_equal(draw(other, cpu, camera).image, draw(asset, cpu, camera).image)
+
+
+@methods
+def test_an_empty_view_is_background(method: str, cpu: Device, gpu: Device) -> None:
+    away = Camera(37, 23, 40, 40, 18.5, 11.5, np.diag([-1.0, 1, -1, 1]))
+    for device in (cpu, gpu):
+        frame = draw(soup(method, random_triangles(2)), device, away, outputs="all")
+        assert frame.visible is not None
+        assert not frame.visible.any()
+        np.testing.assert_array_equal(
+            frame.image, np.broadcast_to(np.float32([0.2, 0.7, 0.4]), frame.image.shape)
+        )
+        assert not frame.alpha.any()
+        assert not frame.depth.any()
+        assert frame.face_id is None or (frame.face_id == -1).all()
+
+
+@methods
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 16), (15, 33), (129, 3)])
+def test_any_size(method: str, size: tuple[int, int], cpu: Device) -> None:
+    asset, camera = model(method, 5), front_camera(*size)
+    frame = draw(asset, cpu, camera)
+    wanted = render_reference(asset, camera, (0.2, 0.7, 0.4))
+    assert frame.image.shape == (size[1], size[0], 3)
+    assert np.abs(frame.image - wanted.image).max() <= 2e-3
+
+
+@methods
+def test_one_triangle_over_everything(method: str, cpu: Device, gpu: Device) -> None:
+    corners = np.array([[[-9, -9, 4], [9, -9, 4], [0, 14, 4]]], np.float32)
+    rows = 3 if method == "mesh_splatting" else 1
+    opaque = {"opacity": np.full(rows, 9, np.float32), "f_dc": constant_color(rows, (0.9, 0.5, 0.1))}
+    if method == "triangle_splatting":
+        opaque["sigma"] = np.full(1, -9, np.float32)
+    camera = front_camera(90, 70)
+    for device in (cpu, gpu):
+        frame = draw(soup(method, corners, **opaque), device, camera)
+        wanted = render_reference(soup(method, corners, **opaque), camera, (0.2, 0.7, 0.4))
+        assert frame.alpha.min() > 0.4
+        np.testing.assert_allclose(frame.image, wanted.image, atol=1e-5)
+        np.testing.assert_allclose(frame.depth, 4, rtol=1e-5)
+
+
+@methods
+def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> None:
+    """Nearly transparent ones, so that all 100,000 are listed and most are blended."""
+    random = np.random.default_rng(0)
+    count = 100_000
+    triangles = random.normal(scale=0.4, size=(count, 3, 3)) + random.uniform(
+        (0, 0, 4), (0, 0, 5), (count, 1, 3)
+    )
+    rows = 3 * count if method == "mesh_splatting" else count
+    faint = {"opacity": np.full(rows, -4.4, np.float32)}
+    if method == "triangle_splatting":
+        faint["sigma"] = np.full(count, -1, np.float32)
+    settings = {"opacity_floor": 0.0, "supersample": 1} if method == "mesh_splatting" else {}
+    asset, camera = soup(method, triangles, **faint), front_camera(16, 16)
+    first, second = (draw(asset, device, camera, settings) for device in (cpu, gpu))
+    wanted = render_reference(asset, camera, (0.2, 0.7, 0.4), settings)
+    assert np.abs(first.image - wanted.image).max() <= 2e-4
+    assert np.abs(second.image - wanted.image).max() <= 2e-4
+
+
+@methods
+def test_ties_keep_the_order_of_the_asset(method: str, cpu: Device, gpu: Device) -> None:
+    triangle = np.array([[-1, -1, 4], [1, -1, 4], [0, 1.2, 4]], np.float32)
+    rows = 3 if method == "mesh_splatting" else 1
+    colors = [constant_color(rows, c) for c in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    asset = soup(
+        method,
+        np.stack([triangle] * 3),
+        f_dc=np.concatenate(colors),
+        opacity=np.full(3 * rows, 5, np.float32),
+        **({"sigma": np.full(3, -5, np.float32)} if method == "triangle_splatting" else {}),
+    )
+    for device in (cpu, gpu):
+        middle = draw(asset, device, front_camera(), background=(0, 0, 0)).image[14, 20]
+        assert middle[0] > 0.8
+        assert middle[0] > middle[1] >= middle[2]
+
+
+@methods
+def test_an_8k_image_is_drawn_in_bands(method: str, cpu: Device) -> None:
+    """Planes of all samples would take 10 GB where there are 4 x 4 to a pixel."""
+    asset = soup(method, random_triangles(1, 60, 0.2))
+    camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
+    settings = {"supersample": 2} if method == "mesh_splatting" else {}
+    pipeline = SplattingPipeline(asset, device=cpu, settings=settings)
+    frame = pipeline.render(camera, (0, 0, 0))
+    assert pipeline.memory()["splat planes"] <= 80 << 20
+    pipeline.close()
+    assert frame.image.shape == (4320, 7680, 3)
+    small = Camera(480, 270, 504, 540, 240, 135, np.eye(4))
+    low = draw(asset, cpu, small, settings, background=(0, 0, 0)).image
+    blocks = frame.image.reshape(270, 16, 480, 16, 3).mean(axis=(1, 3))
+    assert np.abs(blocks - low).mean() < 0.02
+
+
+@methods
+def test_bands_do_not_show(method: str, cpu: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    asset, camera = model(method, 2), front_camera(61, 90)
+    settings = {"supersample": 3} if method == "mesh_splatting" else {}
+    whole = draw(asset, cpu, camera, settings)
+    monkeypatch.setitem(splatting._BAND_BYTES, "cpu", 1)
+    banded = draw(asset, cpu, camera, settings)
+    np.testing.assert_array_equal(whole.image, banded.image)
+
+
+@pytest.mark.parametrize("style", ["cpu", "gpu"])
+def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_device(SELECTOR, style=style) as device:
+        asset = soup("two_dts", random_triangles(1, 4000, 3.0))
+        pipeline = SplattingPipeline(asset, device=device)
+        pipeline.render(front_camera(16, 16), (0, 0, 0))
+        held = sum(device.memory().values())
+        monkeypatch.setattr(type(device._memory), "_limit", lambda memory: held // 4)
+        with pytest.raises(DeviceError, match=r"MiB for splat (tile lists|pair)") as caught:
+            pipeline.render(front_camera(800, 600), (0, 0, 0))
+        assert caught.value.code == "DEVICE_MEMORY"
+
+
+@pytest.mark.parametrize("name", ["positions", "opacity", "f_dc", "f_rest", "sigma"])
+def test_nan_is_refused(name: str, cpu: Device) -> None:
+    asset = model("triangle_splatting", 1)
+    array = asset.buffers[name].copy()
+    array.reshape(-1)[17] = np.nan
+    object.__setattr__(asset, "buffers", {**asset.buffers, name: array})
+    with pytest.raises(AssetError, match=f"buffer {name} .*element 17") as caught:
+        SplattingPipeline(asset, device=cpu)
+    assert caught.value.code == "TRIASSET_VALUE_NONFINITE"
+
+
+def test_an_index_out_of_range_is_refused(cpu: Device) -> None:
+    asset = model("mesh_splatting", 1)
+    indices = asset.buffers["indices"].copy()
+    indices[5, 2] = asset.manifest.vertex_count
+    object.__setattr__(asset, "buffers", {**asset.buffers, "indices": indices})
+    with pytest.raises(AssetError) as caught:
+        SplattingPipeline(asset, device=cpu)
+    assert caught.value.code == "TRIASSET_INDEX_OUT_OF_RANGE"
+
+
+def test_wrong_options_are_refused(cpu: Device) -> None:
+    asset = model("two_dts", 1)
+    with pytest.raises(UsageError, match="there is no output"):
+        SplattingPipeline(asset, device=cpu, outputs=("normals",))
+    with pytest.raises(UsageError, match="there is no order"):
+        SplattingPipeline(asset, device=cpu, order="depth")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="no setting"):
+        SplattingPipeline(asset, device=cpu, settings={"sigma": 1.0})
+
+
+@methods
+def test_orders_of_an_engine(method: str, cpu: Device, gpu: Device) -> None:
+    """Without tiles more of each rim is seen; without sorting what is drawn first stays in front."""
+    asset, camera = model(method, 6), front_camera(64, 48)
+    for device in (cpu, gpu):
+        official = draw(asset, device, camera).image
+        assert np.abs(draw(asset, device, camera, order="none").image - official).max() > 0.05
+        everywhere = draw(asset, device, camera, order="global").image
+        if method == "mesh_splatting":  # its tiles never cut a face
+            np.testing.assert_array_equal(everywhere, official)
+        else:
+            assert 0 < np.abs(everywhere - official).mean() < 0.05
+
+
+@pytest.mark.parametrize("style", ["cpu", "gpu"])
+def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
+    """Depth keys decide the order; sample positions are double precision upstream, two floats here."""
+    asset, camera = model("mesh_splatting", 8), front_camera(731, 533)
+    with open_device(SELECTOR, style=style) as device:
+        frame = draw(asset, device, camera, {"supersample": 3})
+        count = asset.manifest.face_count
+        faces = device.scratch("splat faces", (count, 37), np.float32).read()
+        keys = device.scratch("splat keys", count, np.float32).read()
+        listed = device.scratch("splat tile counts", count, np.uint32).read() > 0
+    triangles = asset.buffers["positions"].reshape(-1, 3, 3)
+    with np.errstate(all="ignore"):
+        windows = project_windows(triangles, splatting_camera(camera, NEAR, FAR, np.float32, 3))
+    assert frame.visible is not None
+    assert listed.sum() > 50
+    assert (listed <= frame.visible).all()
+    np.testing.assert_array_equal(keys[listed], windows.depth[listed])
+    np.testing.assert_array_equal(faces[listed, 11:13], windows.corners[listed, 0])
+    np.testing.assert_array_equal(faces[listed, 6:9], windows.edge_offset[listed])
+
+
+def test_timings_and_memory_by_use() -> None:
+    pipeline = SplattingPipeline(model("two_dts", 1), device=SELECTOR)
+    frame = pipeline.render(front_camera(), (0, 0, 0))
+    stages = ("project", "sort", "bin", "blend", "resolve")
+    assert tuple(frame.timings) == (*stages, "read")
+    drawn = pipeline.draw(front_camera(), (0, 0, 0))
+    assert tuple(drawn.stages) == stages
+    assert drawn.span > 0
+    held = pipeline.memory()
+    assert held["positions"] == 260 * 36
+    assert held["f_rest"] == 260 * 180
+    assert {"splat faces", "splat planes", "splat tile lists", "splat image"} <= held.keys()
+    pipeline.close()
+    pipeline.close()
+
+
+def test_a_given_device_stays_open(cpu: Device) -> None:
+    before = cpu.memory().get("positions", 0)
+    pipeline = SplattingPipeline(model("two_dts", 1), device=cpu)
+    pipeline.render(front_camera(), (0, 0, 0))
+    assert all(use.startswith("splat ") or use in pipeline._static for use in pipeline.memory())
+    pipeline.close()
+    assert cpu.memory().get("positions", 0) == before

@@ -1,0 +1,88 @@
+"""The splatting pipeline against what the official kernels gave, in both styles of kernels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.cl import Device, open_device
+from msb.render.splatting import SplattingPipeline
+from tests.cl.conftest import SELECTOR
+from tests.golden.views import compare
+from tests.reference.golden import View, exported, golden_views, names, worst
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.render.frame import Frame
+
+VIEWS = [
+    view for method in ("two_dts", "triangle_splatting", "mesh_splatting") for view in golden_views(method)
+]
+golden = pytest.mark.parametrize("view", VIEWS, ids=names)
+
+
+@pytest.fixture(scope="module", params=["cpu", "gpu"])
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_device(SELECTOR, style=request.param) as opened:
+        yield opened
+
+
+def drawn(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
+    settings = {**view.settings, **overrides}
+    pipeline = SplattingPipeline(
+        exported(view.folder / "checkpoint"), device=device, settings=settings, outputs=outputs
+    )
+    red, green, blue = view.background
+    frame = pipeline.render(view.camera, (red, green, blue))
+    pipeline.close()
+    return frame
+
+
+@golden
+def test_images_are_the_official_ones(view: View, device: Device) -> None:
+    frame, stored = drawn(view, device), view.stored
+    psnr, share = compare(frame.image, view.image, view.stable)
+    assert share <= 1e-3
+    assert psnr >= 120
+    for name in {"alpha", "transmittance", "depth", "depth_accum", "depth_median", "normal", "normal_accum"}:
+        if name in stored and name in frame.raw:
+            assert frame.raw[name].shape == stored[name].shape
+            off = np.abs(frame.raw[name].astype(np.float64) - stored[name]) > 2e-3
+            assert off.mean() <= 1e-3, name
+    assert frame.visible is not None
+    if "radii" in stored:
+        np.testing.assert_array_equal(frame.visible, stored["radii"] > 0)
+    if "visible" in stored:
+        np.testing.assert_array_equal(np.packbits(frame.visible), stored["visible"])
+    if "faces_kept_ss4" in stored:
+        assert frame.visible.sum() == stored["faces_kept_ss4"]
+        assert worst(frame.alpha[view.stable], stored["alpha"][view.stable]) <= 1e-4
+
+
+@pytest.mark.parametrize("view", [v for v in VIEWS if "ss1_image" in v.stored], ids=names)
+def test_single_samples_are_the_official_ones(view: View, device: Device) -> None:
+    frame, stored = drawn(view, device, supersample=1), view.stored
+    stable = stored["ss1_stable"]
+    psnr, share = compare(frame.image, stored["ss1_image"], stable)
+    assert share <= 1e-3
+    assert psnr >= 100
+    assert frame.visible is not None
+    assert frame.visible.sum() == stored["faces_kept_ss1"]
+    for name in ("alpha", "depth_expected", "depth_median", "normal_cam"):
+        if f"ss1_{name}" in stored:
+            off = np.abs(frame.raw[f"ss1_{name}"].astype(np.float64) - stored[f"ss1_{name}"]) > 2e-3
+            assert (off[stable]).mean() <= 1e-3, name
+    assert (frame.raw["ss1_face_id"] != stored["ss1_face_id"])[stable].mean() <= 1e-3
+
+
+@pytest.mark.parametrize("view", [VIEWS[0], VIEWS[3], VIEWS[11], VIEWS[20]], ids=names)
+def test_outputs_do_not_change_the_image(view: View, device: Device) -> None:
+    """Other kernels draw when more than image, alpha and depth is asked for."""
+    few, all_of_them = drawn(view, device, ()), drawn(view, device)
+    for name in ("image", "alpha", "depth"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(all_of_them, name))
+    assert few.normal is few.depth_median is few.face_id is None
+    assert not few.raw
