@@ -32,7 +32,7 @@ demo: $(STAMP)
 	@ls -l out/demo
 
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(STAMP)
 	$(BIN)/python -m ruff check .

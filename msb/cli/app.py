@@ -4,7 +4,20 @@ from __future__ import annotations
 
 import typer
 
-from msb.cli import audit, bench, completion, convert, devices, export, info, methods, render, validate
+from msb.cli import (
+    audit,
+    bench,
+    completion,
+    convert,
+    devices,
+    eval,
+    export,
+    info,
+    methods,
+    render,
+    validate,
+    view,
+)
 from msb.cli.options import Version, epilog
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -20,10 +33,12 @@ app = typer.Typer(
 app.command(epilog=audit.EPILOG)(audit.audit)
 app.command(epilog=export.EPILOG)(export.export)
 app.command(epilog=render.EPILOG)(render.render)
+app.command("eval", epilog=eval.EPILOG)(eval.evaluate)
 app.command(epilog=info.EPILOG)(info.info)
 app.command(epilog=validate.EPILOG)(validate.validate)
 app.command(epilog=convert.EPILOG)(convert.convert)
 app.command(epilog=methods.EPILOG)(methods.methods)
+app.command(epilog=view.EPILOG)(view.view)
 app.command(epilog=devices.EPILOG)(devices.devices)
 app.command(epilog=bench.EPILOG)(bench.bench)
 app.command(epilog=completion.EPILOG)(completion.completion)

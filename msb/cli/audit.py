@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
     from msb.topology.weld import Weld
+    from msb_viewers.gl import GlProbe
 
 EPILOG = epilog(
     "msb-audit data_stubs/splat_like.triasset",
@@ -56,6 +57,9 @@ def audit(
         list[str] | None,
         typer.Option(metavar="COND", help="Fail if e.g. 'components>1' holds. May be given again."),
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Then look at it in a window, as msb view does; one mesh.")
+    ] = False,
     paper: Annotated[bool, typer.Option("--paper", help="Show the paper's mean row beside ours.")] = False,
     explain: Annotated[
         str | None, typer.Option(metavar="KEY", help="Print how a quantity is defined, and stop.")
@@ -79,7 +83,7 @@ def audit(
             "USAGE", "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these"
         )
     output = Output(json_file, quiet, verbose, force)
-    task = _Task(output, weld, cross_check, elements, fail_on or [], csv_file, paper)
+    task = _Task(output, weld, cross_check, elements, fail_on or [], csv_file, paper, view)
     raise typer.Exit(task.run(paths))
 
 
@@ -104,14 +108,18 @@ class _Task:
         fail_on: list[str],
         csv_file: Path | None,
         paper: bool,
+        view: bool,
     ) -> None:
         self.output = output
         self.cross_check = cross_check
         self.elements = elements
         self.csv_file = csv_file
         self.paper = paper
+        self.view = view
         self.gates: list[Gate] = []
         self.weld: Weld | None = None
+        self.probe: GlProbe | None = None
+        self.seen: tuple[Path, Audit, Analysis] | None = None
         if fail_on:
             from msb.cli.gates import parse_gate
 
@@ -126,6 +134,10 @@ class _Task:
             check_suffix(elements)
         for path in (output.json_file, csv_file, elements):
             output.check_free(path)
+        if view:
+            from msb.cli.view import Files, open_probe
+
+            self.probe = open_probe(Files())
 
     def run(self, paths: list[Path]) -> int:
         """Audit everything below `paths`; return the highest exit status of all."""
@@ -143,6 +155,8 @@ class _Task:
                 results.append(_failure(path, error))
         if self.elements is not None and len(inputs) > 1:
             raise UsageError("USAGE", f"--elements takes one mesh; there are {len(inputs)}")
+        if self.view and len(inputs) > 1:
+            raise UsageError("USAGE", f"--view takes one mesh; there are {len(inputs)}")
         for path in inputs:
             try:
                 found = self.audit_one(path)
@@ -157,6 +171,8 @@ class _Task:
             for failure in self.failures(found, path):
                 status = max(status, report(failure))
         self.write_files(results, audits)
+        if self.view and self.seen is not None:
+            self.open_window(*self.seen)
         return status
 
     def audit_one(self, path: Path) -> Audit:
@@ -176,10 +192,22 @@ class _Task:
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.elements)
+        if self.view:
+            self.seen = path, found, analysis
         self.output.note(
             f"{path}: " + ", ".join(f"{k} {v:.1f} ms" for k, v in found.timings_ms.items()), level=1
         )
         return found
+
+    def open_window(self, path: Path, found: Audit, analysis: Analysis) -> None:
+        """Show the mesh that was audited; the audit is not made again, colours are read now."""
+        from msb.cli.view import Files, ViewOptions, present
+        from msb_viewers.model import build_model
+        from msb_viewers.source import read_source
+
+        if self.probe is not None:
+            self.probe.check()
+        present(build_model(read_source(path), found, analysis), ViewOptions(), Files(), self.output)
 
     def ask_peers(self, found: Audit, analysis: Analysis, mesh: MeshInput) -> Audit:
         """Return `found` with the verdicts of the peers."""

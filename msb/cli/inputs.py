@@ -77,7 +77,7 @@ def read_input(path: Path) -> MeshInput:
 
         asset = load(path)
         return MeshInput(path, asset.buffers["positions"], asset.buffers["indices"], asset.manifest.method)
-    if is_checkpoint(path) or _is_table(path):
+    if is_checkpoint(path) or is_primitive_table(path):
         from msb.adapters import read_model
 
         model = read_model(path, check_values=False)
@@ -89,7 +89,7 @@ def read_input(path: Path) -> MeshInput:
     return MeshInput(path, mesh.vertices, mesh.faces, None)
 
 
-def _is_table(path: Path) -> bool:
+def is_primitive_table(path: Path) -> bool:
     """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
     from msb.meshes.ply_table import ply_names
 

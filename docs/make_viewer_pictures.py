@@ -1,0 +1,61 @@
+"""Make the viewer's pictures of the demo asset: `python -m docs.make_viewer_pictures` (extra: view)."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from msb.topology import audit_arrays
+from msb_viewers.figure import compose, panel_images
+from msb_viewers.model import ViewModel, build_model
+from msb_viewers.source import read_source
+from msb_viewers.state import ViewState
+from msb_viewers.viewer import TopologyViewer
+
+HERE = Path(__file__).parent
+IMAGES = HERE / "images"
+ASSET = HERE.parent / "data_stubs" / "splat_like.triasset"
+SHADES = 5
+"""Bits of each channel that are kept in the figure: a third of the bytes, no colour moves visibly."""
+
+
+def demo_model() -> ViewModel:
+    """Return the demo asset as the viewer has it."""
+    source = read_source(ASSET)
+    return build_model(source, *audit_arrays(source.vertices, source.faces))
+
+
+def viewer_picture(model: ViewModel) -> Image.Image:
+    """Return the viewer at a non-manifold edge, with the fans of one of its ends."""
+    state = ViewState.first(model)
+    state.visible = {"nonmanifold_edges", "multifan_vertices", "nonmanifold_edge_endpoints"}
+    viewer = TopologyViewer(model, off_screen=True, state=state)
+    try:
+        # A vertex of both kinds, with few enough fans to be read at a glance, in front of the rest.
+        fans = model.analysis.fans
+        both = (fans.groups_per_vertex > 1) & (fans.fans_per_vertex >= 4) & (fans.fans_per_vertex <= 6)
+        both &= np.isin(np.arange(len(both)), model.layers["nonmanifold_edge_endpoints"].numbers)
+        near = np.where(both, model.points @ viewer.pose.eye, -np.inf)
+        state.choose_vertex(int(near.argmax()))
+        viewer.fly_to_chosen()
+        return Image.fromarray(viewer.image())
+    finally:
+        viewer.close()
+
+
+def figure_picture(model: ViewModel) -> Image.Image:
+    """Return the four-panel figure as a README shows it."""
+    buffer = io.BytesIO()
+    compose(model, panel_images(model)).savefig(buffer, format="png", dpi=78, facecolor="white")
+    pixels = np.asarray(Image.open(buffer).convert("RGB"))
+    step = 1 << (8 - SHADES)
+    return Image.fromarray(np.where(pixels == 255, 255, pixels // step * step + step // 2).astype(np.uint8))
+
+
+if __name__ == "__main__":
+    demo = demo_model()
+    viewer_picture(demo).save(IMAGES / "viewer.png", optimize=True)
+    figure_picture(demo).save(IMAGES / "viewer_topology.png", optimize=True)

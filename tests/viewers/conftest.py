@@ -1,0 +1,76 @@
+"""Meshes with faults in known places, and a GL stack or the reason why there is none."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.errors import UsageError
+from msb.topology import audit_arrays
+from msb_viewers.gl import GlProbe
+from msb_viewers.model import ViewModel, build_model
+from msb_viewers.source import Colors, Source, read_source
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HAS_PYVISTA = importlib.util.find_spec("pyvista") is not None
+
+
+@pytest.fixture(scope="session")
+def gl() -> None:
+    """Skip where nothing can be drawn, with the message a user would get."""
+    try:
+        probe = GlProbe.start()
+        try:
+            probe.check()
+        finally:
+            probe.close()
+    except UsageError as error:
+        pytest.skip(str(error))
+
+
+def model_of(vertices: Any, faces: Any, *, colors: Colors | None = None, up: str = "+y") -> ViewModel:
+    points, rows = np.asarray(vertices, np.float64), np.asarray(faces, np.int64).reshape(-1, 3)
+    source = Source("made.ply", None, points, rows, colors, None, up)
+    return build_model(source, *audit_arrays(points, rows))
+
+
+def square(size: float, depth: float, *, left: float = 0.0) -> list[list[float]]:
+    half = size / 2
+    return [[left + x, y, depth] for x, y in ((-half, -half), (half, -half), (half, half), (-half, half))]
+
+
+RED, GREEN = (200, 30, 30), (30, 160, 60)
+
+
+@pytest.fixture(scope="session")
+def faults() -> ViewModel:
+    """One of each fault, apart from each other, all facing +z; y is up.
+
+    Vertices 0 to 4: two triangles that meet in vertex 2 only (a bow-tie). 5 to 9: three faces at one edge
+    (5, 6). 10 to 12: a face stored twice. 13 and 14: a face that names a vertex twice, with 0. 15: unused.
+    """
+    points = [
+        *([-3, 0, 0], [-3, 1, 0], [-2, 0.5, 0], [-1, 0, 0], [-1, 1, 0]),
+        *([0, 0, 0.3], [0, 1, 0.3], [1, 0.5, 0], [-0.6, 0.5, 0], [0.5, 0.5, -1]),
+        *([2, 0, 0], [3, 0, 0], [2.5, 1, 0]),
+        *([-3, -2, 0], [-2, -2, 0], [3, -2, 0]),
+    ]
+    faces = [[0, 2, 1], [2, 3, 4], [5, 6, 7], [5, 6, 8], [5, 6, 9], [10, 11, 12], [10, 11, 12], [13, 14, 14]]
+    colors = np.full((16, 3), RED, np.uint8)
+    colors[10:13] = GREEN
+    return model_of(points, faces, colors=Colors(colors, "vertex"))
+
+
+@pytest.fixture(scope="session")
+def demo(demo_asset: Path) -> ViewModel:
+    source = read_source(demo_asset)
+    return build_model(source, *audit_arrays(source.vertices, source.faces))
+
+
+__all__ = ["HAS_PYVISTA", "ROOT"]

@@ -1,0 +1,152 @@
+"""What is shown of a mesh: layers and counts as the audit has them, framing, components, notes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb_viewers.detail import cluster
+from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE
+from msb_viewers.palette import NEUTRAL, STYLES
+from msb_viewers.source import Colors, read_source
+from tests.conftest import BOOK, TETRAHEDRON
+from tests.viewers.conftest import GREEN, RED, model_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb_viewers.model import ViewModel
+
+
+def test_layers_count_what_the_audit_counts(demo: ViewModel) -> None:
+    counts = demo.audit.counts
+    for kind, layer in demo.layers.items():
+        if kind == "degenerate_faces":
+            assert len(layer) == counts.repeated_index_faces + counts.zero_area_faces
+        else:
+            assert len(layer) == getattr(counts, kind), kind
+    assert len(demo.sizes) == counts.components
+    assert demo.sizes[0] == counts.largest_component_faces
+    assert sum(group.components for group in demo.size_classes()) == counts.components - 1
+
+
+def test_each_fault_is_in_its_layer(faults: ViewModel) -> None:
+    found = {kind: sorted(layer.vertices.reshape(-1).tolist()) for kind, layer in faults.layers.items()}
+    assert found["nonmanifold_edges"] == [5, 6]
+    assert found["multifan_vertices"] == [2]
+    assert found["nonmanifold_edge_endpoints"] == [5, 6]
+    assert found["duplicate_faces"] == [10, 11, 12]
+    assert found["degenerate_faces"] == [13, 14, 14]
+    # Vertices of a face that names one twice have no proper face: they count as unused too.
+    assert found["unreferenced_vertices"] == [13, 14, 15]
+
+
+def test_positions_are_the_stored_ones_moved_and_scaled() -> None:
+    far = np.array([1e7, -2e7, 5e6])
+    model = model_of(TETRAHEDRON[0].astype(np.float64) * 0.01 + far, TETRAHEDRON[1])
+    assert np.linalg.norm(model.points, axis=1).max() == pytest.approx(1, abs=1e-6)
+    back = model.stored_position(model.points)
+    assert np.abs(back - model.analysis.vertices).max() < 1e-8
+
+
+def test_a_few_far_vertices_do_not_make_the_rest_a_dot() -> None:
+    random = np.random.default_rng(0)
+    points = random.normal(size=(300, 3))
+    points[:3] *= 1e6
+    model = model_of(points, np.arange(300).reshape(-1, 3))
+    assert np.quantile(np.linalg.norm(model.points, axis=1), 0.9) > 0.3
+    assert any("far vertices" in note for note in model.notes)
+
+
+def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
+    points = TETRAHEDRON[0].astype(np.float64)
+    points[3, 1] = np.nan
+    model = model_of(points, TETRAHEDRON[1])
+    assert model.drawn.tolist() == [True, False, False, False]
+    assert np.isfinite(model.points).all()
+    assert any(note.startswith("3 faces") for note in model.notes)
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e-300, 0.0])
+def test_any_size_gives_finite_positions(scale: float) -> None:
+    model = model_of(TETRAHEDRON[0].astype(np.float64) * scale, TETRAHEDRON[1])
+    assert np.isfinite(model.points).all()
+    assert model.drawn.all()
+
+
+def test_a_soup_says_so_and_draws_no_boundary() -> None:
+    model = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
+    assert SOUP_NOTE in model.notes
+    assert "boundary_edges" not in model.shown_by_default()
+
+
+def test_a_mesh_with_nothing_wrong_says_so() -> None:
+    assert CLEAN_NOTE in model_of(*TETRAHEDRON).notes
+    assert CLEAN_NOTE not in model_of(*BOOK).notes
+
+
+def test_a_mesh_without_faces_says_so() -> None:
+    model = model_of(np.zeros((2, 3)), [])
+    assert EMPTY_NOTE in model.notes
+    assert len(model.faces_of(None)) == 0
+
+
+def test_the_worst_is_shown_first_and_not_everything(demo: ViewModel) -> None:
+    assert demo.shown_by_default() == {"nonmanifold_edges"}
+
+
+def test_a_component_has_its_own_elements(faults: ViewModel) -> None:
+    book = faults.face_component[2]
+    assert len(faults.rows("nonmanifold_edges", int(book))) == 1
+    assert len(faults.rows("multifan_vertices", int(book))) == 0
+    bow = {int(faults.face_component[face]) for face in (0, 1)}
+    assert len(bow) == 2
+    assert all(len(faults.rows("multifan_vertices", part)) == 1 for part in bow)
+
+
+def test_the_largest_component_is_neutral(demo: ViewModel) -> None:
+    colors = demo.component_colors()
+    largest = demo.face_component == 0
+    assert (colors[largest] == NEUTRAL).all()
+    assert not (colors[~largest] == NEUTRAL).all(axis=1).any()
+
+
+def test_no_two_layers_differ_by_colour_alone() -> None:
+    looks = [
+        (style.of, style.line, style.marker, style.width > 3 if style.of == "edge" else None)
+        for style in STYLES.values()
+    ]
+    assert len(set(looks)) == len(looks)
+
+
+def test_colours_of_an_asset_are_the_standard_tiers(demo_asset: Path) -> None:
+    import msb
+    from msb.meshes.assets import mesh_from_asset
+
+    source = read_source(demo_asset)
+    wanted = mesh_from_asset(msb.load(demo_asset)).vertex_colors
+    assert source.colors is not None
+    assert wanted is not None
+    assert source.colors.domain == "vertex"
+    assert np.abs(source.colors.values / 255 - wanted).max() <= 0.5 / 255 + 1e-6
+
+
+def test_a_stand_in_is_coarse_and_keeps_its_place(demo: ViewModel) -> None:
+    faces, origin = cluster(demo.points, demo.faces, target=2000)
+    assert 500 < len(faces) <= 4000
+    assert (np.diff(np.sort(faces, axis=1), axis=1) > 0).all()
+    assert (np.diff(origin) > 0).all()
+    moved = np.linalg.norm(demo.points[faces] - demo.points[demo.faces[origin]], axis=2)
+    assert moved.max() < 0.2
+
+
+def test_memory_is_stated(demo: ViewModel) -> None:
+    assert 50 < demo.nbytes() / len(demo.faces) < 250
+
+
+def test_colours_go_with_vertices(faults: ViewModel) -> None:
+    assert isinstance(faults.colors, Colors)
+    assert faults.colors.values[0].tolist() == list(RED)
+    assert faults.colors.values[10].tolist() == list(GREEN)

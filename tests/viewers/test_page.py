@@ -1,0 +1,88 @@
+"""The page: its data are the model's, it asks nobody for anything, and no name breaks out of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import zlib
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb_viewers.page import page, size_class_of_faces, write_page
+from msb_viewers.state import ViewState
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb_viewers.model import ViewModel
+
+
+def parts(model: ViewModel) -> tuple[str, dict[str, Any], dict[str, np.ndarray]]:
+    text = page(model, ViewState.first(model), model.up).decode()
+    meta = json.loads(re.search(r'id="meta">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
+    packed = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]  # type: ignore[index]
+    raw = zlib.decompress(base64.b64decode(packed))
+    arrays = {
+        name: np.frombuffer(raw, spec["dtype"], spec["length"], spec["offset"])
+        for name, spec in meta["arrays"].items()
+    }
+    return text, meta, arrays
+
+
+def test_the_page_holds_the_model(faults: ViewModel) -> None:
+    _, meta, arrays = parts(faults)
+    assert faults.colors is not None
+    assert (arrays["points"].reshape(-1, 3) == faults.points).all()
+    assert (arrays["faces"].reshape(-1, 3) == faults.faces).all()
+    assert (arrays["colors"].reshape(-1, 3) == faults.colors.values).all()
+    for layer in meta["layers"]:
+        assert layer["count"] == len(faults.layers[layer["kind"]])
+        assert len(arrays[layer["kind"]]) == layer["count"] * layer["each"]
+    assert set(meta["visible"]) == faults.shown_by_default()
+
+
+def test_size_classes_are_the_models(demo: ViewModel) -> None:
+    classes = size_class_of_faces(demo)
+    assert (classes[demo.face_component == 0] == 0).all()
+    _, meta, _ = parts(demo)
+    for index, row in enumerate(meta["classes"]):
+        wanted = len(np.unique(demo.face_component[classes == index]))
+        assert row["components"] == wanted
+
+
+def test_the_page_asks_nobody_for_anything(faults: ViewModel) -> None:
+    text, _, _ = parts(faults)
+    assert "default-src 'none'" in text
+    addresses = set(re.findall(r"https?://[^\s\"']+", text))
+    assert addresses <= {"http://www.w3.org/2000/svg"}  # a name, not a place
+    assert not re.search(r"\b(fetch|XMLHttpRequest|import)\s*\(|src=|href=", text)
+
+
+def test_a_hostile_name_stays_text(faults: ViewModel) -> None:
+    name = "</script><script>alert(1)</script>@DATA@"
+    hostile = replace(faults, name=name)
+    text, meta, arrays = parts(hostile)
+    assert meta["name"] == name
+    assert text.count("<script") == 3
+    assert len(arrays["points"]) == 48
+
+
+def test_the_page_is_written_without_a_gl_stack(faults: ViewModel, tmp_path: Path) -> None:
+    write_page(faults, tmp_path / "deep" / "a.html")
+    assert (tmp_path / "deep" / "a.html").stat().st_size > 10_000
+
+
+def test_the_script_parses(tmp_path: Path, faults: ViewModel) -> None:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed")
+    text, _, _ = parts(faults)
+    script = tmp_path / "page.js"
+    script.write_text(text.split("<script>")[1].split("</script>")[0])
+    subprocess.run([node, "--check", str(script)], check=True)

@@ -1,0 +1,238 @@
+"""Switches, stepping, isolation, the legend's text; picking and fans: all without a window."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.errors import UsageError
+from msb_viewers.camera import Pose, default_pose, element_pose, up_vector
+from msb_viewers.fanout import neighbourhood
+from msb_viewers.picking import pick
+from msb_viewers.state import ViewState, legend_rows, parse_element, parse_kinds
+from msb_viewers.text import help_panel, legend_panel, line_panel
+from tests.conftest import BOOK, TETRAHEDRON
+from tests.viewers.conftest import model_of
+
+if TYPE_CHECKING:
+    from msb_viewers.model import ViewModel
+
+
+def test_stepping_goes_round_and_back(demo: ViewModel) -> None:
+    state = ViewState.first(demo)
+    state.active = "multifan_vertices"
+    for expected in (0, 1, 2):
+        assert state.step(1)
+        assert state.element == ("multifan_vertices", expected)
+    for expected in (1, 0, len(demo.layers["multifan_vertices"]) - 1):
+        state.step(-1)
+        assert state.element == ("multifan_vertices", expected)
+
+
+def test_stepping_stays_in_the_isolated_component(faults: ViewModel) -> None:
+    state = ViewState.first(faults)
+    book = int(faults.face_component[2])
+    state.isolate(book)
+    state.active = "boundary_edges"
+    seen = set()
+    for _ in range(6):
+        assert state.step(1)
+        assert state.element is not None
+        seen.add(state.element[1])
+        assert state.component_of(*state.element) == book
+    assert len(seen) == 6
+    state.active = "multifan_vertices"
+    assert not state.step(1)
+    assert "none in this component" in state.message
+
+
+def test_an_empty_layer_says_so() -> None:
+    state = ViewState.first(model_of(*TETRAHEDRON))
+    state.toggle("boundary_edges")
+    assert not state.visible
+    assert "there are none" in state.message
+    assert not state.step(1)
+
+
+def test_isolating_counts_by_size(demo: ViewModel) -> None:
+    state = ViewState.first(demo)
+    state.isolate_next(1)
+    assert state.component == 0
+    state.isolate_next(1)
+    assert state.component == 1
+    assert f"{int(demo.sizes[1])} faces" in state.message
+    state.isolate_chosen()
+    assert state.component is None
+
+
+def test_colourings_skip_own_colours_where_there_are_none() -> None:
+    state = ViewState.first(model_of(*BOOK))
+    assert state.coloring == "grey"
+    state.next_coloring()
+    assert state.coloring == "components"
+    state.next_coloring()
+    assert state.coloring == "grey"
+
+
+def test_the_legend_has_every_layer_with_its_count(faults: ViewModel) -> None:
+    rows = {row["kind"]: row for row in legend_rows(ViewState.first(faults))}
+    assert rows["nonmanifold_edges"]["count"] == 1
+    assert rows["duplicate_faces"]["share"] == "12.5 %"
+    assert len({row["key"] for row in rows.values()}) == len(rows) == 8
+
+
+@pytest.mark.parametrize("scale", [0.62, 1.0, 2.0])
+def test_panels_know_what_a_click_means(faults: ViewModel, scale: float) -> None:
+    panel = legend_panel(ViewState.first(faults), scale)
+    actions = [action for _, _, action in panel.targets]
+    assert actions == [*faults.layers, "components", "help"]
+    for top, bottom, action in panel.targets:
+        assert panel.hit(20, (top + bottom) / 2) == action
+    assert panel.hit(20, 2) == ""
+    assert panel.hit(panel.image.shape[1] + 1, 20) is None
+    bottoms = [bottom for _, bottom, _ in panel.targets]
+    assert bottoms == sorted(bottoms)
+    assert bottoms[-1] <= panel.image.shape[0]
+    assert help_panel(scale).image.shape[2] == 4
+
+
+def test_a_long_line_is_cut_in_its_middle() -> None:
+    assert line_panel("word " * 200, 300).image.shape[1] <= 300
+
+
+def test_elements_are_named_on_the_command_line(demo: ViewModel) -> None:
+    assert parse_element(demo, "boundary_edges:3") == ("boundary_edges", 2)
+    assert parse_kinds(demo, ["all"]) == {kind for kind, layer in demo.layers.items() if len(layer)}
+    assert parse_kinds(demo, ["none"]) == set()
+    for text in ("boundary_edges:0", "boundary_edges:x", "boundary_edges", "duplicate_faces:1", "edges:1"):
+        with pytest.raises(UsageError, match="VIEW_ELEMENT"):
+            parse_element(demo, text)
+    with pytest.raises(UsageError, match="VIEW_ELEMENT"):
+        parse_kinds(demo, ["edges"])
+
+
+@pytest.mark.parametrize("axis", ["+x", "-x", "+y", "-y", "+z", "-z"])
+def test_the_first_view_has_up_up_and_sees_the_unit_sphere(axis: str) -> None:
+    pose = default_pose(axis, 1.5)
+    assert pose.eye @ up_vector(axis) > 0
+    assert pose.up.tolist() == up_vector(axis).tolist()
+    assert np.sin(np.radians(15)) * pose.distance == pytest.approx(1.04)
+
+
+def test_a_flight_ends_where_the_element_is_not_hidden() -> None:
+    # A small triangle inside of a box that is open at the top only.
+    box = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    walls = [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [0, 2, 6], [0, 6, 4]]
+    walls += [[1, 3, 7], [1, 7, 5]]
+    model = model_of([*box, [-0.1, -0.8, 0], [0.1, -0.8, 0], [0, -0.8, 0.2]], [*walls, [8, 9, 10]])
+    current = Pose(np.array([0.0, 0.0, 5.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    pose = element_pose(model, np.array([8, 9, 10]), current)
+    assert pose is not None
+    way = pose.eye - pose.target
+    assert way[1] / np.linalg.norm(way) > 0.6
+
+
+def test_an_element_without_a_place_has_no_view() -> None:
+    points = TETRAHEDRON[0].astype(np.float64)
+    points[3] = np.inf
+    model = model_of(points, TETRAHEDRON[1])
+    current = default_pose("+y", 1.0)
+    assert element_pose(model, np.array([0, 3]), current) is None
+    assert element_pose(model, np.array([0, 1]), current) is not None
+
+
+@pytest.mark.parametrize("shared", [True, False], ids=["indexed", "soup"])
+def test_picking_finds_the_face_and_its_nearest_corner(shared: bool) -> None:
+    points, faces = TETRAHEDRON[0].astype(np.float32), TETRAHEDRON[1]
+    if not shared:
+        points, faces = points[faces].reshape(-1, 3), np.arange(12).reshape(4, 3)
+    allowed = np.ones(4, bool)
+    down = np.array([0.0, 0.0, -1.0])
+    hit = pick(points, faces, allowed, np.array([0.7, 0.1, 5.0]), down)
+    assert hit is not None
+    assert hit.face == 2
+    assert points[hit.vertex].tolist() == [1, 0, 0]
+    assert hit.vertex in faces[2]
+    # On its way down the ray meets the slanted face first, at z = 1 - x - y, then the bottom.
+    assert hit.distance == pytest.approx(5 - 0.2)
+    behind = pick(points, faces, np.arange(4) == 0, np.array([0.7, 0.1, 5.0]), down)
+    assert behind is not None
+    assert behind.face == 0
+    assert pick(points, faces, allowed, np.array([2.0, 2.0, 5.0]), down) is None
+    assert pick(points, faces, allowed, np.array([0.7, 0.1, 5.0]), -down) is None
+    assert pick(points, faces, ~allowed, np.array([0.7, 0.1, 5.0]), down) is None
+
+
+def test_picking_goes_through_what_the_box_clips_away() -> None:
+    points = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0], [-1, -1, 1], [1, -1, 1], [0, 1, 1]], np.float32)
+    faces = np.arange(6).reshape(2, 3)
+    ray = np.array([0.0, 0.0, 5.0]), np.array([0.0, 0.0, -1.0])
+    box = np.array([[-2, 2], [-2, 2], [-0.5, 0.5]])
+    allowed = np.ones(2, bool)
+    assert pick(points, faces, allowed, *ray).face == 1  # type: ignore[union-attr]
+    assert pick(points, faces, allowed, *ray, box).face == 0  # type: ignore[union-attr]
+
+
+def test_picking_agrees_with_a_slow_obvious_search(demo: ViewModel) -> None:
+    random = np.random.default_rng(2)
+    triangles = demo.points[demo.faces].astype(np.float64)
+    for _ in range(12):
+        eye = random.normal(size=3)
+        eye *= 4 / np.linalg.norm(eye)
+        way = random.normal(size=3) * 0.2 - eye
+        way /= np.linalg.norm(way)
+        a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+        normal = np.cross(ab, ac)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((a - eye) * normal).sum(axis=1) / (normal @ way)
+            inner = eye + t[:, None] * way - a
+            u = (np.cross(inner, ac) * normal).sum(axis=1) / (normal**2).sum(axis=1)
+            v = (np.cross(ab, inner) * normal).sum(axis=1) / (normal**2).sum(axis=1)
+        good = (t > 0) & (u > 0) & (v > 0) & (u + v < 1)
+        hit = pick(demo.points, demo.faces, demo.drawn, eye, way)
+        if not good.any():
+            assert hit is None
+            continue
+        assert hit is not None
+        assert hit.face == int(np.argmin(np.where(good, t, np.inf)))
+
+
+def test_fans_of_a_bow_tie_are_apart(faults: ViewModel) -> None:
+    around = neighbourhood(faults, 2)
+    assert (around.fan_count, around.group_count, around.on_crowded_edge) == (2, 2, False)
+    assert "bow-tie" in around.verdict
+    assert sorted(fan.faces.tolist() for fan in around.fans) == [[0], [1]]
+    one, other = (fan.triangles.reshape(-1, 3) @ around.frame[:2].T for fan in around.fans)
+    gap = np.linalg.norm(one[:, None] - other[None], axis=2).min()
+    assert gap > 0.5
+
+
+def test_fans_on_a_crowded_edge_are_one_face_each(faults: ViewModel) -> None:
+    around = neighbourhood(faults, 5)
+    assert around.fan_count == 3
+    assert around.group_count == 1
+    assert around.on_crowded_edge
+    assert [len(fan.crowded) for fan in around.fans] == [1, 1, 1]
+    assert [len(fan.boundary) for fan in around.fans] == [1, 1, 1]
+    assert len(around.lines()) == 3
+
+
+def test_the_fan_of_a_closed_mesh_is_closed_and_in_place() -> None:
+    around = neighbourhood(model_of(*TETRAHEDRON), 0)
+    assert around.verdict == "manifold: one fan"
+    assert around.fans[0].closed
+    assert around.fans[0].offset.tolist() == [0, 0, 0]
+    assert around.lines() == ["fan 1: 3 faces, closed"]
+
+
+def test_fans_of_every_vertex_are_those_of_the_audit(demo: ViewModel) -> None:
+    wanted = demo.analysis.fans.fans_per_vertex
+    for vertex in np.random.default_rng(0).choice(len(wanted), 40, replace=False).tolist():
+        around = neighbourhood(demo, vertex)
+        shown = len(around.fans)
+        assert shown == min(wanted[vertex], 12)
+        parts = [face for fan in around.fans for face in fan.faces.tolist()]
+        assert len(parts) == len(set(parts))
+    assert neighbourhood(demo, int(np.argmax(wanted))).lines()[-1].startswith(("and", "fan"))

@@ -1,0 +1,219 @@
+"""`msb view` from outside: files, streams, exit status."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb.meshes import Mesh, write_mesh
+from tests.conftest import BOOK
+from tests.viewers.conftest import HAS_PYVISTA, ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NO_DISPLAY = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
+_LIBRARIES = [
+    f"lib{name}{version}"
+    for name, versions in (("GL", ("", ".1")), ("EGL", ("", ".1")), ("OSMesa", ("", ".6", ".8")))
+    for version in (f".so{number}" for number in versions)
+]
+needs_pyvista = pytest.mark.skipif(
+    not HAS_PYVISTA, reason="pyvista is not installed: the extra view brings it"
+)
+
+
+def view(*args: object, command: str = "view", **env: str) -> Any:
+    return subprocess.run(
+        [sys.executable, "-m", "msb", command, *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, **NO_DISPLAY, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}", **env},
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.fixture
+def book(tmp_path: Path) -> Path:
+    path = tmp_path / "book.ply"
+    with path.open("wb") as file:
+        write_mesh(Mesh(BOOK[0], BOOK[1].astype(np.int64), None, None), file, suffix=".ply")
+    return path
+
+
+def test_help_has_examples_and_loads_nothing_heavy() -> None:
+    result = view("--help")
+    assert result.returncode == 0
+    for word in ("--screenshot", "--figure", "--html", "--at", "Examples:", "boundary_edges"):
+        assert word in result.stdout
+    code = (
+        "import sys\nsys.argv = ['msb', 'view', '--help']\nfrom msb.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\nprint(*sys.modules)"
+    )
+    path = f"{ROOT}{os.pathsep}{ROOT / 'viewers'}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+    assert not {"numpy", "pyvista", "vtkmodules"} & set(done.stdout.splitlines()[-1].split())
+
+
+def test_one_command_writes_picture_figure_and_page(gl: None, book: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    files = [out / "a.png", out / "f.svg", out / "v.html"]
+    result = view(
+        "--screenshot", files[0], "--figure", files[1], "--html", files[2], "--size", "640x400", book
+    )
+    assert result.returncode == 0, result.stderr
+    assert sorted(result.stdout.split()) == sorted(map(str, files))
+    assert result.stderr == ""
+    with Image.open(files[0]) as image:
+        assert image.size == (640, 400)
+    assert b"<svg" in files[1].read_bytes()[:500]
+    assert b"book.ply" in files[2].read_bytes()
+    again = view("--screenshot", files[0], book)
+    assert again.returncode == 2
+    assert "OUTPUT_EXISTS" in again.stderr
+
+
+def test_the_picture_shows_what_is_asked_for(gl: None, book: Path, tmp_path: Path) -> None:
+    from msb_viewers.palette import HIGHLIGHT
+
+    path = tmp_path / "at.png"
+    result = view("--at", "nonmanifold_edges:1", "--show", "none", "--quiet", "--screenshot", path, book)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == ""
+    with Image.open(path) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    assert (np.abs(pixels - HIGHLIGHT) <= 3).all(axis=2).sum() > 100
+
+
+def test_a_page_needs_neither_pyvista_nor_a_display(book: Path, tmp_path: Path) -> None:
+    result = view("--html", tmp_path / "b.html", book)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "b.html").exists()
+
+
+@needs_pyvista
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_the_message_says_what_works(book: Path) -> None:
+    for command, extra in (("view", []), ("audit", ["--view"])):
+        result = view(*extra, book, command=command)
+        assert result.returncode == 2
+        assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
+        assert "--screenshot" in result.stderr
+        assert result.stderr.count("\n") == 1
+
+
+@needs_pyvista
+@pytest.mark.skipif(sys.platform != "linux", reason="the libraries are those of Linux")
+def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_path: Path) -> None:
+    # Libraries that cannot be loaded stand before those of the system.
+    for name in _LIBRARIES:
+        (tmp_path / name).write_bytes(b"")
+    out = tmp_path / "x.png"
+    result = view("--screenshot", out, book, LD_LIBRARY_PATH=str(tmp_path))
+    assert result.returncode == 2
+    assert result.stderr.startswith("VIEW_NO_GL: ")
+    assert "apt install libegl1" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not out.exists()
+
+
+def test_without_pyvista_the_message_says_which_extra(book: Path, tmp_path: Path) -> None:
+    blocked = tmp_path / "sitecustomize.py"
+    blocked.write_text(
+        "import importlib.util as u, sys\nfind = u.find_spec\n"
+        "u.find_spec = lambda name, *a: None if name in ('pyvista', 'vtkmodules') else find(name, *a)\n"
+    )
+    path = os.pathsep.join((str(tmp_path), str(ROOT), str(ROOT / "viewers")))
+    result = view("--screenshot", tmp_path / "x.png", book, PYTHONPATH=path)
+    assert result.returncode == 2
+    assert result.stderr.startswith("EXTRA_MISSING: ")
+    assert "meshsplatbench[view]" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "status"),
+    [
+        (["--html", "a.png"], "USAGE", 2),
+        (["--screenshot", "a.jpg"], "USAGE", 2),
+        (["--figure", "a.txt"], "USAGE", 2),
+        (["--size", "10x10", "--html", "a.html"], "USAGE", 2),
+        (["--html", "a.html", "--at", "nonmanifold_edges:2"], "VIEW_ELEMENT", 2),
+        (["--html", "a.html", "--vertex", "5"], "VIEW_ELEMENT", 2),
+        (["--html", "a.html", "--component", "2"], "VIEW_ELEMENT", 2),
+        (["--html", "a.html", "--show", "edges"], "VIEW_ELEMENT", 2),
+        (["--html", "a.html", "--colors", "own"], "VIEW_ELEMENT", 2),
+        (["--html", "a.html", "--at", "boundary_edges:1", "--vertex", "0"], "USAGE", 2),
+    ],
+)  # fmt: skip
+def test_wrong_use_is_one_line(
+    capfd: pytest.CaptureFixture[str], book: Path, args: list[str], code: str, status: int,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+) -> None:  # fmt: skip
+    from msb.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["msb", "view", *args, str(book)])
+    try:
+        found = main()
+    except SystemExit as stop:
+        found = stop.code
+    assert found == status
+    error = capfd.readouterr().err
+    assert error.startswith(f"{code}: ")
+    assert error.count("\n") == 1
+    assert not list(tmp_path.glob("a.*"))
+
+
+def test_inputs_that_are_none_are_refused(tmp_path: Path) -> None:
+    result = view("--html", tmp_path / "a.html", tmp_path / "nothing.ply")
+    assert result.returncode == 3
+    assert result.stderr.startswith("FILE_NOT_FOUND: ")
+
+
+def test_audit_views_one_mesh_only(tmp_path: Path, book: Path) -> None:
+    if not HAS_PYVISTA:
+        pytest.skip("pyvista is not installed: the extra view brings it")
+    (tmp_path / "b.ply").write_bytes(book.read_bytes())
+    result = view("--view", tmp_path, command="audit", DISPLAY=":99")
+    assert result.returncode == 2
+    assert "--view takes one mesh" in result.stderr
+
+
+@needs_pyvista
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
+    result = view(book, DISPLAY=":99")
+    assert result.returncode == 2
+    assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
+
+
+def test_audit_opens_the_window_on_its_own_result(
+    gl: None, book: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import msb.cli.view
+    import msb_viewers.gl
+    from msb.cli import main
+
+    seen = []
+    monkeypatch.setattr(msb_viewers.gl, "check_display", lambda: None)
+    monkeypatch.setattr(msb.cli.view, "present", lambda model, *rest: seen.append((model, rest)))
+    monkeypatch.setattr(sys, "argv", ["msb", "audit", "--view", str(book)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert not stop.value.code
+    assert "nonmanifold" in capfd.readouterr().out.lower().replace("-", "")
+    model, (_, files, _) = seen[0]
+    assert model.audit.counts.nonmanifold_edges == 1
+    assert model.name == "book.ply"
+    assert not files.any

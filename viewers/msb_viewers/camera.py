@@ -1,0 +1,188 @@
+"""Where to look from: the first view of a mesh, and a clear view of one element. Plain arrays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb_viewers.model import ViewModel
+
+FOV_Y = math.radians(30)
+AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
+"""Of the first view: three sides of a thing are seen, none of them edge-on."""
+_MARGIN = 1.04
+_NEIGHBOURHOOD = 4.5
+"""Distance from an element in radii of the faces around it: they then fill about half of the window."""
+
+Vector = "NDArray[np.float64]"
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A camera: its place, what it looks at, and what is up, (3,) float64 each, in drawn units."""
+
+    eye: NDArray[np.float64]
+    target: NDArray[np.float64]
+    up: NDArray[np.float64]
+
+    @property
+    def distance(self) -> float:
+        """From the eye to the target."""
+        return float(np.linalg.norm(self.eye - self.target))
+
+
+def up_vector(axis: str) -> NDArray[np.float64]:
+    """Return "+y" and the like as a unit vector.
+
+    >>> up_vector("-z").tolist()
+    [0.0, 0.0, -1.0]
+    """
+    vector = np.zeros(3)
+    vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
+    return vector
+
+
+def default_pose(axis: str, aspect: float) -> Pose:
+    """Return the first view: the unit sphere fills the free part of the window, whose aspect is given.
+
+    Parameters
+    ----------
+    axis : str
+        What is up.
+    aspect : float
+        Free width over height, in pixels.
+    """
+    up = up_vector(axis)
+    # The two other axes, in the order that makes a right-handed frame with `up` last.
+    first = np.roll(np.abs(up), 1)
+    second = np.cross(up, first)
+    level = math.cos(AZIMUTH) * first + math.sin(AZIMUTH) * second
+    direction = math.cos(ELEVATION) * level + math.sin(ELEVATION) * up
+    return Pose(_fitting(aspect) * direction, np.zeros(3), up)
+
+
+def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pose | None:
+    """Return a view of one element that the rest of the mesh does not hide, if there is one.
+
+    Parameters
+    ----------
+    vertices : (k,) integers
+        Of the element.
+    current : Pose
+        Directions near the present one are preferred.
+
+    Returns
+    -------
+    Pose or None
+        None where the element has no finite position.
+
+    Notes
+    -----
+    Rays from the element towards the eye are cast along 50 directions against the faces near enough to be
+    in the way; among the clear ones the best sees the faces at the element face-on and turns least.
+    """
+    if not bool(model.finite(vertices[None])[0]):
+        return None
+    points, faces = model.points, model.faces
+    target = points[vertices].astype(np.float64).mean(axis=0)
+    touching = np.zeros(len(points), bool)
+    touching[vertices] = True
+    here = np.flatnonzero(touching[faces].any(axis=1) & model.drawn)
+    around = points[faces[here]].reshape(-1, 3) if len(here) else points[vertices]
+    radius = float(np.linalg.norm(around - target, axis=1).max(initial=0.0))
+    distance = _NEIGHBOURHOOD * (radius if radius > 1e-7 else 0.02)
+    blockers = np.flatnonzero(_may_reach(points, faces, target, distance) & model.drawn)
+    blockers = np.setdiff1d(blockers, here, assume_unique=True)
+    prefer = _unit(current.eye - current.target)
+    normals = _normals(points[faces[here]].astype(np.float64))
+    directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
+    facing = np.abs(directions @ normals.T).mean(axis=1) if len(normals) else np.ones(len(directions))
+    # From the middle and from near each corner, so that all of the element is seen.
+    spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
+    triangles = points[faces[blockers]].astype(np.float64)
+    hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
+    if len(vertices) > 1:  # along its own direction an edge is a point
+        along = _unit(points[vertices[1]].astype(np.float64) - points[vertices[0]])
+        facing = facing + 1 - np.abs(directions @ along)
+    score = facing + 0.5 * (directions @ prefer) - 10.0 * np.minimum(hidden, 9)
+    best = directions[int(np.argmax(score))]
+    up = current.up if abs(float(best @ current.up)) < 0.97 else _unit(np.roll(current.up, 1))
+    return Pose(target + distance * best, target, up)
+
+
+def component_pose(model: ViewModel, component: int, current: Pose, aspect: float) -> Pose | None:
+    """Return a view that one component fills, from where one looks now; None if nothing of it is drawn."""
+    faces = model.faces[model.faces_of(component)]
+    if len(faces) == 0:
+        return None
+    corners = model.points[faces.reshape(-1)].astype(np.float64)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    radius = float(np.linalg.norm(corners - middle, axis=1).max()) or 0.02
+    return Pose(middle + _fitting(aspect) * radius * _unit(current.eye - current.target), middle, current.up)
+
+
+def _fitting(aspect: float) -> float:
+    """Return the distance, in radii, from which a sphere fills a window of this aspect."""
+    narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
+    return _MARGIN / math.sin(narrow / 2)
+
+
+def _may_reach(
+    points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
+) -> NDArray[np.bool_]:
+    """Return which faces are not all on one outer side of the cube of half-width `reach` around `target`."""
+    code = np.zeros(len(points), np.uint8)
+    for axis in range(3):
+        away = points[:, axis] - np.float32(target[axis])
+        code |= (away > reach).astype(np.uint8) << (2 * axis)
+        code |= (away < -reach).astype(np.uint8) << (2 * axis + 1)
+    return np.asarray((code[faces[:, 0]] & code[faces[:, 1]] & code[faces[:, 2]]) == 0)
+
+
+def _hits(
+    triangles: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    reach: float,
+) -> NDArray[Any]:
+    """Return through how many triangles (n, 3, 3) a ray along each unit direction (m, 3) passes."""
+    a, b, c = (triangles[:, k] - origin for k in range(3))
+    normal = np.cross(b - a, c - a)
+    height = (normal * a).sum(axis=1)
+    counts = np.zeros(len(directions), int)
+    for row, direction in enumerate(directions):
+        # The signs of three volumes say on which side of each corner pair the ray passes.
+        sides = np.stack([np.cross(p, q) @ direction for p, q in ((a, b), (b, c), (c, a))])
+        inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
+        along = normal @ direction
+        # Met after height / along; compared without the division.
+        counts[row] = np.count_nonzero(
+            inside & (height * along > 0) & (np.abs(height) < reach * np.abs(along))
+        )
+    return counts
+
+
+def _normals(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    return np.asarray(cross[length[:, 0] > 0] / length[length[:, 0] > 0])[:24]
+
+
+def sphere(count: int) -> NDArray[np.float64]:
+    """Return directions spread evenly over the sphere (a Fibonacci lattice)."""
+    index = np.arange(count) + 0.5
+    height = 1 - 2 * index / count
+    angle = np.pi * (1 + math.sqrt(5)) * index
+    ring = np.sqrt(1 - height**2)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0 else np.array([0.0, 0.0, 1.0])

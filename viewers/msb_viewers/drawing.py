@@ -1,0 +1,239 @@
+"""From arrays to VTK actors: unlit surfaces, lines, shaped markers, and pictures laid over the view.
+
+Everything of VTK is imported inside the functions: nothing here loads it before something is drawn.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.palette import Color, unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+_SHAPES = {
+    # Distance from the middle in p, a vec2 in [-1, 1]^2; above 1 is outside, just below it the dark rim.
+    "disc": "length(p)",
+    "diamond": "abs(p.x) + abs(p.y)",
+    "square": "max(abs(p.x), abs(p.y)) * 1.05",
+    "cross": "max(abs(abs(p.x) - abs(p.y)) * 2.2, max(abs(p.x), abs(p.y)))",
+}
+_MARKER = """//VTK::Light::Impl
+  vec2 p = 2.0 * gl_PointCoord - 1.0;
+  float reach = {distance};
+  if (reach > 1.0) discard;
+  float pixel = 2.0 * length(vec2(dFdx(gl_PointCoord.x), dFdy(gl_PointCoord.x)));
+  if (pixel < 0.24 && reach > 1.0 - max(1.3 * pixel, 0.16)) gl_FragData[0] = vec4(0.0, 0.0, 0.0, 1.0);
+"""
+_RING = """//VTK::Light::Impl
+  vec2 p = 2.0 * gl_PointCoord - 1.0;
+  float reach = length(p);
+  if (reach > 1.0 || reach < {inner}) discard;
+"""
+_POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
+"""Towards the viewer, in units of depth resolution: marks lie on the surface they belong to."""
+
+
+def quiet() -> None:
+    """Keep VTK from writing to standard error: what matters is checked and said in our own words."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
+
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    vtkObject.GlobalWarningDisplayOff()
+
+
+def surface(
+    points: NDArray[np.float32],
+    faces: NDArray[Any],
+    colors: NDArray[np.uint8] | None,
+    domain: str,
+    *,
+    shade: float = 0.0,
+    color: Color = (205, 205, 205),
+) -> Any:
+    """Return an actor of triangles.
+
+    Parameters
+    ----------
+    points : (V, 3) float32, faces : (n, 3) integers
+    colors : (V | n | 3n, 3) uint8 or None
+        sRGB, drawn as they are; None draws `color`.
+    domain : {"vertex", "face", "corner"}
+    shade : float
+        How much darker a face seen edge-on is, in [0, 1]; 0 is unlit, as own colours always are.
+    """
+    if domain == "corner" and colors is not None:
+        points = points[faces].reshape(-1, 3)
+        faces = np.arange(faces.size, dtype=np.int32).reshape(-1, 3)
+    actor = _actor(_poly(points, faces, "SetPolys"), color)
+    if colors is not None:
+        data, mapper = actor.GetMapper().GetInput(), actor.GetMapper()
+        target = data.GetCellData() if domain == "face" else data.GetPointData()
+        target.SetScalars(_vtk(colors))
+        mapper.SetScalarVisibility(True)
+        mapper.SetColorModeToDirectScalars()
+        if domain == "face":
+            mapper.SetScalarModeToUseCellData()
+        else:
+            mapper.SetScalarModeToUsePointData()
+    look = actor.GetProperty()
+    look.SetLighting(shade > 0)
+    if shade > 0:
+        look.SetAmbient(1 - shade)
+        look.SetDiffuse(shade)
+    return actor
+
+
+def segments(ends: NDArray[np.float32], color: Color, width: float, *, dashed: bool = False) -> Any:
+    """Return an actor of unlit lines between pairs of points (n, 2, 3), `width` pixels wide."""
+    if dashed:
+        ends = dashes(ends)
+    points = np.ascontiguousarray(ends.reshape(-1, 3))
+    actor = _actor(_poly(points, np.arange(len(points), dtype=np.int32).reshape(-1, 2), "SetLines"), color)
+    actor.GetProperty().SetLighting(False)
+    actor.GetProperty().SetLineWidth(width)
+    actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-1.0, _LINE_OFFSET)
+    return actor
+
+
+def dashes(ends: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return three dashes (3n, 2, 3) for each segment (n, 2, 3)."""
+    a, b = ends[:, None, 0], ends[:, None, 1]
+    start, stop = (np.array(t, np.float32)[None, :, None] for t in ((0.0, 0.4, 0.8), (0.2, 0.6, 1.0)))
+    return np.stack([a + start * (b - a), a + stop * (b - a)], axis=2).reshape(-1, 2, 3)
+
+
+def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) -> Any:
+    """Return an actor of flat marks (n, 3) of a shape, `size` pixels wide, with a dark rim."""
+    points = np.ascontiguousarray(points)
+    actor = _actor(_poly(points, np.arange(len(points), dtype=np.int32)[:, None], "SetVerts"), color)
+    actor.GetProperty().SetLighting(False)
+    actor.GetProperty().SetPointSize(size)
+    actor.GetMapper().SetRelativeCoincidentTopologyPointOffsetParameter(_POINT_OFFSET)
+    if shape == "ring":
+        code = _RING.format(inner=0.78 if size > 20 else 0.5)
+    else:
+        code = _MARKER.format(distance=_SHAPES[shape])
+    actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::Light::Impl", True, code, False)
+    return actor
+
+
+def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
+    """Draw only what of the actors is inside of a box (3, 2) of low and high; None draws all."""
+    from vtkmodules.vtkCommonDataModel import vtkPlane
+
+    planes = []
+    for axis in range(3) if box is not None else ():
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            plane = vtkPlane()
+            origin, normal = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+            origin[axis], normal[axis] = float(box[axis, side]), sign  # type: ignore[index]
+            plane.SetOrigin(*origin)
+            plane.SetNormal(*normal)
+            planes.append(plane)
+    for actor in actors:
+        mapper = actor.GetMapper()
+        mapper.RemoveAllClippingPlanes()
+        for plane in planes:
+            mapper.AddClippingPlane(plane)
+
+
+class Picture:
+    """An RGBA picture laid over a renderer, pixel for pixel."""
+
+    def __init__(self) -> None:
+        from vtkmodules.vtkCommonCore import vtkFloatArray, vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkRenderingCore import vtkPolyDataMapper2D, vtkTexture, vtkTexturedActor2D
+
+        self._points = vtkPoints()
+        self._points.SetNumberOfPoints(4)
+        corners = vtkFloatArray()
+        corners.SetNumberOfComponents(2)
+        for pair in ((0, 0), (1, 0), (1, 1), (0, 1)):
+            corners.InsertNextTuple2(*pair)
+        quad = vtkCellArray()
+        quad.InsertNextCell(4, [0, 1, 2, 3])
+        self._data = vtkPolyData()
+        self._data.SetPoints(self._points)
+        self._data.SetPolys(quad)
+        self._data.GetPointData().SetTCoords(corners)
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self._data)
+        self._texture = vtkTexture()
+        self._texture.InterpolateOff()
+        self.actor = vtkTexturedActor2D()
+        self.actor.SetMapper(mapper)
+        self.actor.SetTexture(self._texture)
+        self.actor.SetVisibility(False)
+        self.size = (0, 0)
+        self.left = self.bottom = 0
+
+    def set(self, image: NDArray[np.uint8]) -> None:
+        """Show `image` (H, W, 4), row 0 at the top."""
+        from vtkmodules.vtkCommonDataModel import vtkImageData
+
+        height, width = image.shape[:2]
+        data = vtkImageData()
+        data.SetDimensions(width, height, 1)
+        data.GetPointData().SetScalars(_vtk(np.ascontiguousarray(image[::-1]).reshape(-1, 4)))
+        self._texture.SetInputData(data)
+        self.size = (width, height)
+        self.actor.SetVisibility(True)
+
+    def place(self, left: int, bottom: int) -> None:
+        """Put the lower left corner at a pixel of the renderer's window."""
+        (width, height), self.left, self.bottom = self.size, left, bottom
+        for index, (x, y) in enumerate(((0, 0), (width, 0), (width, height), (0, height))):
+            self._points.SetPoint(index, left + x, bottom + y, 0.0)
+        self._points.Modified()
+        self._data.Modified()
+
+    def hide(self) -> None:
+        """Show nothing."""
+        self.actor.SetVisibility(False)
+
+
+def _actor(data: Any, color: Color) -> Any:
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkMapper, vtkPolyDataMapper
+
+    vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputData(data)
+    mapper.SetScalarVisibility(False)
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().SetColor(*unit(color))
+    actor.GetProperty().SetInterpolationToFlat()
+    return actor
+
+
+def _poly(points: NDArray[np.float32], cells: NDArray[Any], setter: str) -> Any:
+    """Return poly data whose points (V, 3) and cells (n, k) VTK shares with NumPy where types allow it."""
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+    holder = vtkPoints()
+    holder.SetData(_vtk(points))
+    array = vtkCellArray()
+    width = cells.shape[1]
+    kind = np.int32 if len(points) < 2**31 else np.int64
+    flat = np.ascontiguousarray(cells, kind).reshape(-1)
+    starts = np.arange(0, len(flat) + 1, width, dtype=kind)
+    array.SetData(_vtk(starts), _vtk(flat))
+    data = vtkPolyData()
+    data.SetPoints(holder)
+    getattr(data, setter)(array)
+    return data
+
+
+def _vtk(array: NDArray[Any]) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    # Not a copy: the VTK array keeps the NumPy array alive.
+    return numpy_to_vtk(np.ascontiguousarray(array), deep=False)

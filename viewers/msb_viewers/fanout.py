@@ -1,0 +1,192 @@
+"""The fans at one vertex, drawn apart: what the fan inspector shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.camera import sphere
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb_viewers.model import ViewModel
+
+_APART = 0.6
+"""How far a fan is moved at least, in radii of the faces at the vertex."""
+_ROOM = 0.9
+"""Of the circle's length for each fan, in the same radii."""
+_MOST_FANS = 12
+"""Drawn; more would only cover each other. The text counts all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fan:
+    """Faces at a vertex joined across two-face edges.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    faces : (n,) integers
+        Face numbers.
+    triangles : (n, 3, 3) float64
+        Corners, in radii of the neighbourhood, the vertex at the origin, moved by `offset`.
+    offset : (3,) float64
+        Where the vertex itself went.
+    closed : bool
+        Whether the faces go all the way around.
+    boundary, crowded : (k, 2, 3) float64
+        Its edges at the vertex that have one face, and more than two.
+    """
+
+    number: int
+    faces: NDArray[Any]
+    triangles: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    closed: bool
+    boundary: NDArray[np.float64]
+    crowded: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """All fans at a vertex, and what the audit says of it."""
+
+    vertex: int
+    fans: tuple[Fan, ...]
+    fan_count: int
+    group_count: int
+    on_crowded_edge: bool
+    frame: NDArray[np.float64]
+    """(3, 3) rows: right, up and towards the eye, for the view in which the fans lie side by side."""
+
+    @property
+    def verdict(self) -> str:
+        """What the vertex is, in words."""
+        if self.fan_count == 0:
+            return "no proper face uses it"
+        if self.fan_count == 1:
+            return "manifold: one fan"
+        kinds = ["bow-tie"] if self.group_count > 1 else []
+        kinds += ["on a non-manifold edge"] if self.on_crowded_edge else []
+        return f"non-manifold: {self.fan_count} fans ({', '.join(kinds)})"
+
+    def lines(self) -> list[str]:
+        """Return one line of text for each drawn fan."""
+        texts = [
+            f"fan {fan.number}: {_plural(len(fan.faces), 'face')}, {'closed' if fan.closed else 'open'}"
+            for fan in self.fans
+        ]
+        more = self.fan_count - len(self.fans)
+        return [*texts, f"and {_plural(more, 'more fan')}"] if more else texts
+
+
+def neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
+    """Return the fans at `vertex`, each moved away from it. O(F) time."""
+    analysis, faces = model.analysis, model.faces
+    rows, corners = np.nonzero(faces == vertex)
+    fan_of = analysis.fans.corner_fan[3 * rows + corners]
+    proper = (fan_of >= 0) & model.drawn[rows]
+    rows, corners, fan_of = rows[proper], corners[proper], fan_of[proper]
+    center = model.points[vertex].astype(np.float64)
+    triangles = model.points[faces[rows]].astype(np.float64) - center
+    radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
+    triangles /= radius
+    fan_numbers, part = np.unique(fan_of, return_inverse=True)
+    # The largest fans first: they are what the eye takes for the surface.
+    order = np.argsort(-np.bincount(part, minlength=len(fan_numbers)), kind="stable")[:_MOST_FANS]
+    frame = _frame(triangles, part)
+    towards = np.array([triangles[part == index].mean(axis=(0, 1)) for index in order]).reshape(-1, 3)
+    offsets = _spread(towards @ frame[:2].T) @ frame[:2]
+    fans = []
+    for number, (index, offset) in enumerate(zip(order, offsets, strict=True), 1):
+        chosen = part == index
+        fans.append(_fan(model, number, rows[chosen], corners[chosen], triangles[chosen], offset))
+    return Neighbourhood(
+        vertex=vertex,
+        fans=tuple(fans),
+        fan_count=int(analysis.fans.fans_per_vertex[vertex]),
+        group_count=int(analysis.fans.groups_per_vertex[vertex]),
+        on_crowded_edge=any(len(fan.crowded) for fan in fans),
+        frame=frame,
+    )
+
+
+def _fan(
+    model: ViewModel,
+    number: int,
+    rows: NDArray[Any],
+    corners: NDArray[Any],
+    triangles: NDArray[np.float64],
+    offset: NDArray[np.float64],
+) -> Fan:
+    # The two half-edges of each face at the vertex: the one that leaves it and the one that comes in.
+    leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
+    faces_at_edge = model.analysis.mesh.multiplicity
+    edge = model.analysis.mesh.edge
+    index = np.arange(len(rows))
+    far = np.concatenate([triangles[index, (corners + 1) % 3], triangles[index, (corners + 2) % 3]])
+    number_of = np.concatenate([edge[leaving], edge[coming]])
+    _, once = np.unique(number_of, return_index=True)
+    count = faces_at_edge[number_of[once]]
+    spokes = np.stack([np.zeros((len(once), 3)), far[once]], axis=1) + offset
+    return Fan(
+        number=number,
+        faces=rows,
+        triangles=triangles + offset,
+        offset=offset,
+        closed=bool((count == 2).all()) and len(once) == len(rows),
+        boundary=spokes[count == 1],
+        crowded=spokes[count > 2],
+    )
+
+
+def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return offsets (n, 2) on a circle: in the order of the fans' own directions, evenly apart.
+
+    The circle is as large as the fans need, each of them being up to one radius long.
+    """
+    count = len(directions)
+    if count < 2:
+        return np.zeros((count, 2))
+    angle = np.arctan2(directions[:, 1], directions[:, 0])
+    place = np.zeros(count)
+    place[np.argsort(angle, kind="stable")] = np.arange(count)
+    even = 2 * np.pi * place / count
+    # Turned as a whole to where the fans are, so that each moves little.
+    even += float(np.angle(np.exp(1j * (angle - even)).mean()))
+    radius = max(_APART, _ROOM * count / (2 * np.pi))
+    return radius * np.stack([np.cos(even), np.sin(even)], axis=1)
+
+
+def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
+    """Return right, up and forward (3, 3) such that the fan seen most edge-on is seen as well as can be.
+
+    Parameters
+    ----------
+    triangles : (n, 3, 3) float64
+    part : (n,) integers
+        Fan of each.
+    """
+    if len(triangles) == 0:
+        return np.eye(3)
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    directions = sphere(128)
+    seen = np.zeros((part.max() + 1, len(directions)))
+    np.add.at(seen, part, np.abs(normal @ directions.T))
+    whole = np.bincount(part, weights=np.linalg.norm(normal, axis=1))
+    share = seen[whole > 0] / whole[whole > 0, None]
+    if len(share) == 0:
+        return np.eye(3)
+    # The worst fan first; among like views the one that shows most of all of them.
+    forward = directions[int(np.argmax(share.min(axis=0) + 0.1 * share.mean(axis=0)))]
+    right = np.cross(np.eye(3)[int(np.argmin(np.abs(forward)))], forward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def _plural(count: int, word: str) -> str:
+    return f"{count:,} {word}{'' if count == 1 else 's'}"

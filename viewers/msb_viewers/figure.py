@@ -1,0 +1,243 @@
+"""The paper's figure of topology diagnostics for any mesh: four panels, whole and close up."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import UsageError
+from msb_viewers.camera import Pose, element_pose
+from msb_viewers.palette import NEUTRAL, STYLES, unit
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from msb_viewers.model import ViewModel
+    from msb_viewers.viewer import TopologyViewer
+
+FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
+_SIDE = 640
+"""Of one view, in pixels: 3.2 inches of paper at 200 dots per inch."""
+_CLOSER = 0.9
+"""A close-up's distance, as part of the one the viewer flies to."""
+_DPI = 130
+_BOOST = 1.4
+"""A view is shown at about 400 pixels: marks must survive that."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One column: its title, the layers drawn, and how the mesh is coloured."""
+
+    title: str
+    kinds: tuple[str, ...]
+    coloring: str
+    nothing: str
+
+
+PANELS = (
+    Panel("(a) Boundary edges", ("boundary_edges",), "grey", "no boundary edge"),
+    Panel("(b) Non-manifold edges", ("nonmanifold_edges",), "grey", "no non-manifold edge"),
+    Panel(
+        "(c) Non-manifold vertices",
+        ("multifan_vertices", "nonmanifold_edge_endpoints"),
+        "grey",
+        "no non-manifold vertex",
+    ),
+    Panel("(d) Edge-connected components", (), "components", "one component"),
+)
+
+
+def check_suffix(path: Path) -> None:
+    """Refuse a name whose suffix is none a figure can have.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    if path.suffix.lower() not in FIGURE_SUFFIXES:
+        raise UsageError("USAGE", f'--figure: "{path.name}" must end in {", ".join(FIGURE_SUFFIXES)}')
+
+
+def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: int = _DPI) -> None:
+    """Write the figure: each diagnosis on the whole mesh, and one place of it close up.
+
+    Raises
+    ------
+    UsageError
+        `USAGE` for another suffix than .png, .svg or .pdf.
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    """
+    from msb.atomic import new_file
+
+    check_suffix(path)
+    buffer = io.BytesIO()
+    kind = path.suffix.lower()[1:]
+    # No date in the file: the same mesh gives the same bytes.
+    stamp: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    compose(model, panel_images(model, up)).savefig(
+        buffer, format=kind, dpi=dpi, metadata=stamp[kind], facecolor="white"
+    )
+    with new_file(path) as file:
+        file.write(buffer.getvalue())
+
+
+def panel_images(
+    model: ViewModel, up: str | None = None, side: int = _SIDE
+) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
+    """Return for each panel the whole mesh and a close-up, (side, side, 3) uint8; None if there is none."""
+    from msb_viewers.viewer import TopologyViewer
+
+    viewer = TopologyViewer(model, size=(side, side), off_screen=True, up=up)
+    try:
+        viewer.plotter.set_background("white")
+        viewer.stage.boost = _BOOST
+        return [_views(viewer, panel) for panel in PANELS]
+    finally:
+        viewer.close()
+
+
+def _views(viewer: TopologyViewer, panel: Panel) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    model, state = viewer.model, viewer.state
+    state.legend, state.message = False, ""
+    state.coloring = panel.coloring  # type: ignore[assignment]
+    state.visible = {kind for kind in panel.kinds if len(model.layers[kind])}
+    if model.soup:
+        state.visible.discard("boundary_edges")
+    viewer.home()
+    whole = viewer.image()
+    pose = _close_up(viewer, panel)
+    if pose is None:
+        return whole, None
+    viewer.pose = pose
+    return whole, viewer.image()
+
+
+def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
+    """Return a view of an example: of the largest component, as near to the eye as there is one."""
+    model = viewer.model
+    if panel.kinds:
+        shown = [kind for kind in panel.kinds if kind in viewer.state.visible]
+        if not shown:
+            return None
+        rows = model.rows(shown[0], 0)
+        rows = rows if len(rows) else model.rows(shown[0])
+        candidates = model.layers[shown[0]].vertices[rows]
+    else:
+        if len(model.sizes) < 2:
+            return None
+        # A component of middling size among the larger ones, not the largest.
+        first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
+        candidates = model.faces[first]
+    if len(candidates) == 0:
+        return None
+    middles = model.points[candidates].mean(axis=1)
+    nearest = int(np.argmin(np.linalg.norm(middles - viewer.pose.eye, axis=1)))
+    pose = element_pose(model, candidates[nearest], viewer.pose)
+    if pose is None:
+        return None
+    return Pose(pose.target + _CLOSER * (pose.eye - pose.target), pose.target, pose.up)
+
+
+def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
+    """Return the matplotlib figure of four columns with titles, counts and legends."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.2, 7.9), facecolor="white")
+    FigureCanvasAgg(figure)
+    close = any(pair[1] is not None for pair in images)
+    rows = 2 if close else 1
+    figure.set_size_inches(13.2, 7.9 if close else 4.5)
+    grid = figure.add_gridspec(
+        rows, 4, left=0.012, right=0.988, bottom=0.1 if close else 0.17, top=0.925 if close else 0.86,
+        wspace=0.035, hspace=0.035,
+    )  # fmt: skip
+    for column, (panel, pair) in enumerate(zip(PANELS, images, strict=True)):
+        for row, image in enumerate(pair[:rows]):
+            axes = figure.add_subplot(grid[row, column])
+            axes.set_xticks([])
+            axes.set_yticks([])
+            for spine in axes.spines.values():
+                spine.set_color("#b4b6ba")
+            if image is None:
+                axes.text(0.5, 0.5, _absence(model, panel), ha="center", va="center", fontsize=11, wrap=True)
+                axes.set_xlim(0, 1)
+                axes.set_ylim(0, 1)
+                axes.set_box_aspect(1)
+            else:
+                axes.imshow(image)
+            if row == 0:
+                axes.set_title(f"{panel.title}\n", fontsize=12, fontweight="bold", pad=4)
+                axes.text(0.5, 1.02, _count(model, panel), ha="center", va="bottom", fontsize=10,
+                          transform=axes.transAxes)  # fmt: skip
+            if row == rows - 1:
+                _legend(axes, model, panel)
+    return figure
+
+
+def _absence(model: ViewModel, panel: Panel) -> str:
+    if model.soup and "boundary_edges" in panel.kinds:
+        return "triangle soup:\nevery edge is a boundary,\nnone is drawn"
+    return panel.nothing
+
+
+def _count(model: ViewModel, panel: Panel) -> str:
+    from msb.topology.verdict import percent
+
+    counts = model.audit.counts
+    if panel.coloring == "components":
+        largest = percent(counts.largest_component_faces, counts.faces)
+        return f"{counts.components:,}; the largest has {largest} of the faces"
+    if len(panel.kinds) > 1:
+        part, whole, what = counts.nonmanifold_vertices, counts.vertices, "vertices"
+    else:
+        part, whole, what = len(model.layers[panel.kinds[0]]), counts.edges, "edges"
+    return f"{part:,} of {whole:,} {what} ({percent(part, whole)})"
+
+
+def _legend(axes: Any, model: ViewModel, panel: Panel) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    shapes = {"disc": "o", "diamond": "D"}
+    names = {
+        "boundary_edges": "boundary edge (one face), thin line",
+        "nonmanifold_edges": "edge of more than two faces, thick line",
+        "multifan_vertices": "several fans (bow-tie), disc: {:,}",
+        "nonmanifold_edge_endpoints": "on a non-manifold edge, diamond: {:,}",
+    }
+    handles: list[Any] = []
+    for kind in panel.kinds:
+        style = STYLES[kind]
+        label = names[kind].format(len(model.layers[kind]))
+        if style.marker:
+            mark: dict[str, Any] = {
+                "marker": shapes[style.marker],
+                "markersize": style.size * 0.55,
+                "markeredgecolor": "black",
+            }
+            handles.append(Line2D([], [], linestyle="none", color=unit(style.color), label=label, **mark))
+        else:
+            handles.append(Line2D([], [], color=unit(style.color), linewidth=style.width * 0.8, label=label))
+    if panel.coloring == "components":
+        from msb_viewers.palette import size_label
+
+        handles.append(Patch(facecolor=unit(NEUTRAL), edgecolor="black", linewidth=0.5, label="largest"))
+        for group in reversed(model.size_classes()):
+            label = f"{size_label(group.low, group.high).replace(' faces', '').replace(' face', '')}"
+            handles.append(Patch(facecolor=unit(group.color), edgecolor="black", linewidth=0.5, label=label))
+    columns = 4 if panel.coloring == "components" else 1
+    title = "faces in a component" if panel.coloring == "components" else None
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.015), frameon=False, fontsize=9.5,
+        ncols=columns, title=title, title_fontsize=9.5, handlelength=1.6, columnspacing=1, borderaxespad=0.2,
+    )  # fmt: skip

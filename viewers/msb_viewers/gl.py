@@ -1,0 +1,108 @@
+"""Is there something to draw with? Asked in a child process: without a GL stack VTK ends the process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from msb.errors import UsageError
+
+PROBE = """
+from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
+vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+vtkObject.GlobalWarningDisplayOff()
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter
+window, renderer = vtkRenderWindow(), vtkRenderer()
+window.SetOffScreenRendering(1)
+window.SetSize(8, 8)
+renderer.SetBackground(1, 0, 1)
+window.AddRenderer(renderer)
+window.Render()
+picture = vtkWindowToImageFilter()
+picture.SetInput(window)
+picture.Update()
+pixels = picture.GetOutput().GetPointData().GetScalars()
+print("drawn" if pixels.GetTuple3(0) == (255.0, 0.0, 255.0) else "black")
+"""
+INSTALL = 'pip install "meshsplatbench[view]"'
+NO_GL = (
+    "VTK found no way to draw: neither a display, nor EGL, nor OSMesa. Install one of them: on Debian and "
+    "Ubuntu apt install libegl1 libgl1-mesa-dri (or libosmesa6), on Fedora dnf install mesa-libEGL "
+    "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html needs none of this"
+)
+NO_DISPLAY = (
+    "there is no display to open a window on; --screenshot FILE.png, --html FILE.html and "
+    "--figure FILE.png draw without one"
+)
+_SECONDS = 60
+"""A software GL on a loaded machine takes a few; a driver that hangs must not hang us."""
+
+
+@dataclass
+class GlProbe:
+    """The question under way; other work can go on until `check` is called."""
+
+    process: subprocess.Popen[str] | None
+
+    @classmethod
+    def start(cls) -> GlProbe:
+        """Ask whether VTK can draw.
+
+        Raises
+        ------
+        UsageError
+            `EXTRA_MISSING` if pyvista is not installed.
+        """
+        if find_spec("pyvista") is None or find_spec("vtkmodules") is None:
+            text = f"the viewer needs pyvista; {INSTALL} installs it. --html alone needs none"
+            raise UsageError("EXTRA_MISSING", text)
+        if sys.platform in ("win32", "darwin"):
+            return cls(None)  # both bring a GL stack
+        command = [sys.executable, "-c", PROBE]
+        quiet = subprocess.DEVNULL
+        return cls(subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True))
+
+    def check(self) -> None:
+        """Wait for the answer.
+
+        Raises
+        ------
+        UsageError
+            `VIEW_NO_GL`.
+        """
+        if self.process is None:
+            return
+        try:
+            answer, _ = self.process.communicate(timeout=_SECONDS)
+        except subprocess.TimeoutExpired:
+            answer = ""
+        finally:
+            self.close()
+        if "drawn" not in answer:
+            raise UsageError("VIEW_NO_GL", NO_GL)
+
+    def close(self) -> None:
+        """End the child if it still runs."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        if self.process is not None and self.process.stdout is not None:
+            self.process.stdout.close()
+
+
+def check_display() -> None:
+    """Refuse to open a window where there is nothing to open it on.
+
+    Raises
+    ------
+    UsageError
+        `VIEW_NO_DISPLAY`.
+    """
+    if sys.platform in ("win32", "darwin"):
+        return
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise UsageError("VIEW_NO_DISPLAY", NO_DISPLAY)

@@ -1,0 +1,338 @@
+"""What the topology viewer shows, as plain arrays: no window, no VTK, nothing that needs a display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.topology import Audit
+    from msb.topology.analysis import Analysis
+    from msb_viewers.source import Colors, Source
+
+SOUP_NOTE = (
+    "Triangle soup: no two faces share a vertex, so every edge is a boundary. They are not drawn; 1 does."
+)
+CLEAN_NOTE = "Nothing wrong: closed, manifold, consistently wound."
+EMPTY_NOTE = "There is no face to draw."
+_WORST_FIRST = (
+    "degenerate_faces",
+    "duplicate_faces",
+    "nonmanifold_edges",
+    "nonmanifold_edge_endpoints",
+    "multifan_vertices",
+    "boundary_edges",
+)
+_SHOWN_AT_FIRST = 12_000
+_FRAMING_SAMPLE = 100_000
+_FAR_OUT = 4.0
+"""A bounding sphere this many times as wide as that of 95 % of the vertices is not what one wants to see."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """The elements of one kind.
+
+    Attributes
+    ----------
+    style : Style
+    numbers : (n,) integers
+        Of the elements in the audit; an edge's is its place in the order of vertex pairs.
+    vertices : (n, 1 | 2 | 3) integers
+    total : int
+        How many elements of this sort the mesh has, offending or not.
+    """
+
+    style: Style
+    numbers: NDArray[Any]
+    vertices: NDArray[Any]
+    total: int
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def share(self) -> float | None:
+        """Part of all elements of its sort; None of none."""
+        return len(self) / self.total if self.total else None
+
+
+@dataclass(frozen=True)
+class SizeClass:
+    """Components of like size: their number, the faces in them, and the rule that makes the class."""
+
+    low: int
+    high: int | None
+    color: tuple[int, int, int]
+    components: int
+    faces: int
+
+
+@dataclass(frozen=True, eq=False)
+class ViewModel:
+    """A mesh with all that can be shown of it.
+
+    Positions are moved and scaled so that what the first view frames is the unit sphere: float32 is then
+    precise enough for any georeferenced mesh, and nothing overflows.
+
+    Attributes
+    ----------
+    name, method, up, notes
+        As in `Source`; `notes` has more.
+    audit, analysis : Audit, Analysis
+    points : (V, 3) float32
+        In drawn units; rows that are not finite are at the origin, and no drawn face uses them.
+    center : (3,) float64, scale : float
+        A stored position is ``center + scale * point``.
+    faces : (F, 3) integers
+    drawn : (F,) bool
+        Faces with finite corners only.
+    colors : Colors or None
+    layers : dict of str to Layer
+        By kind, in the legend's order.
+    face_component : (F,) integers
+        0 is the largest component; -1 in repeated-index rows.
+    sizes : (n,) integers
+        Faces of each component, descending.
+    """
+
+    name: str
+    method: str | None
+    up: str
+    audit: Audit
+    analysis: Analysis
+    points: NDArray[np.float32]
+    center: NDArray[np.float64]
+    scale: float
+    faces: NDArray[Any]
+    drawn: NDArray[np.bool_]
+    colors: Colors | None
+    layers: dict[str, Layer]
+    face_component: NDArray[Any]
+    sizes: NDArray[Any]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def soup(self) -> bool:
+        """No vertex is used by two faces, and there are at least two."""
+        return self.audit.topology == "triangle_soup" and len(self.faces) > 1
+
+    @property
+    def extent(self) -> float:
+        """Distance from the origin to the farthest point, in drawn units."""
+        return float(np.sqrt((self.points.astype(np.float64) ** 2).sum(axis=1).max(initial=0.0)))
+
+    def finite(self, vertices: NDArray[Any]) -> NDArray[np.bool_]:
+        """Return whether all of an element's vertices (n, k) can be drawn."""
+        return np.asarray(self._finite[vertices].all(axis=1))
+
+    @cached_property
+    def _finite(self) -> NDArray[np.bool_]:
+        return np.asarray(np.isfinite(self.analysis.vertices).all(axis=1))
+
+    def shown_by_default(self) -> set[str]:
+        """Return the kinds that are on at first: the worst, as many as one can tell apart from afar.
+
+        Never the boundary of a soup, where every edge is one.
+        """
+        shown: set[str] = set()
+        total = 0
+        for kind in _WORST_FIRST:
+            count = len(self.layers[kind])
+            if count == 0 or (self.soup and kind == "boundary_edges"):
+                continue
+            total += count
+            if shown and total > _SHOWN_AT_FIRST:
+                break
+            shown.add(kind)
+        return shown
+
+    def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
+        """Return the corners (n, k, 3) of a layer's drawable elements, of one component if asked for."""
+        return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
+
+    def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
+        """Return which rows of a layer can be drawn: finite, and with `component` only that one's."""
+        layer = self.layers[kind]
+        keep = self.finite(layer.vertices)
+        if component is not None:
+            keep &= self._belongs(layer, component)
+        return np.flatnonzero(keep)
+
+    def _belongs(self, layer: Layer, component: int) -> NDArray[np.bool_]:
+        inside = self.face_component == component
+        if layer.style.of == "face":
+            return np.asarray(inside[layer.numbers])
+        if layer.style.of == "edge":
+            # All faces at an edge are of one component: any of them tells.
+            mesh = self.analysis.mesh
+            return np.asarray(inside[mesh.edge_halfedges[mesh.edge_offsets[layer.numbers]] // 3])
+        marked = np.zeros(len(self.points), bool)
+        marked[self.faces[inside]] = True
+        return np.asarray(marked[layer.numbers])
+
+    def faces_of(self, component: int | None) -> NDArray[Any]:
+        """Return the numbers of the faces to draw, of one component or all."""
+        return np.flatnonzero(
+            self.drawn if component is None else self.drawn & (self.face_component == component)
+        )
+
+    def component_colors(self) -> NDArray[np.uint8]:
+        """Return a colour for each face (F, 3): neutral in the largest component, else by size."""
+        table = np.zeros((len(self.sizes) + 1, 3), np.uint8)
+        for low, high, color in SIZE_CLASSES:
+            table[:-1][(self.sizes >= low) & (self.sizes <= (high or self.sizes.max(initial=0)))] = color
+        table[:1] = NEUTRAL
+        table[-1] = NEUTRAL  # what -1, a repeated-index row, looks up; it has no area to see
+        return np.asarray(table[self.face_component])
+
+    def size_classes(self) -> list[SizeClass]:
+        """Return the classes of all components but the largest, smallest first; empty ones are left out."""
+        rest = self.sizes[1:]
+        classes = []
+        for low, high, color in SIZE_CLASSES:
+            chosen = rest[(rest >= low) & (rest <= (high or rest.max(initial=0)))]
+            if len(chosen):
+                classes.append(SizeClass(low, high, color, len(chosen), int(chosen.sum())))
+        return classes
+
+    def stored_position(self, point: NDArray[Any]) -> NDArray[np.float64]:
+        """Return a drawn position (..., 3) in the mesh's own units."""
+        return np.asarray(self.center + self.scale * np.asarray(point, np.float64))
+
+    def nbytes(self) -> int:
+        """Return the bytes of the arrays held here and in the analysis behind them."""
+        mesh, fans = self.analysis.mesh, self.analysis.fans
+        arrays = [self.points, self.faces, self.drawn, self.face_component, self.sizes]
+        arrays += [layer.vertices for layer in self.layers.values()]
+        arrays += [layer.numbers for layer in self.layers.values()]
+        arrays += [
+            mesh.edge_vertices,
+            mesh.edge_offsets,
+            mesh.edge_halfedges,
+            fans.corner_fan,
+            fans.fan_vertex,
+        ]
+        arrays += [fans.fans_per_vertex, fans.groups_per_vertex, self.analysis.area, self.analysis.vertices]
+        arrays += [] if self.colors is None else [self.colors.values]
+        return sum(array.nbytes for array in arrays)
+
+
+def build_model(source: Source, audit: Audit, analysis: Analysis) -> ViewModel:
+    """Return what is to be shown of `source`.
+
+    Parameters
+    ----------
+    source : Source
+    audit, analysis : Audit, Analysis
+        What `msb.topology.audit_arrays` made of its vertices and faces.
+
+    Notes
+    -----
+    O(V + F) time beyond the audit's; about 12 V + 17 F bytes and the overlays beyond what the audit holds.
+    """
+    from msb.topology.elements import find_elements
+
+    elements = find_elements(analysis)
+    finite = np.isfinite(analysis.vertices).all(axis=1)
+    center, scale, cropped = _framing(analysis.vertices, finite & analysis.referenced)
+    points = np.zeros(analysis.vertices.shape, np.float32)
+    with np.errstate(over="ignore"):
+        points[finite] = (analysis.vertices[finite].astype(np.float64) - center) / scale
+    finite &= np.isfinite(points).all(axis=1)
+    points[~finite] = 0
+    faces = analysis.mesh.faces
+    sizes = np.sort(analysis.components.sizes)[::-1]
+    layers = _layers(analysis, {group.kind: group for group in elements.groups})
+    model = ViewModel(
+        name=source.name,
+        method=source.method,
+        up=source.up if source.up != "unknown" else "+y" if source.method in (None, "mesh") else "-y",
+        audit=audit,
+        analysis=analysis,
+        points=points,
+        center=center,
+        scale=scale,
+        faces=faces,
+        drawn=finite[faces].all(axis=1) if len(faces) else np.zeros(0, bool),
+        colors=source.colors,
+        layers=layers,
+        face_component=elements.face_component,
+        sizes=sizes,
+    )
+    notes = (*source.notes, *_notes(model), *([cropped] if cropped else []))
+    object.__setattr__(model, "notes", notes)
+    return model
+
+
+def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
+    mesh = analysis.mesh
+    totals = {"vertex": mesh.vertex_count, "edge": mesh.edge_count, "face": mesh.face_count}
+    layers = {}
+    for kind, style in STYLES.items():
+        if kind == "degenerate_faces":  # two counts of the audit, one look
+            both = [groups["repeated_index_faces"], groups["zero_area_faces"]]
+            numbers = np.sort(np.concatenate([group.numbers for group in both]))
+            vertices = mesh.faces[numbers]
+        else:
+            numbers, vertices = groups[kind].numbers, groups[kind].vertices
+        layers[kind] = Layer(style, numbers, vertices, totals[style.of])
+    return layers
+
+
+def _framing(vertices: NDArray[Any], use: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float, str | None]:
+    """Return centre and radius of the sphere to look at, and what to say if it is not all of the mesh.
+
+    It is the bounding sphere of the box, unless a few far vertices make it many times as wide as where
+    nearly all of the mesh is: outdoor scenes have such backgrounds.
+    """
+    rows = np.flatnonzero(use)
+    if len(rows) == 0:
+        return np.zeros(3), 1.0, None
+    seen = np.asarray(vertices[rows], np.float64)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    center = low / 2 + high / 2
+    radius = _largest_distance(seen, center)
+    sample = seen[:: max(len(seen) // _FRAMING_SAMPLE, 1)]
+    middle = np.median(sample, axis=0)
+    with np.errstate(over="ignore"):
+        distance = np.abs(sample - middle).max(axis=1)
+    near = sample[distance <= np.quantile(distance, 0.95)]
+    inner = _largest_distance(near, middle)
+    if len(near) > 3 and inner > 0 and radius > _FAR_OUT * inner:
+        outside = int(np.count_nonzero(np.abs(seen - middle).max(axis=1) > inner))
+        text = f"{outside:,} far vertices lie outside the first view; Home shows 95 % of the vertices."
+        return middle, 1.1 * inner, text
+    return center, radius if radius > 0 else 1.0, None
+
+
+def _largest_distance(points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
+    with np.errstate(over="ignore"):
+        away = np.abs(points - center)
+    scale = float(away.max(initial=0.0))
+    if not 0 < scale < np.inf:  # all in one point, or further apart than float64 can say
+        return 0.0 if scale == 0 else float(np.finfo(np.float64).max) / 4
+    return scale * float(np.sqrt(((away / scale) ** 2).sum(axis=1).max()))
+
+
+def _notes(model: ViewModel) -> list[str]:
+    from msb.topology.verdict import judge
+
+    notes = []
+    hidden = int(np.count_nonzero(~model.drawn))
+    if len(model.faces) == 0 or not model.drawn.any():
+        notes.append(EMPTY_NOTE)
+    elif model.soup:
+        notes.append(SOUP_NOTE)
+    elif judge(model.audit).level == "good":
+        notes.append(CLEAN_NOTE)
+    if hidden:
+        notes.append(f"{hidden:,} faces with a corner that is not finite are not drawn.")
+    return notes

@@ -1,0 +1,146 @@
+"""`--html`: the viewer as one file that a browser with WebGL 2 opens offline; made without pyvista."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from dataclasses import asdict
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.camera import FOV_Y, default_pose
+from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
+from msb_viewers.state import ViewState
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb_viewers.model import ViewModel
+
+LARGE = 2_000_000
+"""Faces from which a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads."""
+
+
+def write_page(
+    model: ViewModel, path: Path, *, state: ViewState | None = None, up: str | None = None
+) -> None:
+    """Write `model` as a page.
+
+    Parameters
+    ----------
+    model : ViewModel
+    path : Path
+    state : ViewState, optional
+        What is on at first.
+    up : str, optional
+        "+y" and the like instead of the model's own.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    """
+    from msb.atomic import new_file
+
+    with new_file(path) as file:
+        file.write(page(model, state or ViewState.first(model), up or model.up))
+
+
+def page(model: ViewModel, state: ViewState, up: str) -> bytes:
+    """Return the page, UTF-8."""
+    arrays = page_arrays(model)
+    layout: dict[str, dict[str, Any]] = {}
+    offset = 0
+    for name, array in arrays.items():
+        layout[name] = {"dtype": array.dtype.name, "offset": offset, "length": array.size}
+        offset += -(-array.nbytes // 4) * 4
+    packer = zlib.compressobj(6)
+    packed = []
+    for array in arrays.values():
+        packed.append(packer.compress(np.ascontiguousarray(array).data))
+        packed.append(packer.compress(bytes(-array.nbytes % 4)))
+    packed.append(packer.flush())
+    # "</" would end the element it stands in, whatever a file is called.
+    meta = json.dumps({**_meta(model, state, up), "arrays": layout}).replace("<", "\\u003c")
+    folder = files("msb_viewers")
+    # Each mark is looked for in the template only: what a file is called may look like one.
+    before, after = (folder / "page.html").read_text("utf-8").split("@DATA@")
+    before = before.replace("@META@", meta)
+    after = after.replace("@SCRIPT@", (folder / "page.js").read_text("utf-8"))
+    return before.encode() + base64.b64encode(b"".join(packed)) + after.encode()
+
+
+def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
+    """Return what the page draws, by name, each flat and little-endian: float32, uint32 or uint8."""
+    rows = model.faces_of(None)
+    arrays: dict[str, NDArray[Any]] = {
+        "points": model.points.reshape(-1).astype("<f4", copy=False),
+        "faces": model.faces[rows].reshape(-1).astype("<u4"),
+        "size_class": size_class_of_faces(model)[rows],
+    }
+    if model.colors is not None:
+        values = model.colors.values
+        if model.colors.domain == "face":
+            values = values[rows]
+        elif model.colors.domain == "corner":
+            values = values.reshape(-1, 9)[rows]
+        arrays["colors"] = values.reshape(-1)
+    for kind, layer in model.layers.items():
+        arrays[kind] = layer.vertices[model.rows(kind)].reshape(-1).astype("<u4")
+    return arrays
+
+
+def size_class_of_faces(model: ViewModel) -> NDArray[np.uint8]:
+    """Return for each face (F,) 0 in the largest component, else 1 + the place in SIZE_CLASSES."""
+    lows = np.array([low for low, _, _ in SIZE_CLASSES])
+    of_component = np.searchsorted(lows, model.sizes, "right").astype(np.uint8)
+    of_component[:1] = 0
+    return np.asarray(np.append(of_component, np.uint8(0))[model.face_component])
+
+
+def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
+    from msb.topology.verdict import judge
+    from msb_viewers.stage import mean_edge
+
+    counts = model.audit.counts
+    verdict = judge(model.audit)
+    word = {"good": "OK", "limited": "LIMITED", "bad": "BAD"}[verdict.level]
+    method = f"{model.method}: " if model.method else ""
+    pose = default_pose(up, 1.0)
+    sizes = {(group.low, group.high): group.components for group in model.size_classes()}
+    classes = [{"label": "largest", "color": NEUTRAL, "components": min(len(model.sizes), 1)}]
+    classes += [
+        {"label": size_label(low, high), "color": color, "components": sizes.get((low, high), 0)}
+        for low, high, color in SIZE_CLASSES
+    ]
+    return {
+        "name": model.name,
+        "subtitle": f"{method}{counts.vertices:,} vertices, {counts.faces:,} faces",
+        "verdict": f"{word}: {verdict.sentence}.",
+        "notes": list(model.notes),
+        "colored": model.colors is not None,
+        "domain": None if model.colors is None else model.colors.domain,
+        "visible": sorted(state.visible),
+        "active": state.active,
+        "layers": [
+            {**asdict(layer.style), "count": len(model.rows(kind)), "each": layer.vertices.shape[1]}
+            for kind, layer in model.layers.items()
+        ],
+        "components": len(model.sizes),
+        "classes": classes,
+        "neutral": NEUTRAL,
+        "background": BACKGROUND,
+        "highlight": HIGHLIGHT,
+        "direction": (pose.eye / np.linalg.norm(pose.eye)).tolist(),
+        "up": pose.up.tolist(),
+        "fov": FOV_Y,
+        "extent": model.extent,
+        "edge": mean_edge(model),
+        "center": model.center.tolist(),
+        "scale": model.scale,
+    }

@@ -1,0 +1,134 @@
+"""How each kind of element looks: a colour and, always, a shape, a line style or a text beside it.
+
+Colours are those of Okabe and Ito (M. Okabe and K. Ito, Color Universal Design, 2008), which stay apart
+under the common kinds of colour blindness. No two kinds differ by colour alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Color = tuple[int, int, int]
+"""sRGB bytes."""
+Marker = Literal["disc", "diamond", "cross", "square", "ring"]
+Line = Literal["solid", "dashed"]
+
+INK: Color = (30, 32, 36)
+BLACK: Color = (0, 0, 0)
+WHITE: Color = (255, 255, 255)
+ORANGE: Color = (230, 159, 0)
+SKY: Color = (86, 180, 233)
+GREEN: Color = (0, 158, 115)
+YELLOW: Color = (240, 228, 66)
+BLUE: Color = (0, 114, 178)
+VERMILLION: Color = (213, 94, 0)
+PURPLE: Color = (204, 121, 167)
+
+BACKGROUND: Color = (246, 246, 244)
+NEUTRAL: Color = (205, 205, 205)
+"""A mesh without colours of its own, and the largest component."""
+HIGHLIGHT: Color = (200, 0, 110)
+"""The ring around the chosen element, which no layer's colour is near."""
+FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
+"""Fans of one vertex; each also carries its number."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """One layer's look and its place in the interface.
+
+    Attributes
+    ----------
+    kind : str
+        The audit's name of the elements (docs/definitions.md).
+    label : str
+        What the legend says.
+    key : str
+        The key that switches it.
+    color : Color
+    of : {"vertex", "edge", "face"}
+    width : float
+        Of lines, in pixels at the finest zoom; 0 draws none.
+    line : {"solid", "dashed"}
+    marker : str or None
+    size : float
+        Of markers, in pixels at the finest zoom.
+    """
+
+    kind: str
+    label: str
+    key: str
+    color: Color
+    of: Literal["vertex", "edge", "face"]
+    width: float = 0.0
+    line: Line = "solid"
+    marker: Marker | None = None
+    size: float = 0.0
+
+
+STYLES: dict[str, Style] = {
+    style.kind: style
+    for style in (
+        Style("boundary_edges", "Boundary edges", "1", BLUE, "edge", width=2.0),
+        Style("nonmanifold_edges", "Non-manifold edges", "2", VERMILLION, "edge", width=5.0),
+        Style("multifan_vertices", "Vertices: several fans", "3", PURPLE, "vertex", marker="disc", size=15),
+        Style(
+            "nonmanifold_edge_endpoints",
+            "Vertices: on a non-m. edge",
+            "4",
+            ORANGE,
+            "vertex",
+            marker="diamond",
+            size=11,
+        ),
+        Style(
+            "degenerate_faces", "Degenerate faces", "5", YELLOW, "face", width=3.0, marker="cross", size=17
+        ),
+        Style("duplicate_faces", "Duplicate faces", "6", SKY, "face", width=3.0, marker="square", size=13),
+        Style("inconsistent_winding_edges", "Winding flips", "7", GREEN, "edge", width=2.5, line="dashed"),
+        Style(
+            "unreferenced_vertices",
+            "Unused vertices",
+            "8",
+            (110, 110, 110),
+            "vertex",
+            marker="ring",
+            size=9,
+        ),
+    )
+}
+"""Layers in the legend's order."""
+
+SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
+    # Light to dark with size, so that the order survives without hue; steps of the plasma scale of
+    # matplotlib (S. van der Walt and N. Smith, 2015), none of them near the neutral grey.
+    (1, 1, (240, 249, 33)),
+    (2, 3, (253, 180, 47)),
+    (4, 9, (237, 121, 83)),
+    (10, 99, (189, 55, 134)),
+    (100, 999, (114, 1, 168)),
+    (1000, None, (13, 8, 135)),
+)
+"""Components other than the largest by their number of faces: from, to (both included), colour."""
+
+
+def size_label(low: int, high: int | None) -> str:
+    """Return the text of a size class.
+
+    >>> size_label(2, 3), size_label(1, 1), size_label(1000, None)
+    ('2 to 3 faces', '1 face', '1,000 faces or more')
+    """
+    if high is None:
+        return f"{low:,} faces or more"
+    return f"{low} face{'' if low == 1 else 's'}" if low == high else f"{low} to {high} faces"
+
+
+def unit(color: Color) -> tuple[float, float, float]:
+    """Return a colour as three numbers in [0, 1]."""
+    return color[0] / 255, color[1] / 255, color[2] / 255
+
+
+def css(color: Color) -> str:
+    """Return a colour as #rrggbb."""
+    return "#{:02x}{:02x}{:02x}".format(*color)

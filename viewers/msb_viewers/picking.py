@@ -1,0 +1,80 @@
+"""Which face and vertex lie under a pixel, in NumPy: the same on soups and indexed meshes, GL or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Hit:
+    """What a ray met first: a face, its corner nearest to the ray, and how far along the ray."""
+
+    face: int
+    vertex: int
+    distance: float
+
+
+def pick(
+    points: NDArray[np.float32],
+    faces: NDArray[Any],
+    allowed: NDArray[np.bool_],
+    eye: NDArray[Any],
+    direction: NDArray[Any],
+    box: NDArray[Any] | None = None,
+) -> Hit | None:
+    """Return the first face a ray meets.
+
+    Parameters
+    ----------
+    points : (V, 3) float32
+    faces : (F, 3) integers
+    allowed : (F,) bool
+        Faces that are drawn.
+    eye, direction : (3,) float
+        Of the ray; the direction is a unit vector.
+    box : (3, 2) float, optional
+        Where the ray meets a face outside of this box, the face is clipped away there.
+
+    Notes
+    -----
+    O(V + F) time, 13 V + 4 F bytes: vertices are projected along the ray, faces all on one side of it are
+    dropped by a byte a corner, the few that are left are intersected.
+    """
+    if not allowed.any():
+        return None
+    direction = np.asarray(direction, np.float64)
+    side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    side /= np.linalg.norm(side)
+    frame = np.stack([side, np.cross(direction, side), direction], axis=1)
+    across = (points - np.asarray(eye, np.float32)) @ frame[:, :2].astype(np.float32)
+    code = (across[:, 0] > 0).astype(np.uint8) | ((across[:, 1] > 0).astype(np.uint8) << 1)
+    a, b, c = code[faces[:, 0]], code[faces[:, 1]], code[faces[:, 2]]
+    around = ((a & b & c) == 0) & ((a | b | c) == 3) & allowed
+    rows = np.flatnonzero(around)
+    if len(rows) == 0:
+        return None
+    # The survivors once more, in double precision.
+    local = (points[faces[rows]].astype(np.float64) - np.asarray(eye, np.float64)) @ frame
+    u, v, t = local[..., 0], local[..., 1], local[..., 2]
+    sides = u * np.roll(v, -1, axis=1) - v * np.roll(u, -1, axis=1)  # of the corner pairs 01, 12, 20
+    area = sides.sum(axis=1)
+    inside = ((sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)) & (area != 0)
+    weights = np.roll(sides, -1, axis=1)[inside] / area[inside, None]
+    depth = (weights * t[inside]).sum(axis=1)
+    rows, local = rows[inside], local[inside]
+    keep = depth > 0
+    if box is not None:
+        met = np.asarray(eye, np.float64) + depth[:, None] * direction
+        keep &= ((met >= box[:, 0]) & (met <= box[:, 1])).all(axis=1)
+    if not keep.any():
+        return None
+    first = int(np.argmin(np.where(keep, depth, np.inf)))
+    corner = int(np.argmin((local[first, :, :2] ** 2).sum(axis=1)))
+    face = int(rows[first])
+    return Hit(face, int(faces[face, corner]), float(depth[first]))

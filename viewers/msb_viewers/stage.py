@@ -1,0 +1,210 @@
+"""The actors of one model: its surface, the stand-in while moving, and the layers. No window of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers import drawing
+from msb_viewers.detail import MOST_FACES, budget, cluster
+from msb_viewers.palette import NEUTRAL, STYLES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb_viewers.model import ViewModel
+    from msb_viewers.state import ViewState
+
+_MARKS = 5
+"""Faces drawn while moving for each element of a layer that is."""
+_FULL_SIZE = 40.0
+"""Pixels a mean edge must have on the screen for lines and markers to be drawn at full size."""
+_LEAST = 0.2
+_SHADE_GREY, _SHADE_COMPONENTS = 0.55, 0.25
+"""Grey has no meaning and may be shaded for shape; the lightness of components says their size."""
+
+
+class Stage:
+    """Actors made when they are first needed and kept while they stay right.
+
+    Attributes
+    ----------
+    moving : bool
+        Whether the view moves, and stand-ins are drawn if they are needed.
+    seconds : float
+        What the last picture at rest took.
+    box : (3, 2) float or None
+        The clipping box.
+    boost : float
+        Lines and markers are drawn this many times as large: for pictures that are printed small.
+    """
+
+    def __init__(self, model: ViewModel, back: Any, front: Any) -> None:
+        self.model, self._back, self._front = model, back, front
+        self.moving = False
+        self.seconds = 0.0
+        self.boost = 1.0
+        self.box: NDArray[np.float64] | None = None
+        self._surface: tuple[Any, Any] | None = None
+        self._stand_in: tuple[Any, Any] | None = None
+        self._layers: dict[str, tuple[Any, list[Any], list[Any]]] = {}
+        self._coarse: tuple[NDArray[Any], NDArray[Any]] | None = None
+        self._budget: int | None = None
+        self._edge = mean_edge(model)
+        self._size = 1.0
+        self._through = False
+
+    def sync(self, state: ViewState) -> None:
+        """Make, show and hide actors as `state` has it."""
+        faces = self.model.faces_of(state.component)
+        key = (state.coloring, state.component)
+        if self._surface is None or self._surface[0] != key:
+            self._drop(self._surface)
+            self._drop(self._stand_in)
+            self._stand_in = None
+            self._surface = (key, self._add(self._make_surface(state, faces)))
+        if self.moving and self._stand_in is None:
+            self._budget = budget(len(faces), self.seconds)
+        stand_in_wanted = self.moving and self._budget is not None
+        if stand_in_wanted and self._stand_in is None:
+            self._stand_in = (key, self._add(self._make_stand_in(state)))
+        self._surface[1].SetVisibility(not stand_in_wanted and len(faces) > 0)
+        if self._stand_in is not None:
+            self._stand_in[1].SetVisibility(stand_in_wanted)
+        self._sync_layers(state)
+        drawing.clip(self.actors(), self.box)
+
+    def actors(self) -> list[Any]:
+        """Return every actor there is."""
+        parts = [pair[1] for pair in (self._surface, self._stand_in) if pair is not None]
+        return parts + [actor for _, full, thin in self._layers.values() for actor in (*full, *thin)]
+
+    def resize(self, pixels_per_unit: float) -> None:
+        """Scale lines and markers to the zoom: full size close up, fine where elements crowd."""
+        size = float(np.clip(self._edge * pixels_per_unit / _FULL_SIZE, _LEAST, 1.0))
+        if abs(size - self._size) > 0.02:
+            self._size = size
+            for kind in self._layers:
+                self._scale(kind)
+
+    def _sync_layers(self, state: ViewState) -> None:
+        if state.through != self._through:
+            # In front of everything: the other renderer knows nothing of the surface's depth.
+            self._through = state.through
+            self._forget_layers(set(self._layers))
+        self._forget_layers({kind for kind, entry in self._layers.items() if entry[0] != state.component})
+        for kind in sorted(state.visible - set(self._layers)):
+            self._make_layer(kind, state.component)
+        for kind, (_, full, thin) in self._layers.items():
+            if self.moving and self._budget is not None and full and not thin:
+                thin += self._thin(kind, state.component)
+            thinned = self.moving and bool(thin) and self._budget is not None
+            for actor in full:
+                actor.SetVisibility(kind in state.visible and not thinned)
+            for actor in thin:
+                actor.SetVisibility(kind in state.visible and thinned)
+
+    def _make_layer(self, kind: str, component: int | None) -> None:
+        corners = self.model.positions(kind, component=component)
+        full = [self._add(actor, over=True) for actor in layer_actors(kind, corners)] if len(corners) else []
+        self._layers[kind] = (component, full, [])
+        self._scale(kind)
+
+    def _thin(self, kind: str, component: int | None) -> list[Any]:
+        """Return the actors that stand in for a layer of many elements while the view moves."""
+        corners = self.model.positions(kind, component=component)
+        most = max((self._budget or MOST_FACES) // _MARKS, 1)
+        if len(corners) <= most:
+            return []
+        some = corners[:: -(-len(corners) // most)]
+        thin = [self._add(actor, over=True) for actor in layer_actors(kind, some)]
+        for actor in thin:
+            self._scale_actor(kind, actor)
+        return thin
+
+    def _forget_layers(self, kinds: set[str]) -> None:
+        for kind in kinds:
+            _, full, thin = self._layers.pop(kind)
+            for actor in (*full, *thin):
+                self._back.RemoveActor(actor)
+                self._front.RemoveActor(actor)
+
+    def _scale(self, kind: str) -> None:
+        for actor in (*self._layers[kind][1], *self._layers[kind][2]):
+            self._scale_actor(kind, actor)
+
+    def _scale_actor(self, kind: str, actor: Any) -> None:
+        look = actor.GetProperty()
+        look.SetLineWidth(max(STYLES[kind].width * self._size, 0.8) * self.boost)
+        look.SetPointSize(max(STYLES[kind].size * self._size, 3.0) * self.boost)
+
+    def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> Any:
+        everything = len(rows) == len(self.model.faces)
+        faces = self.model.faces if everything else self.model.faces[rows]
+        colors = self.model.colors
+        if state.coloring != "own" or colors is None:
+            return self._meaningful(state, faces, rows)
+        values = colors.values
+        if colors.domain == "face" and not everything:
+            values = values[rows]
+        elif colors.domain == "corner" and not everything:
+            values = values.reshape(-1, 3, 3)[rows].reshape(-1, 3)
+        return drawing.surface(self.model.points, faces, values, colors.domain)
+
+    def _make_stand_in(self, state: ViewState) -> Any:
+        model = self.model
+        coarse = self._coarse
+        if coarse is None or state.component is not None:
+            rows = model.faces_of(state.component)
+            faces, origin = cluster(model.points, model.faces[rows], self._budget or MOST_FACES)
+            coarse = faces, rows[origin]
+            if state.component is None:
+                self._coarse = coarse
+        faces, origin = coarse
+        colors = model.colors
+        if state.coloring != "own" or colors is None:
+            return self._meaningful(state, faces, origin)
+        if colors.domain == "vertex":
+            return drawing.surface(model.points, faces, colors.values, "vertex")
+        first = origin * (3 if colors.domain == "corner" else 1)
+        return drawing.surface(model.points, faces, colors.values[first], "face")
+
+    def _meaningful(self, state: ViewState, faces: NDArray[Any], origin: NDArray[Any]) -> Any:
+        """Return faces in grey, or in the colour of the component of the face each came from."""
+        if state.coloring != "components":
+            return drawing.surface(self.model.points, faces, None, "vertex", shade=_SHADE_GREY, color=NEUTRAL)
+        colors = self.model.component_colors()[origin]
+        return drawing.surface(self.model.points, faces, colors, "face", shade=_SHADE_COMPONENTS)
+
+    def _add(self, actor: Any, *, over: bool = False) -> Any:
+        (self._front if over and self._through else self._back).AddActor(actor)
+        return actor
+
+    def _drop(self, pair: tuple[Any, Any] | None) -> None:
+        if pair is not None:
+            self._back.RemoveActor(pair[1])
+
+
+def layer_actors(kind: str, corners: NDArray[np.float32]) -> list[Any]:
+    """Return the actors that draw elements (n, k, 3) of a kind: lines, markers, or both."""
+    style = STYLES[kind]
+    actors = []
+    if style.width:
+        ends = corners
+        if style.of == "face":  # outlines
+            ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        actors.append(drawing.segments(ends, style.color, style.width, dashed=style.line == "dashed"))
+    if style.marker is not None:
+        actors.append(drawing.markers(corners.mean(axis=1), style.color, style.marker, style.size))
+    return actors
+
+
+def mean_edge(model: ViewModel) -> float:
+    """Return the median length of a sample of edges, in drawn units."""
+    pairs = model.analysis.mesh.edge_vertices
+    pairs = pairs[:: max(len(pairs) // 20_000, 1)]
+    pairs = pairs[model.finite(pairs)] if len(pairs) else pairs
+    if len(pairs) == 0:
+        return 1.0
+    return float(np.median(np.linalg.norm(model.points[pairs[:, 0]] - model.points[pairs[:, 1]], axis=1)))

@@ -1,0 +1,385 @@
+"""The topology viewer: a window, or a picture of what the window would show."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import UsageError
+from msb_viewers import drawing
+from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
+from msb_viewers.controls import Controls
+from msb_viewers.gl import NO_DISPLAY
+from msb_viewers.inset import Inset, background, size_of
+from msb_viewers.palette import BACKGROUND, HIGHLIGHT, unit
+from msb_viewers.picking import pick
+from msb_viewers.stage import Stage
+from msb_viewers.state import ViewState
+from msb_viewers.text import Panel, help_panel, legend_panel, legend_width, line_panel
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb_viewers.model import ViewModel
+
+_GAP = 12
+"""Between the panels and the window's border, in pixels at scale 1."""
+_SAMPLES = 4
+_SMALLEST = 0.62
+"""Scale of text below which it cannot be read."""
+_FLIGHT_FRAMES = 14
+
+
+class TopologyViewer:
+    """A mesh with its offending elements, on a window or off-screen.
+
+    Parameters
+    ----------
+    model : ViewModel
+    size : (int, int)
+        Width and height of the window in pixels.
+    off_screen : bool
+        Draw without a window; everything else works the same.
+    up : str, optional
+        "+y" and the like instead of the model's own.
+    state : ViewState, optional
+        What is on at first.
+
+    Raises
+    ------
+    UsageError
+        `VIEW_NO_DISPLAY` if a window is wanted and VTK cannot open one.
+    """
+
+    def __init__(
+        self,
+        model: ViewModel,
+        *,
+        size: tuple[int, int] = (1280, 800),
+        off_screen: bool = False,
+        up: str | None = None,
+        state: ViewState | None = None,
+    ) -> None:
+        import pyvista
+        from vtkmodules.vtkRenderingCore import vtkRenderer
+
+        drawing.quiet()
+        self.model, self.off_screen = model, off_screen
+        self.up = up or model.up
+        self._extent = model.extent
+        self.state = state or ViewState.first(model)
+        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
+        self.window = self.plotter.ren_win
+        if not off_screen and self.window.GetClassName() in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
+            self.plotter.close()
+            raise UsageError("VIEW_NO_DISPLAY", NO_DISPLAY)
+        self.window.SetWindowName(f"{model.name} - msb view")
+        self.plotter.set_background(unit(BACKGROUND))
+        self.back = self.plotter.renderer
+        self.back.SetTwoSidedLighting(True)
+        self.back.SetAutomaticLightCreation(True)
+        self.front = vtkRenderer()
+        self.front.SetLayer(1)
+        self.front.InteractiveOff()
+        self.window.SetNumberOfLayers(3)
+        self.window.AddRenderer(self.front)
+        self.camera = self.back.GetActiveCamera()
+        self.camera.SetViewAngle(math.degrees(FOV_Y))
+        self.front.SetActiveCamera(self.camera)
+        self.stage = Stage(model, self.back, self.front)
+        self.inset = Inset(self.window, layer=2)
+        self._pictures = {name: drawing.Picture() for name in ("legend", "help", "status", "fans")}
+        for picture in self._pictures.values():
+            self.front.AddViewProp(picture.actor)
+        self._legend: Panel | None = None
+        self._marks: list[Any] = []
+        self._shown_vertex: tuple[int | None, float] = (None, 0.0)
+        self.plotter.camera_set = True  # else the first picture would undo the view
+        self.controls = Controls(self)
+        self.home()
+        self.refresh()
+
+    # What is shown -----------------------------------------------------------------------------------
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the window in pixels."""
+        width, height = self.window.GetSize()
+        return int(width), int(height)
+
+    @property
+    def scale(self) -> float:
+        """Of all text, by the window's size."""
+        width, height = self.size
+        return float(np.clip(min(width / 1280, height / 800), _SMALLEST, 2.0))
+
+    def refresh(self) -> None:
+        """Bring the window up to date with the state, and draw."""
+        self.stage.sync(self.state)
+        self._mark()
+        self._show_fans()
+        self.center()
+        self._show_text()
+        self.render()
+
+    def render(self) -> None:
+        """Draw, lines and markers sized to the zoom."""
+        self.stage.resize(self.pixels_per_unit())
+        self.fit_depth()
+        # Samples smooth the rims of faces and lines; what lies inside a face keeps its exact colour.
+        self.window.SetMultiSamples(0 if self.stage.moving else _SAMPLES)
+        start = time.perf_counter()
+        self.window.Render()
+        if not self.stage.moving:
+            self.window.WaitForCompletion()
+            self.stage.seconds = time.perf_counter() - start
+
+    def pixels_per_unit(self) -> float:
+        """Return how many pixels one drawn unit takes at the distance that is looked at."""
+        return self.size[1] / (2 * max(self.pose.distance, 1e-9) * math.tan(FOV_Y / 2))
+
+    def image(self) -> NDArray[np.uint8]:
+        """Draw and return the window (H, W, 3), row 0 at the top."""
+        self.refresh()
+        image = self.plotter.screenshot(None, return_img=True)
+        return np.asarray(image, np.uint8)[..., :3]
+
+    def screenshot(self, path: Path) -> None:
+        """Write the window to a PNG.
+
+        Raises
+        ------
+        OutputError
+            `OUTPUT_UNWRITABLE`.
+        """
+        from PIL import Image
+
+        from msb.atomic import new_file
+
+        picture = Image.fromarray(self.image())
+        with new_file(path) as file:
+            picture.save(file, "PNG", optimize=True)
+
+    # Where from --------------------------------------------------------------------------------------
+
+    @property
+    def pose(self) -> Pose:
+        """The camera."""
+        camera = self.camera
+        places = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
+        return Pose(*(np.array(place, np.float64) for place in places))
+
+    @pose.setter
+    def pose(self, pose: Pose) -> None:
+        self.camera.SetPosition(*pose.eye)
+        self.camera.SetFocalPoint(*pose.target)
+        self.camera.SetViewUp(*pose.up)
+
+    def home(self) -> None:
+        """Go to the first view, centred in what the legend leaves free."""
+        self.pose = default_pose(self.up, self._aspect())
+        self.center()
+
+    def center(self) -> None:
+        """Move the middle of the view to the middle of what the legend leaves free."""
+        fans = self._pictures["fans"]
+        right = fans.size[0] + round(_GAP * self.scale) if fans.actor.GetVisibility() else 0
+        self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
+
+    def fly(self, pose: Pose) -> None:
+        """Go to a view, on a window in small steps."""
+        start = self.pose
+        for step in range(1, _FLIGHT_FRAMES if not self.off_screen else 0):
+            t = step / _FLIGHT_FRAMES
+            t = t * t * (3 - 2 * t)
+            parts = [(1 - t) * a + t * b for a, b in zip(_parts(start), _parts(pose), strict=True)]
+            self.pose = Pose(*parts)
+            self.stage.moving = True
+            self.stage.sync(self.state)
+            self.render()
+        self.stage.moving = False
+        self.pose = pose
+
+    def fly_to_chosen(self) -> None:
+        """Fly to the chosen element or vertex, if it has a place."""
+        vertices = self._chosen_vertices()
+        if vertices is None:
+            self.state.message = "nothing is chosen; click a vertex, or step with N and P"
+            return
+        pose = element_pose(self.model, vertices, self.pose)
+        if pose is not None:
+            self.fly(pose)
+
+    def fly_to_component(self) -> None:
+        """Fly to the component that alone is drawn, or to the first view."""
+        component = self.state.component
+        if component is None:
+            self.home()
+            return
+        pose = component_pose(self.model, component, self.pose, self._aspect())
+        if pose is not None:
+            self.fly(pose)
+
+    def project(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the pixels (n, 2) of drawn positions (n, 3): x to the right, y down from the top left."""
+        width, height = self.size
+        matrix = self._matrix()
+        ends = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            device = ends[:, :2] / ends[:, 3:]
+        return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
+
+    def pick(self, x: float, y: float) -> int | None:
+        """Choose the vertex nearest to a pixel on the face drawn there; return it, or None."""
+        width, height = self.size
+        inverse = np.linalg.inv(self._matrix())
+        device = np.array([2 * x / width - 1, 1 - 2 * y / height])
+        near, far = (inverse @ np.array([*device, depth, 1.0]) for depth in (-1.0, 1.0))
+        eye, end = near[:3] / near[3], far[:3] / far[3]
+        direction = (end - eye) / np.linalg.norm(end - eye)
+        allowed = self.model.drawn
+        if self.state.component is not None:
+            allowed = allowed & (self.model.face_component == self.state.component)
+        hit = pick(self.model.points, self.model.faces, allowed, eye, direction, self.stage.box)
+        self.state.choose_vertex(None if hit is None else hit.vertex)
+        self.refresh()
+        return self.state.vertex
+
+    def fit_depth(self) -> None:
+        """Keep the near plane as far as the nearest thing, and never so near that depth loses its steps."""
+        pose, extent = self.pose, self._extent
+        away = float(np.linalg.norm(pose.eye))
+        far = extent + away
+        near = max((away - extent) * 0.99, pose.distance * 0.05, far * 1e-5)
+        self.camera.SetClippingRange(near, far * 1.01)
+
+    def set_box(self, box: NDArray[Any] | None) -> None:
+        """Draw only what is inside of a box (3, 2) in drawn units; None draws all."""
+        self.stage.box = None if box is None else np.asarray(box, np.float64)
+        drawing.clip(self.stage.actors(), self.stage.box)
+
+    # Using it ----------------------------------------------------------------------------------------
+
+    def show(self) -> None:
+        """Open the window and return when it is closed."""
+        self.controls.attach()
+        self.refresh()
+        self.plotter.show(auto_close=True, title=f"{self.model.name} - msb view")
+
+    def close(self) -> None:
+        """Let go of the window and of all that VTK holds."""
+        self.window.RemoveRenderer(self.front)
+        self.window.RemoveRenderer(self.inset.renderer)
+        self.plotter.close()
+
+    def legend_hit(self, x: float, y: float) -> str | None:
+        """Return what the legend has at a pixel: an action, "" for its background, None beside it."""
+        if self._legend is None:
+            return None
+        gap = round(_GAP * self.scale)
+        return self._legend.hit(x - gap, y - gap)
+
+    # Parts -------------------------------------------------------------------------------------------
+
+    def _taken(self) -> int:
+        """Return the width the legend takes at the left, in pixels."""
+        if not self.state.legend:
+            return 0
+        return legend_width(self.scale) + round(_GAP * self.scale)
+
+    def _aspect(self) -> float:
+        """Return width over height of what the legend leaves free."""
+        width, height = self.size
+        return (width - self._taken()) / height
+
+    def _matrix(self) -> NDArray[np.float64]:
+        """Return the matrix (4, 4) from drawn positions to device coordinates in [-1, 1]."""
+        width, height = self.size
+        self.fit_depth()
+        matrix = self.camera.GetCompositeProjectionTransformMatrix(width / height, -1.0, 1.0)
+        return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+
+    def _chosen_vertices(self) -> NDArray[Any] | None:
+        if self.state.element is not None:
+            kind, place = self.state.element
+            return np.asarray(self.model.layers[kind].vertices[place])
+        return None if self.state.vertex is None else np.array([self.state.vertex])
+
+    def _mark(self) -> None:
+        """Ring what is chosen, in front of everything."""
+        for actor in self._marks:
+            self.front.RemoveActor(actor)
+        self._marks = []
+        vertices = self._chosen_vertices()
+        if vertices is None or not self.model.finite(vertices[None])[0]:
+            return
+        corners = self.model.points[vertices]
+        if len(corners) > 1:
+            ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)[: 1 if len(corners) == 2 else 3]
+            self._marks.append(drawing.segments(ends, HIGHLIGHT, 4.0))
+        self._marks.append(drawing.markers(corners.mean(axis=0)[None], HIGHLIGHT, "ring", 34.0))
+        for actor in self._marks:
+            self.front.AddActor(actor)
+
+    def _show_fans(self) -> None:
+        wanted = (self.state.vertex, self.scale)
+        if wanted == self._shown_vertex and self.state.vertex is None:
+            return
+        if wanted != self._shown_vertex:
+            text = self.inset.show(self.model, self.state.vertex, self.scale)
+            if text:
+                at = self.state.component_of_vertex(int(self.state.vertex or 0))
+                of = "" if at is None else f" · {self.state.describe_component(at)}"
+                self.state.message = text + of
+            self._shown_vertex = wanted
+        picture, panel = self._pictures["fans"], self.inset.panel
+        self.inset.renderer.SetDraw(panel is not None and not self.state.help)
+        if panel is None or self.state.help:
+            picture.hide()
+            return
+        (width, height), gap = self.size, round(_GAP * self.scale)
+        side = size_of(self.size, panel)
+        picture.set(background(panel, side))
+        left = width - picture.size[0] - gap
+        picture.place(left, gap)
+        inner = (picture.size[0] - side) // 2
+        x = left + inner
+        self.inset.place(x / width, gap / height, (x + side) / width, (gap + side) / height)
+
+    def _show_text(self) -> None:
+        (width, height), scale = self.size, self.scale
+        gap = round(_GAP * scale)
+        self._legend = None
+        legend = self._pictures["legend"]
+        if self.state.legend:
+            self._legend = legend_panel(self.state, scale)
+            legend.set(self._legend.image)
+            legend.place(gap, height - gap - legend.size[1])
+        else:
+            legend.hide()
+        status = self._pictures["status"]
+        fans = self._pictures["fans"]
+        taken = fans.size[0] + gap if fans.actor.GetVisibility() else 0
+        left = self._taken() + gap if self.state.legend and legend.size[1] > height - 5 * gap else gap
+        if self.state.message and width - left - taken > 120:
+            status.set(line_panel(self.state.message, width - left - taken - gap, scale).image)
+            status.place(left, gap)
+        else:
+            status.hide()
+        helping = self._pictures["help"]
+        if self.state.help:
+            helping.set(help_panel(scale).image)
+            free = self._taken()
+            x = free + (width - free - helping.size[0]) // 2
+            helping.place(min(max(x, 0), max(width - helping.size[0], 0)), (height - helping.size[1]) // 2)
+        else:
+            helping.hide()
+
+
+def _parts(pose: Pose) -> tuple[NDArray[np.float64], ...]:
+    return pose.eye, pose.target, pose.up
