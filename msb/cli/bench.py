@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EPILOG = epilog(
     "msb bench data_stubs/splat_like.triasset",
-    "msb bench --frames 20 --seconds 0.5 --json out/a.json --force data_stubs/checkpoint",
+    "msb bench --frames 20 --seconds 0.5 --json out/a.json data_stubs/checkpoint",
     "msb bench --cameras data_stubs/views.json --scale 0.5 data_stubs/checkpoint",
 )
 SCHEMA = "msb.bench/1"

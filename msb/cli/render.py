@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 EPILOG = epilog(
     "msb render --turntable 8 -o out/turn data_stubs/splat_like.triasset",
-    "msb render --turntable 24 --size 320x240 --film out/t.mp4 data_stubs/checkpoint",
-    "msb render --cameras data_stubs/views.json --camera 0 -o out data_stubs/checkpoint",
+    "msb render --turntable 12 --film out/t.mp4 data_stubs/checkpoint",
+    "msb render --cameras data_stubs/views.json -o out data_stubs/checkpoint",
 )
 SCHEMA = "msb.render/1"
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]

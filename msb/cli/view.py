@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 EPILOG = epilog(
     "msb view data_stubs/splat_like.triasset",
-    "msb view --screenshot out/view.png --show nonmanifold_edges data_stubs/splat_like.triasset",
-    "msb view --figure out/topology.png --html out/view.html data_stubs/splat_like.triasset",
-    "msb view --at nonmanifold_edges:17 --screenshot out/at.png data_stubs/splat_like.triasset",
+    "msb view --screenshot out/view.png --show all data_stubs/checkpoint",
+    "msb view --figure out/f.png --html out/f.html data_stubs/checkpoint",
+    "msb view --at nonmanifold_edges:17 data_stubs/splat_like.triasset",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Colors = Literal["own", "components", "grey"]

@@ -97,7 +97,9 @@ def test_the_tables_of_buffers_are_those_of_the_code() -> None:
     assert set(buffer["properties"]["dtype"]["enum"]) <= words(table("## Buffers")["dtype"])
     assert set(buffer["properties"]["domain"]["enum"]) <= words(table("## Buffers")["domain"])
     start = DOC.index("| buffer | dtype |")
-    rows = dict(re.findall(r"^\| `([a-z_.*]+)` \| (.*)$", DOC[start : DOC.index("**What our exporter")], re.MULTILINE))
+    rows = dict(
+        re.findall(r"^\| `([a-z_.*]+)` \| (.*)$", DOC[start : DOC.index("**What our exporter")], re.MULTILINE)
+    )
     assert list(rows) == [*_ORDER, "features.*", "decoder.*"]
     for name, (dtypes, _, domains) in _STANDARD.items():
         dtype, shape, domain, _ = rows[name].split(" | ", 3)

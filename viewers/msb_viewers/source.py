@@ -72,7 +72,7 @@ def read_source(path: Path) -> Source:
         As `msb audit` raises them.
     """
     from msb.adapters.locate import is_checkpoint
-    from msb.cli.inputs import is_primitive_table, is_asset
+    from msb.cli.inputs import is_asset, is_primitive_table
 
     if is_asset(path):
         from msb.asset import load
