@@ -221,6 +221,11 @@ class Memory:
             held = self._pool[name] = self.allocate(room if room <= self._limit() else nbytes, np.uint8, name)
         return held.view(shape, dtype)
 
+    def release_scratch(self, prefix: str) -> None:
+        """Release the pool's buffers whose name begins with `prefix`."""
+        for name in [name for name in self._pool if name.startswith(prefix)]:
+            self._pool.pop(name).release()
+
     def release_all(self) -> None:
         """Release every buffer."""
         for held in list(self._allocations):

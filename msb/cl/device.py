@@ -87,6 +87,10 @@ class Device:
         """
         return self._memory.scratch(name, shape, dtype)
 
+    def release_scratch(self, prefix: str) -> None:
+        """Give back the pool's buffers whose name begins with `prefix`: what only a preparation needed."""
+        self._memory.release_scratch(prefix)
+
     def memory(self) -> dict[str, int]:
         """Return use -> bytes held on the device now."""
         return self._memory.by_use()

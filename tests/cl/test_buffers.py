@@ -195,3 +195,14 @@ def test_pocl_shares_what_nobody_can_change(device: Device, tmp_path: Path) -> N
     assert not address(device, hidden)
     with device.upload(mapped).mapped() as view:
         assert not address(device, view)  # gone after the block
+
+
+def test_scratch_can_be_given_back(fresh: Device) -> None:
+    kept, dropped = fresh.scratch("kept", 100), fresh.scratch("dropped one", 100)
+    fresh.release_scratch("dropped")
+    assert list(fresh.memory()) == ["kept"]
+    with pytest.raises(DeviceError):
+        dropped.read()
+    assert kept.read().shape == (100,)
+    fresh.scratch("dropped one", 50).fill(3)
+    fresh.finish()

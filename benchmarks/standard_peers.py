@@ -1,0 +1,351 @@
+"""Renderers the standard tier is compared with: each is prepared once and then draws frame after frame.
+
+A peer is a function of a scene that returns a function; that one draws a frame and returns its image as bytes
+or floats, row 0 at the top, or None where there are no colours. Images end in host memory, colours are the
+stored bytes, unlit and two-sided.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, Scene, pose
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Frame = Callable[[], NDArray[Any] | None]
+
+NEAR, FAR = 0.01, 100.0
+
+
+def _ours(scene: Scene) -> Any:
+    from msb import Camera
+    from msb.asset import Description, build_asset
+    from msb.render.standard import StandardRenderer
+
+    buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
+    asset = build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
+    camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, pose())
+    return StandardRenderer(asset), camera
+
+
+def msb(scene: Scene) -> Frame:
+    """Prepare ours: the image alone."""
+    renderer, camera = _ours(scene)
+    image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    return lambda: renderer.render_image(camera, out=image)
+
+
+def msb_frame(scene: Scene) -> Frame:
+    """Prepare ours: image, coverage, depth and face ids."""
+    renderer, camera = _ours(scene)
+    return lambda: renderer.render(camera, (0.0, 0.0, 0.0)).image
+
+
+def _plain_c(scene: Scene, bands: bool, ordered: bool) -> Frame:
+    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        raise RuntimeError("there is no C compiler; set CC")
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "peer.so"
+        source = Path(__file__).with_name("standard_peer.c")
+        flags = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC"]
+        subprocess.run([compiler, *flags, "-o", str(library), str(source), "-lm"], check=True)
+        draw = ctypes.CDLL(str(library)).render
+    positions, indices, colors = scene.positions, scene.indices, scene.colors
+    if ordered:
+        order = _spatial_order(positions[indices].mean(axis=1))
+        indices = indices[order]
+        if not scene.shared:
+            positions, colors = positions[indices.reshape(-1)], colors[indices.reshape(-1)]
+    view = pose()
+    camera = np.concatenate([view[:3, :3].reshape(-1), view[:3, 3], [FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2]])
+    camera = camera.astype(np.float32)
+    projected = np.zeros((len(positions) if scene.shared else 1, 4), np.float32)
+    pixels = np.zeros(WIDTH * HEIGHT, np.uint64)
+    image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    held = [np.ascontiguousarray(a) for a in (positions, indices, colors, camera)]
+    vertices, faces, rgba, view_at = (ctypes.c_void_p(array.ctypes.data) for array in held)
+    threads = int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
+
+    def frame() -> NDArray[Any]:
+        counts = ctypes.c_long(len(held[0])), ctypes.c_long(len(held[1]))
+        targets = (ctypes.c_void_p(array.ctypes.data) for array in (projected, pixels, image))
+        shared = faces if scene.shared else None
+        draw(vertices, shared, rgba, *counts, view_at, WIDTH, HEIGHT, int(bands), *targets, threads)
+        return image
+
+    return frame
+
+
+def c_direct(scene: Scene) -> Frame:
+    """Prepare plain C with 64-bit keys and atomics."""
+    return _plain_c(scene, bands=False, ordered=False)
+
+
+def c_bands(scene: Scene) -> Frame:
+    """Prepare plain C that lists triangles by bands of rows first."""
+    return _plain_c(scene, bands=True, ordered=False)
+
+
+def c_direct_ordered(scene: Scene) -> Frame:
+    """Prepare `c_direct` on triangles in the order of space, as ours has them."""
+    return _plain_c(scene, bands=False, ordered=True)
+
+
+def c_bands_ordered(scene: Scene) -> Frame:
+    """Prepare `c_bands` on triangles in the order of space."""
+    return _plain_c(scene, bands=True, ordered=True)
+
+
+def _spatial_order(centers: NDArray[Any]) -> NDArray[np.int64]:
+    low, high = centers.min(axis=0), centers.max(axis=0)
+    cell = ((centers - low) / (high - low).max() * 1023).astype(np.uint32)
+    key = np.zeros(len(cell), np.uint32)
+    for bit in range(10):
+        for axis in range(3):
+            key |= (cell[:, axis] >> bit & 1) << np.uint32(3 * bit + axis)
+    return np.argsort(key, kind="stable")
+
+
+def _projection(depth_from_zero: bool) -> NDArray[np.float32]:
+    """Return the clip matrix of the camera, columns first, as OpenGL or as WebGPU has it."""
+    p = np.zeros((4, 4))
+    p[0, 0], p[1, 1] = 2 * FOCAL / WIDTH, 2 * FOCAL / HEIGHT
+    if depth_from_zero:
+        p[2, 2], p[2, 3] = -FAR / (FAR - NEAR), -FAR * NEAR / (FAR - NEAR)
+    else:
+        p[2, 2], p[2, 3] = -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
+    p[3, 2] = -1
+    return np.ascontiguousarray((p @ np.diag([1, -1, -1, 1]) @ pose()).T, np.float32)
+
+
+def vtk(scene: Scene) -> Frame:
+    """Prepare VTK by way of pyvista."""
+    import pyvista as pv
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+    cells = np.concatenate([np.full((len(scene.indices), 1), 3), scene.indices], axis=1)
+    mesh = pv.PolyData(scene.positions, cells.reshape(-1))
+    mesh.point_data["rgb"] = scene.colors[:, :3]
+    plotter = pv.Plotter(off_screen=True, window_size=(WIDTH, HEIGHT), lighting=None)
+    plotter.add_mesh(mesh, scalars="rgb", rgb=True, lighting=False)
+    plotter.background_color = "black"
+    window = plotter.render_window
+    window.SetMultiSamples(0)
+    view = pose()
+    center = -view[:3, :3].T @ view[:3, 3]
+    plotter.camera.position = center
+    plotter.camera.focal_point = center + view[2, :3]
+    plotter.camera.up = -view[1, :3]
+    plotter.camera.view_angle = np.degrees(2 * np.arctan(HEIGHT / 2 / FOCAL))
+    plotter.camera.clipping_range = (NEAR, FAR)
+    plotter.show(auto_close=False)
+    pixels = vtkUnsignedCharArray()
+
+    def frame() -> NDArray[Any]:
+        window.Render()
+        window.GetPixelData(0, 0, WIDTH - 1, HEIGHT - 1, 0, pixels, 0)
+        return vtk_to_numpy(pixels).reshape(HEIGHT, WIDTH, 3)[::-1]
+
+    return frame
+
+
+def moderngl(scene: Scene) -> Frame:
+    """Prepare OpenGL by way of moderngl and EGL."""
+    import moderngl as gl
+
+    context = gl.create_context(standalone=True, backend="egl")
+    program = context.program(
+        vertex_shader="""
+            #version 330
+            uniform mat4 camera; in vec3 place; in vec4 color; out vec4 shade;
+            void main() { gl_Position = camera * vec4(place, 1.0); shade = color; }""",
+        fragment_shader="""
+            #version 330
+            in vec4 shade; out vec4 target; void main() { target = shade; }""",
+    )
+    program["camera"].write(_projection(False).tobytes())
+    content = [
+        (context.buffer(scene.positions.tobytes()), "3f", "place"),
+        (context.buffer(scene.colors.tobytes()), "4f1", "color"),
+    ]
+    index = context.buffer(scene.indices.tobytes()) if scene.shared else None
+    array = context.vertex_array(program, content, index_buffer=index)
+    target = context.framebuffer(
+        context.renderbuffer((WIDTH, HEIGHT), 4), context.depth_renderbuffer((WIDTH, HEIGHT))
+    )
+    target.use()
+    context.enable_only(gl.DEPTH_TEST)
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+
+    def frame() -> NDArray[Any]:
+        target.clear(0.0, 0.0, 0.0, 1.0)
+        array.render(gl.TRIANGLES)
+        target.read_into(image, components=3, alignment=1)
+        return image[::-1]
+
+    return frame
+
+
+_WGSL = """
+@group(0) @binding(0) var<uniform> camera: mat4x4<f32>;
+struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec4<f32> };
+@vertex fn project(@location(0) place: vec3<f32>, @location(1) color: vec4<f32>) -> Between {
+    return Between(camera * vec4<f32>(place, 1.0), color);
+}
+@fragment fn shade(between: Between) -> @location(0) vec4<f32> { return between.color; }
+"""
+
+
+def wgpu(scene: Scene) -> Frame:
+    """Prepare WebGPU by way of wgpu-py: Vulkan, in software lavapipe."""
+    import wgpu as gpu
+
+    adapter = gpu.gpu.request_adapter_sync(force_fallback_adapter=True)
+    size = max(scene.positions.nbytes, scene.indices.nbytes)
+    device = adapter.request_device_sync(required_limits={"max-buffer-size": max(size, 1 << 28)})
+    usage = gpu.BufferUsage
+
+    def buffer(array: NDArray[Any], kind: int) -> Any:
+        return device.create_buffer_with_data(data=np.ascontiguousarray(array), usage=kind)
+
+    corners = buffer(scene.positions, usage.VERTEX)
+    colors = buffer(scene.colors, usage.VERTEX)
+    index = buffer(scene.indices, usage.INDEX)
+    camera = buffer(_projection(True), usage.UNIFORM)
+    shader = device.create_shader_module(code=_WGSL)
+
+    def attributes(stride: int, kind: str, location: int) -> dict[str, Any]:
+        attribute = {"format": kind, "offset": 0, "shader_location": location}
+        return {"array_stride": stride, "step_mode": "vertex", "attributes": [attribute]}
+
+    pipeline = device.create_render_pipeline(
+        layout="auto",
+        vertex={
+            "module": shader,
+            "entry_point": "project",
+            "buffers": [attributes(12, "float32x3", 0), attributes(4, "unorm8x4", 1)],
+        },
+        primitive={"topology": "triangle-list", "cull_mode": "none"},
+        depth_stencil={"format": "depth32float", "depth_write_enabled": True, "depth_compare": "less"},
+        fragment={"module": shader, "entry_point": "shade", "targets": [{"format": "rgba8unorm"}]},
+    )
+    bound = device.create_bind_group(
+        layout=pipeline.get_bind_group_layout(0), entries=[{"binding": 0, "resource": {"buffer": camera}}]
+    )
+    extent = (WIDTH, HEIGHT, 1)
+    textures = gpu.TextureUsage
+    image = device.create_texture(
+        size=extent, format="rgba8unorm", usage=textures.RENDER_ATTACHMENT | textures.COPY_SRC
+    )
+    depth = device.create_texture(size=extent, format="depth32float", usage=textures.RENDER_ATTACHMENT)
+    row = -(-4 * WIDTH // 256) * 256
+    back = device.create_buffer(size=row * HEIGHT, usage=usage.COPY_DST | usage.MAP_READ)
+
+    def frame() -> NDArray[Any]:
+        encoder = device.create_command_encoder()
+        drawing = encoder.begin_render_pass(
+            color_attachments=[
+                {
+                    "view": image.create_view(),
+                    "load_op": "clear",
+                    "store_op": "store",
+                    "clear_value": (0, 0, 0, 1),
+                }
+            ],
+            depth_stencil_attachment={
+                "view": depth.create_view(),
+                "depth_clear_value": 1.0,
+                "depth_load_op": "clear",
+                "depth_store_op": "store",
+            },
+        )
+        drawing.set_pipeline(pipeline)
+        drawing.set_bind_group(0, bound)
+        drawing.set_vertex_buffer(0, corners)
+        drawing.set_vertex_buffer(1, colors)
+        if scene.shared:
+            drawing.set_index_buffer(index, "uint32")
+            drawing.draw_indexed(scene.indices.size)
+        else:
+            drawing.draw(scene.indices.size)
+        drawing.end()
+        encoder.copy_texture_to_buffer(
+            {"texture": image}, {"buffer": back, "bytes_per_row": row, "rows_per_image": HEIGHT}, extent
+        )
+        device.queue.submit([encoder.finish()])
+        back.map_sync(gpu.MapMode.READ)
+        found = np.frombuffer(back.read_mapped(), np.uint8).reshape(HEIGHT, row)[:, : 4 * WIDTH].copy()
+        back.unmap()
+        return found.reshape(HEIGHT, WIDTH, 4)[..., :3]
+
+    return frame
+
+
+def _rays() -> NDArray[np.float32]:
+    view = pose()
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    local = np.stack([(x - WIDTH / 2) / FOCAL, (y - HEIGHT / 2) / FOCAL, np.ones_like(x)], axis=-1)
+    world = local.reshape(-1, 3) @ view[:3, :3]
+    origin = np.broadcast_to(-view[:3, :3].T @ view[:3, 3], world.shape)
+    return np.concatenate([origin, world], axis=1).astype(np.float32)
+
+
+def embree_open3d(scene: Scene) -> Frame:
+    """Prepare Embree by way of Open3D: which face each ray hits and where, without colours."""
+    import open3d
+
+    caster = open3d.t.geometry.RaycastingScene()
+    corners, faces = (open3d.core.Tensor(np.ascontiguousarray(a)) for a in (scene.positions, scene.indices))
+    caster.add_triangles(corners, faces)
+    rays = open3d.core.Tensor(_rays())
+
+    def frame() -> None:
+        caster.cast_rays(rays)
+
+    return frame
+
+
+def embree(scene: Scene) -> Frame:
+    """Prepare Embree by way of embreex: which face each ray hits, on one thread, without colours."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    rays = _rays()
+    caster = EmbreeScene()
+    TriangleMesh(caster, scene.positions[scene.indices])
+    origin, direction = np.ascontiguousarray(rays[:, :3]), np.ascontiguousarray(rays[:, 3:])
+
+    def frame() -> None:
+        caster.run(origin, direction, output=0)
+
+    return frame
+
+
+PEERS: dict[str, tuple[str, Callable[[Scene], Frame]]] = {
+    "msb": ("the image, float32 RGB", msb),
+    "msb frame": ("image, coverage, depth, face ids", msb_frame),
+    "c direct": ("plain C, OpenMP, 64-bit keys and atomics", c_direct),
+    "c bands": ("plain C, OpenMP, triangles listed by bands of 16 rows", c_bands),
+    "c direct sorted": ("c direct, triangles in the order of space", c_direct_ordered),
+    "c bands sorted": ("c bands, triangles in the order of space", c_bands_ordered),
+    "vtk": ("VTK by pyvista, OpenGL", vtk),
+    "moderngl": ("OpenGL by EGL", moderngl),
+    "wgpu": ("WebGPU, Vulkan", wgpu),
+    "embree open3d": ("Embree by Open3D, rays alone, no colours", embree_open3d),
+    "embree": ("Embree by embreex, rays alone, one thread, no colours", embree),
+}
+"""Name -> what it is, and what prepares it."""

@@ -1,0 +1,122 @@
+#include "zbuffer_math.cl"
+
+// Once for each asset: triangles as the z-buffer reads them (zbuffer_math.cl), and boxes of clusters of them.
+
+// Spread the low ten bits of x: two zeros before each.
+uint spread(uint x)
+{
+    x = (x | x << 16) & 0x030000ff;
+    x = (x | x << 8) & 0x0300f00f;
+    x = (x | x << 4) & 0x030c30c3;
+    return (x | x << 2) & 0x09249249;
+}
+
+// Place of a centroid along the Morton curve of 1024^3 cells, 30 bits. `origin` and `scale` map the cells;
+// what lies outside goes to the cells at the border.
+__kernel void place(__global const float *positions, __global const uint *indices, __global const uint *listed,
+    int all, __global uint *keys, float4 origin, float scale, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i >= count)
+        return;
+    size_t face = all ? i : listed[i];
+    float center[3] = {0.0f, 0.0f, 0.0f};
+    for (int k = 0; k < 3; k++) {
+        size_t vertex = indices[3 * face + k];
+        for (int axis = 0; axis < 3; axis++)
+            center[axis] += positions[3 * vertex + axis] * (1.0f / 3.0f);
+    }
+    uint cell[3];
+    float low[3] = {origin.x, origin.y, origin.z};
+    for (int axis = 0; axis < 3; axis++) {
+        float place = (center[axis] - low[axis]) * scale;
+        cell[axis] = place > 0.0f ? (place < 1023.0f ? (uint)place : 1023) : 0;
+    }
+    keys[i] = spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2;
+}
+
+// Whether corner a comes before b: by x, then y, then z.
+int before(const float *a, const float *b)
+{
+    for (int axis = 0; axis < 3; axis++)
+        if (a[axis] != b[axis])
+            return a[axis] < b[axis];
+    return 0;
+}
+
+// Write the records. Corners are put in an order that depends on their places alone, so that faces in the same
+// place have equal depths to the last bit, whatever corner each starts with. Slots from `count` on, up to a whole
+// block, get triangles without area.
+__kernel void records(__global const float *positions, __global const uint *indices, __global const uint *listed,
+    int all, __global const uint *order, int ordered, COLOR_TYPE colors, int domain, __global float *triangles,
+    __global float *corner_colors, uint count, uint slots)
+{
+    size_t slot = get_global_id(0);
+    if (slot >= slots)
+        return;
+    size_t i = slot < count ? slot : count - 1;
+    if (ordered)
+        i = order[i];
+    size_t face = all ? i : listed[i];
+    __global float *record = triangles + slot * WORDS;
+    float corner[3][3];
+    uint row[3];
+    for (int k = 0; k < 3; k++) {
+        size_t vertex = indices[3 * face + k];
+        for (int axis = 0; axis < 3; axis++)
+            corner[k][axis] = positions[3 * vertex + axis];
+        row[k] = domain == 0 ? vertex : 3 * face + k;
+    }
+    for (int pass = 0; pass < 3; pass++) { // three exchanges sort three
+        int k = pass & 1;
+        if (before(corner[k + 1], corner[k])) {
+            for (int axis = 0; axis < 3; axis++) {
+                float moved = corner[k][axis];
+                corner[k][axis] = corner[k + 1][axis];
+                corner[k + 1][axis] = moved;
+            }
+            uint moved = row[k];
+            row[k] = row[k + 1];
+            row[k + 1] = moved;
+        }
+    }
+    for (int k = 0; k < 3; k++)
+        for (int axis = 0; axis < 3; axis++)
+            record[3 * k + axis] = corner[slot < count ? k : 0][axis];
+    for (int k = 0; k < 3; k++) {
+#if COLORS == BYTES_OF_CORNERS
+        __global const uchar *c = colors + (size_t)row[k] * CHANNELS;
+        record[9 + k] = as_float((int)c[0] | (int)c[1] << 8 | (int)c[2] << 16);
+#elif COLORS == FLOATS_OF_FACE
+        record[9 + k] = colors[face * CHANNELS + k];
+#else
+        for (int channel = 0; channel < 3; channel++)
+            corner_colors[slot * 9 + 3 * k + channel] = colors[(size_t)row[k] * CHANNELS + channel];
+#endif
+    }
+    record[FACE_WORD] = as_float((int)face);
+    for (int k = FACE_WORD + 1; k < WORDS; k++)
+        record[k] = 0.0f;
+}
+
+// Centre and half extent of clusters of `size` triangles, six rows of `stride`.
+__kernel void bound(__global const float *triangles, __global float *boxes, int size, int slots, int count, int stride)
+{
+    int cluster = get_global_id(0);
+    if (cluster >= count)
+        return;
+    for (int axis = 0; axis < 3; axis++) {
+        float low = INFINITY, high = -INFINITY;
+        for (int slot = cluster * size; slot < slots && slot < (cluster + 1) * size; slot++)
+            for (int k = 0; k < 3; k++) {
+                float at = triangles[(size_t)slot * WORDS + 3 * k + axis];
+                low = at < low ? at : low;
+                high = at > high ? at : high;
+            }
+        // Halved first: the sum of two large numbers may overflow. The extent grows by what rounding takes.
+        float center = 0.5f * low + 0.5f * high;
+        float reach = high - center > center - low ? high - center : center - low;
+        boxes[axis * stride + cluster] = center;
+        boxes[(3 + axis) * stride + cluster] = reach * 1.000001f;
+    }
+}

@@ -1,0 +1,203 @@
+"""The standard tier in float64 NumPy: an opaque z-buffer, triangle by triangle, slow and obviously right.
+
+The rules are those of the OpenCL kernels (docs/standard.md), the arithmetic is not: everything but the exact
+integer edge functions is double precision here. The two differ where rounding decides: a corner on the next
+step of the 1/4096 pixel grid, or which of two surfaces is nearer where they cross.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from msb.reference.frame import ReferenceFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from msb.scenes import Camera
+
+    Reals = NDArray[np.float64]
+
+NEAR = float(np.float32(0.01))
+UNITS = 4096
+"""Steps per pixel of the grid that projected corners are snapped to."""
+GUARD = 0.75 * 2**29
+"""Units from the image's corner; what is farther out is clipped, so that products fit into 64 bits."""
+
+
+class Pixels(NamedTuple):
+    """What one face covers: rows, columns, 1 / z and the weights of its corners (n, 3)."""
+
+    y: NDArray[np.int64]
+    x: NDArray[np.int64]
+    inverse_depth: Reals
+    weights: Reals
+
+
+def render_standard(
+    positions: ArrayLike,
+    indices: ArrayLike,
+    colors: ArrayLike,
+    domain: str,
+    camera: Camera,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    shown: NDArray[np.bool_] | None = None,
+) -> ReferenceFrame:
+    """Draw an opaque mesh.
+
+    Parameters
+    ----------
+    positions : (V, 3) array_like
+    indices : (F, 3) array_like of integers below V
+    colors : (n, 3) or (n, 4) array_like
+        uint8, or floats, which are clamped to [0, 1]; a fourth channel is not used.
+    domain : {"vertex", "face", "corner"}
+        What n counts: V, F or 3F.
+    camera : Camera
+    background : sequence of 3 floats
+    shown : (F,) bool, optional
+        Faces to draw; they keep their numbers.
+
+    Returns
+    -------
+    ReferenceFrame
+        image, alpha and depth are float64; face_id is -1 where nothing is.
+    """
+    points = np.asarray(positions, np.float64)
+    faces = np.asarray(indices, np.int64)
+    rgb = _unit_colors(colors)
+    pose = camera.world_to_camera
+    local = points @ pose[:3, :3].T + pose[:3, 3]
+    height, width = camera.height, camera.width
+    nearest = np.zeros((height, width))
+    face_id = np.full((height, width), -1, np.int32)
+    image = np.empty((height, width, 3))  # noqa: TID251 - filled in the next line
+    image[:] = background
+    for face, corners in enumerate(faces):
+        if shown is not None and not shown[face]:
+            continue
+        # An order that depends on the places of the corners alone: faces in the same place tie exactly.
+        order = np.lexsort(points[corners].T[::-1])
+        corners = corners[order]
+        rows = {"vertex": corners, "face": np.full(3, face), "corner": 3 * face + order}[domain]
+        for y, x, depth, weights in covered(local[corners], camera):
+            wins = depth > nearest[y, x]  # ascending faces: at equal depths the lowest stays
+            y, x = y[wins], x[wins]
+            nearest[y, x] = depth[wins]
+            face_id[y, x] = face
+            image[y, x] = weights[wins] @ rgb[rows]
+    hit = nearest > 0
+    visible = np.ones(len(faces), bool) if shown is None else shown
+    return ReferenceFrame(
+        image=image,
+        alpha=hit.astype(np.float64),
+        depth=np.divide(1.0, nearest, out=np.zeros_like(nearest), where=hit),
+        depth_median=None,
+        normal=None,
+        face_id=face_id,
+        visible=visible,
+    )
+
+
+def covered(corners: Reals, camera: Camera) -> Iterator[Pixels]:
+    """Yield the pixels of a face (3, 3) in camera coordinates.
+
+    More than once only where clipping left several triangles; those share no pixel.
+    """
+    outline = clipped(corners, camera)
+    if len(outline) < 3:
+        return
+    focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    screen = outline[:, :2] / outline[:, 2:] * focal + principal
+    snapped = np.trunc(screen * UNITS + 0.5).astype(np.int64)
+    low, high = _depth_range(corners)
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    for second in range(1, len(snapped) - 1):
+        y, x = inside(snapped[[0, second, second + 1]], camera.width, camera.height)
+        centers = np.stack([x + 0.5, y + 0.5], axis=-1)
+        rays = np.concatenate([(centers - principal) / focal, np.ones((len(x), 1))], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.nan_to_num(rays @ normal / (normal @ corners[0]), nan=low, posinf=high, neginf=low)
+        yield Pixels(y, x, np.clip(depth, low, high), weights_at(corners, rays))
+
+
+def clipped(corners: Reals, camera: Camera) -> Reals:
+    """Return what the near plane and the guard band leave of a face: (n, 3), n up to 8 or 0.
+
+    Sutherland and Hodgman, "Reentrant polygon clipping" (1974).
+    """
+    scale = UNITS * np.array([camera.fx, camera.fy])
+    middle = UNITS * np.array([camera.cx, camera.cy])
+    planes = [np.array([0.0, 0.0, 1.0, -NEAR])]
+    for axis in range(2):
+        for sign in (1.0, -1.0):  # sign * units + GUARD >= 0
+            plane = np.array([0.0, 0.0, sign * middle[axis] + GUARD, 0.0])
+            plane[axis] = sign * scale[axis]
+            planes.append(plane)
+    outline = list(corners)
+    for plane in planes:
+        distances = [float(plane[:3] @ point + plane[3]) for point in outline]
+        kept = []
+        for i, (point, d) in enumerate(zip(outline, distances, strict=True)):
+            following, e = outline[(i + 1) % len(outline)], distances[(i + 1) % len(outline)]
+            if d >= 0:
+                kept.append(point)
+            if (d >= 0) != (e >= 0):
+                kept.append(point + d / (d - e) * (following - point))
+        outline = kept
+    return np.array(outline).reshape(-1, 3)
+
+
+def inside(
+    corners: NDArray[np.int64], width: int, height: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows and columns of the pixels whose centre a snapped triangle (3, 2) has, by exact integers.
+
+    A centre on an edge belongs to the triangle if that is a left or a top edge, so that of two triangles on
+    either side exactly one has it.
+    """
+    low = np.maximum((corners.min(axis=0) + UNITS // 2 - 1) // UNITS, 0)
+    high = np.minimum((corners.max(axis=0) - UNITS // 2) // UNITS, (width - 1, height - 1))
+    x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+    px, py = x * UNITS + UNITS // 2, y * UNITS + UNITS // 2
+    (ux, uy), (vx, vy) = corners[1] - corners[0], corners[2] - corners[0]
+    area = ux * vy - uy * vx
+    has = np.full(x.shape, area != 0)
+    for i in range(3):
+        start, end = corners[i], corners[(i + 1) % 3]
+        dx, dy = (end - start) * (1 if area > 0 else -1)
+        edge = dx * (py - start[1]) - dy * (px - start[0])
+        has &= edge >= 0 if dy < 0 or (dy == 0 and dx > 0) else edge > 0
+    return y[has], x[has]
+
+
+def weights_at(corners: Reals, rays: Reals) -> Reals:
+    """Return the weights (n, 3) of a face's corners where rays (n, 3) from the camera meet its plane.
+
+    Each is proportional to the volume that the ray spans with the other two corners. Clamped to the face: the
+    snapping may have moved its border over a sample.
+    """
+    normals = np.cross(corners[[1, 2, 0]], corners[[2, 0, 1]])
+    volumes = rays @ normals.T
+    if corners[0] @ normals[0] < 0:
+        volumes = -volumes
+    weights = np.maximum(volumes, 0)
+    total = weights.sum(axis=1, keepdims=True)
+    return np.where(total > 0, weights / np.where(total > 0, total, 1), (1.0, 0.0, 0.0))
+
+
+def _depth_range(corners: Reals) -> tuple[float, float]:
+    """Return the least and the greatest 1 / z that a face can have in front of the near plane."""
+    z = corners[:, 2]
+    return 1 / float(z.max()), 1 / max(float(z.min()), NEAR)
+
+
+def _unit_colors(colors: Any) -> Reals:
+    values = np.asarray(colors)
+    if values.dtype == np.uint8:
+        return values[:, :3].astype(np.float64) / 255
+    return np.clip(values[:, :3].astype(np.float64), 0, 1)

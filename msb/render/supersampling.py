@@ -1,0 +1,44 @@
+"""Many samples a pixel -> pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.render.frame import Frame
+
+
+def box_filter(frame: Frame, scale: int) -> Frame:
+    """Return `frame` with `scale` x `scale` of its pixels made one.
+
+    Image and alpha are means. Depth and face are those of the nearest sample, at equal depths of the lowest
+    face.
+    """
+    image = _blocks(frame.image, scale).mean(axis=-1, dtype=np.float32)
+    alpha = _blocks(frame.alpha, scale).mean(axis=-1, dtype=np.float32)
+    depth = _blocks(frame.depth, scale)
+    distance = np.where(depth > 0, depth, np.float32(np.inf))
+    nearest = distance.min(axis=-1)
+    if frame.face_id is not None:
+        faces = _blocks(frame.face_id, scale)
+        at_nearest = (distance == nearest[..., None]) & (faces >= 0)
+        lowest = np.where(at_nearest, faces, np.iinfo(np.int32).max).min(axis=-1)
+        faces = np.where(np.isfinite(nearest), lowest, -1).astype(np.int32)
+        frame = replace(frame, face_id=faces)
+    return replace(
+        frame, image=image, alpha=alpha, depth=np.where(np.isfinite(nearest), nearest, np.float32(0))
+    )
+
+
+def _blocks(array: NDArray[Any], scale: int) -> NDArray[Any]:
+    """Return an (H s, W s, ...) array as (H, W, ..., s s)."""
+    height, width, *rest = array.shape
+    parts = array.reshape(height // scale, scale, width // scale, scale, *rest)
+    order = (0, 2, *range(4, parts.ndim), 1, 3)
+    moved = parts.transpose(order)
+    return moved.reshape(*moved.shape[:-2], scale * scale)

@@ -1,0 +1,269 @@
+"""The opaque z-buffer against its NumPy twin, in both styles of kernels, and at its limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb
+from msb.cl import Device, open_device
+from msb.render.standard import StandardRenderer
+from tests.cl.conftest import SELECTOR
+from tests.render.standard_scenes import (
+    BACKGROUND,
+    KINDS,
+    camera,
+    check_agreement,
+    check_equal,
+    draw,
+    mesh_asset,
+    random_colors,
+    scattered,
+    scene,
+    twin,
+    unshared,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+STYLES = ("cpu", "gpu", "gpu without 64-bit atomics")
+
+
+@pytest.fixture(scope="module")
+def devices() -> Iterator[dict[str, Device]]:
+    opened = {style: open_device(SELECTOR, style="cpu" if style == "cpu" else "gpu") for style in STYLES}
+    last = opened[STYLES[2]]
+    last.record = replace(last.record, int64_atomics=False)
+    yield opened
+    for device in opened.values():
+        device.close()
+
+
+@pytest.fixture(params=STYLES[:2])
+def device(request: pytest.FixtureRequest, devices: dict[str, Device]) -> Device:
+    return devices[request.param]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("kind", KINDS)
+def test_agrees_with_the_twin(device: Device, kind: str, seed: int) -> None:
+    mesh = scene(kind, seed)
+    colors = random_colors(seed, len(mesh[0]))
+    pose = np.eye(4)
+    if seed:  # not in line with any axis
+        pose[:3, :3] = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+        pose[:3, :3] *= np.linalg.det(pose[:3, :3])
+        mesh = (mesh[0] @ pose[:3, :3].astype(np.float32), mesh[1])
+    view = camera(pose=pose)
+    frame = draw(device, mesh_asset(mesh, colors), view)
+    assert (frame.face_id >= 0).sum() > 30
+    check_agreement(frame, twin(mesh, colors, view))
+
+
+@pytest.mark.parametrize("style", STYLES[1:])
+@pytest.mark.parametrize("kind", KINDS)
+def test_styles_of_kernels_agree(devices: dict[str, Device], kind: str, style: str) -> None:
+    mesh = scene(kind, 7)
+    asset = mesh_asset(mesh, random_colors(7, len(mesh[0])))
+    view = camera(331, 203, 280.0)  # several tiles, the last ones cut
+    check_equal(draw(devices["cpu"], asset, view), draw(devices[style], asset, view))
+
+
+def test_hidden_layers(devices: dict[str, Device]) -> None:
+    """Enough triangles behind others that the CPU leaves clusters out; the GPU draws them all."""
+    u, v = np.meshgrid(np.linspace(-3, 3, 90), np.linspace(-3, 3, 90))
+    layers = [np.stack([u, v, 3 + 0.4 * k + 0.3 * np.sin(5 * u + k)], axis=-1) for k in range(4)]
+    at = (np.arange(89)[:, None] * 90 + np.arange(89)).reshape(-1, 1)
+    faces = np.concatenate([at + np.array(corners) for corners in ((0, 1, 90), (1, 91, 90))])
+    positions = np.concatenate(layers[::-1]).reshape(-1, 3).astype(np.float32)
+    indices = np.concatenate([faces + 8100 * k for k in range(4)]).astype(np.uint32)
+    mesh = positions, np.random.default_rng(0).permutation(indices)
+    asset = mesh_asset(mesh, random_colors(0, len(positions)))
+    one, other = (draw(devices[style], asset, camera(200, 150, 150.0)) for style in STYLES[:2])
+    assert one.alpha.all()
+    check_equal(one, other)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
+def test_colors_of_every_domain(device: Device, domain: str, dtype: type) -> None:
+    positions = scene("small", 3)[0][:900]
+    where = np.random.default_rng(3).integers(0, 900, (400, 3))
+    near = np.abs(positions[where] - positions[where[:, :1]]).max(axis=(1, 2)) < 3
+    mesh = positions, where[near].astype(np.uint32)
+    rows = {"vertex": 900, "face": len(mesh[1]), "corner": 3 * len(mesh[1])}[domain]
+    colors = random_colors(4, rows, dtype)
+    frame = draw(device, mesh_asset(mesh, colors, domain), camera())
+    check_agreement(frame, twin(mesh, colors, camera(), domain))
+    assert frame.image.min() >= 0
+    assert frame.image.max() <= 1
+
+
+def test_color_of_a_face_is_not_rounded(device: Device) -> None:
+    color = np.array([[0.1234567, 1 / 3, 0.9999999]], np.float32)
+    frame = draw(device, mesh_asset(unshared(BIG), color, "face"), camera())
+    np.testing.assert_array_equal(frame.image[30, 40], color[0])
+
+
+BIG: NDArray[np.float64] = np.array([[[-9.0, -9, 2], [9, -9, 2], [0, 12, 2]]])
+
+
+def test_without_colors_white(device: Device) -> None:
+    frame = draw(device, mesh_asset(unshared(BIG)), camera())
+    np.testing.assert_array_equal(frame.image[30, 40], 1)
+
+
+@pytest.mark.parametrize("corners", [[0, 1, 2], [2, 0, 1], [1, 0, 2]])
+def test_equal_depths_go_to_the_lowest_face(device: Device, corners: list[int]) -> None:
+    for size in (0.06, 0.5, 4.0):  # drawn by blocks, by rows, by spans
+        triangles = scattered(5, 40, size, 0.5, 4)
+        doubled = np.concatenate([triangles[::-1][:, corners], triangles, triangles])
+        frame = draw(device, mesh_asset(unshared(doubled)), camera())
+        single = draw(device, mesh_asset(unshared(triangles[::-1])), camera())
+        assert (single.face_id >= 0).any()
+        np.testing.assert_array_equal(frame.face_id, single.face_id)
+
+
+def test_thousands_in_the_same_place(device: Device) -> None:
+    triangles = np.repeat(BIG * (0.1, 0.1, 1), 5000, axis=0)
+    frame = draw(device, mesh_asset(unshared(triangles)), camera())
+    assert set(np.unique(frame.face_id)) == {-1, 0}
+
+
+def test_order_of_faces_changes_nothing(device: Device) -> None:
+    positions, indices = scene("everything", 11)
+    colors = random_colors(11, len(positions))
+    order = np.random.default_rng(0).permutation(len(indices))
+    one = draw(device, mesh_asset((positions, indices), colors), camera())
+    other = draw(device, mesh_asset((positions, indices[order]), colors), camera())
+    np.testing.assert_array_equal(one.depth, other.depth)
+    hit = one.face_id >= 0
+    twice = (one.face_id != np.where(hit, order[other.face_id], -1)) & hit  # coincident faces of the scene
+    assert twice.mean() < 0.01
+    np.testing.assert_array_equal(one.image[~twice], other.image[~twice])
+
+
+def test_ground_to_the_horizon(device: Device) -> None:
+    """A plane that runs through the camera's own: clipped, not dropped, and exact in depth."""
+    ground = np.array([[[-1e4, 1, -50], [1e4, 1, -50], [0, 1, 3e4]]])
+    view = camera(100, 80, 60.0)
+    frame = draw(device, mesh_asset(unshared(ground)), view)
+    y = np.arange(80) + 0.5
+    depth = np.where(y > view.cy, view.fy / np.maximum(y - view.cy, 1e-9), 0)
+    expected = np.broadcast_to(depth[:, None], (80, 100))
+    np.testing.assert_array_equal(frame.alpha[:40], 0)
+    np.testing.assert_array_equal(frame.alpha[40:], 1)
+    np.testing.assert_allclose(frame.depth[40:], expected[40:], rtol=1e-4)
+
+
+def test_nothing_nearer_than_the_near_plane(device: Device) -> None:
+    for depth, seen in ((0.00999, False), (0.0101, True)):
+        triangle = np.array([[[-1, -1, depth], [1, -1, depth], [0, 2, depth]]])
+        assert draw(device, mesh_asset(unshared(triangle)), camera()).alpha.any() == seen
+
+
+def test_behind_and_beside_the_camera(device: Device) -> None:
+    view = camera()
+    for triangles in (
+        scattered(1, 50, 0.5, 1, -9),
+        scattered(1, 50, 0.5, 1, 4) + np.array([90, 0, 0]),
+        BIG[:, [0, 0, 1]],
+    ):
+        frame = draw(device, mesh_asset(unshared(triangles)), view)
+        np.testing.assert_array_equal(frame.image, np.broadcast_to(np.float32(BACKGROUND), frame.image.shape))
+        assert not frame.alpha.any()
+        assert not frame.depth.any()
+        assert (frame.face_id == -1).all()
+
+
+def test_infinitely_thin(device: Device) -> None:
+    """Faces without area on the screen: repeated corners, collinear ones, and one seen from its edge."""
+    flat = np.array(
+        [
+            [[0, 0, 3], [0, 0, 3], [1, 1, 3]],
+            [[0, 0, 3], [1, 1, 3], [2, 2, 3]],
+            [[0, 0, 1], [0, 0, 3], [0, 1, 2]],
+        ]
+    )
+    view = camera(80, 60, principal=(40.5, 30.5))
+    assert not draw(device, mesh_asset(unshared(flat[:2])), view).alpha.any()
+    assert np.isfinite(draw(device, mesh_asset(unshared(flat)), view).image).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 3), (8, 1), (257, 129), (3, 300)])
+def test_sizes_of_images(device: Device, size: tuple[int, int]) -> None:
+    mesh = scene("everything", 13)
+    colors = random_colors(13, len(mesh[0]))
+    view = camera(*size, focal=max(size))
+    frame = draw(device, mesh_asset(mesh, colors), view)
+    assert frame.image.shape == (size[1], size[0], 3)
+    check_agreement(frame, twin(mesh, colors, view), 0.998 if max(size) > 7 else 0.9)
+
+
+@pytest.mark.parametrize("principal", [(-30.3, 20.7), (60.25, 200.0), (4000.0, -9000.0)])
+def test_principal_point_off_the_middle(device: Device, principal: tuple[float, float]) -> None:
+    mesh = scene("everything", 17)
+    mesh = (mesh[0] + np.float32([41 - principal[0], 30 - principal[1], 0]) / 70 * 4, mesh[1])
+    colors = random_colors(17, len(mesh[0]))
+    view = camera(principal=principal)
+    check_agreement(draw(device, mesh_asset(mesh, colors), view), twin(mesh, colors, view), 0.995)
+
+
+def test_far_from_the_origin(device: Device) -> None:
+    """Where float32 positions are still exact, so must their differences with the camera be."""
+    mesh = scene("small", 19)
+    positions = np.round(mesh[0] * 1024) / 1024
+    offset = np.array([4096.0, -2048, 1024])
+    pose = np.eye(4)
+    pose[:3, 3] = -offset
+    colors = random_colors(19, len(positions))
+    here = draw(device, mesh_asset((positions.astype(np.float32), mesh[1]), colors), camera())
+    there = (positions + offset).astype(np.float32)
+    np.testing.assert_array_equal(there, positions + offset)
+    frame = draw(device, mesh_asset((there, mesh[1]), colors), camera(pose=pose))
+    np.testing.assert_array_equal(frame.face_id, here.face_id)
+
+
+def test_8k(devices: dict[str, Device]) -> None:
+    view = camera(7680, 4320, 6000.0)
+    mesh = unshared(np.concatenate([scattered(2, 300, 0.2, 1.2, 4), BIG + np.array([0, 0, 6])]))
+    renderer = StandardRenderer(mesh_asset(mesh, random_colors(2, 301), "face"), device=devices["cpu"])
+    image = renderer.render_image(view, BACKGROUND)
+    renderer.close()
+    small = draw(devices["cpu"], mesh_asset(mesh, random_colors(2, 301), "face"), view.resized(960, 540))
+    # Centres of pixels of the small image lie on corners of the large one's.
+    around = image[4::8, 4::8]
+    assert (np.abs(around - small.image).max(axis=2) == 0).mean() > 0.98
+
+
+def test_supersampling(device: Device) -> None:
+    mesh = scene("everything", 23)
+    asset = mesh_asset(mesh, random_colors(23, len(mesh[0])))
+    view = camera(40, 30, 35.0)
+    frame = draw(device, asset, view, supersample=3)
+    fine = draw(device, asset, view.resized(120, 90))
+    np.testing.assert_allclose(frame.image, fine.image.reshape(30, 3, 40, 3, 3).mean(axis=(1, 3)), atol=1e-6)
+    np.testing.assert_allclose(frame.alpha, fine.alpha.reshape(30, 3, 40, 3).mean(axis=(1, 3)), atol=1e-6)
+    depth = np.where(fine.depth > 0, fine.depth, np.inf).reshape(30, 3, 40, 3).min(axis=(1, 3))
+    np.testing.assert_array_equal(frame.depth, np.where(np.isfinite(depth), depth, 0))
+    samples = fine.face_id.reshape(30, 3, 40, 3).transpose(0, 2, 1, 3).reshape(30, 40, 9)
+    assert (samples == frame.face_id[..., None]).any(axis=-1).all()
+
+
+def test_through_the_public_api() -> None:
+    mesh = scene("small", 29)
+    asset = mesh_asset(mesh, random_colors(29, len(mesh[0])))
+    frame = msb.render(asset, camera(), tier="standard", background=(1, 1, 1), device=SELECTOR)
+    assert frame.image.dtype == frame.depth.dtype == frame.alpha.dtype == np.float32
+    assert frame.face_id is not None
+    assert frame.face_id.dtype == np.int32
+    assert {"cull", "draw", "read"} <= set(frame.timings)
+    with msb.Renderer(asset, device=SELECTOR) as renderer:
+        assert renderer.draw(camera()).span > 0
+        assert renderer.memory()["standard triangles"] >= 64 * len(mesh[1])

@@ -1,0 +1,136 @@
+"""Faces that share edges: every sample belongs to exactly one of them, wherever and however large."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msb.reference.standard import UNITS, inside
+from msb.render.standard import StandardRenderer
+from tests.render.standard_scenes import camera, mesh_asset
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.cl import Device
+    from msb.scenes import Camera
+
+VIEW = camera(72, 56, 60.0)
+
+
+def fan(
+    seed: int, radius: float, corners: int, middle: tuple[float, float], tilt: float = 0.0
+) -> NDArray[Any]:
+    """Return a closed fan around a point of the image, in pixels, as triangles (F, 3, 3) at about z = 2."""
+    random = np.random.default_rng(seed)
+    angles = np.sort(random.uniform(0, 2 * np.pi, corners) + np.arange(corners) * 0.0)
+    angles = (angles + np.arange(corners) * 2 * np.pi / corners) / 2 + random.uniform(0, 6)
+    around = radius * random.uniform(0.6, 1.0, corners)
+    ring = np.stack([np.cos(angles) * around, np.sin(angles) * around], axis=-1) + middle
+    points = np.concatenate([[middle], ring])
+    depth = 2 + tilt * (points[:, 1:] - middle[1]) / radius
+    local = np.concatenate([(points - (VIEW.cx, VIEW.cy)) / (VIEW.fx, VIEW.fy) * 2, depth], axis=1)
+    number = np.arange(corners)
+    faces = np.stack([np.zeros(corners, int), 1 + number, 1 + (number + 1) % corners], axis=-1)
+    faces[::2] = faces[::2][:, [1, 0, 2]]  # windings differ: faces are two-sided
+    return local[faces].astype(np.float32)
+
+
+def coverage(device: Device, triangles: NDArray[Any], view: Camera = VIEW) -> NDArray[np.int64]:
+    """Return how many of the triangles have each pixel, each drawn alone."""
+    count = np.zeros((view.height, view.width), np.int64)
+    for triangle in triangles:
+        mesh = triangle.reshape(3, 3), np.array([[0, 1, 2]], np.uint32)
+        renderer = StandardRenderer(mesh_asset(mesh), device=device)
+        count += renderer.render(view, (0, 0, 0)).alpha.astype(np.int64)
+        renderer.close()
+    return count
+
+
+@pytest.mark.parametrize(
+    ("radius", "middle"),
+    [
+        (20.0, (30.5, 25.5)),  # the common corner on a sample
+        (25.0, (33.123, 27.871)),
+        (6.0, (40.0, 20.0)),  # between samples
+        (2.2, (12.37, 44.4)),
+        (0.7, (50.5, 30.5)),
+        (0.01, (50.5, 30.5)),
+        (500.0, (30.1, 22.2)),
+        (3e6, (35.3, 26.1)),  # past the guard band
+    ],
+)
+def test_closed_fans(styled: Device, radius: float, middle: tuple[float, float]) -> None:
+    triangles = fan(int(radius), radius, 7, middle)
+    count = coverage(styled, triangles)
+    assert count.max() <= 1
+    if radius >= 500:
+        assert (count == 1).all()
+    elif radius >= 6:
+        y, x = np.mgrid[:56, :72] + 0.5
+        assert (count[np.hypot(x - middle[0], y - middle[1]) < 0.3 * radius] == 1).all()
+    # The whole fan at once has what its faces have.
+    mesh = triangles.reshape(-1, 3), np.arange(21, dtype=np.uint32).reshape(7, 3)
+    renderer = StandardRenderer(mesh_asset(mesh), device=styled)
+    np.testing.assert_array_equal(renderer.render(VIEW, (0, 0, 0)).alpha, count)
+    renderer.close()
+
+
+def test_fan_through_the_near_plane(styled: Device) -> None:
+    """Both faces of a clipped edge find the same point on the near plane."""
+    triangles = fan(3, 40.0, 9, (36.2, 28.7), tilt=-6.0)
+    assert triangles[..., 2].min() < 0 < 0.01 < triangles[..., 2].max()
+    count = coverage(styled, triangles)
+    assert count.max() == 1
+    shown = count == 1
+    assert shown.sum() > 300
+    # No pinholes: what is shown in a row is one run.
+    for row in shown:
+        assert np.count_nonzero(np.diff(np.concatenate([[0], row, [0]]))) <= 2
+
+
+def test_grid_has_no_holes(styled: Device) -> None:
+    """A bent grid of thousands of faces over the whole image: every pixel is covered."""
+    u, v = np.meshgrid(np.linspace(-2, 2, 61), np.linspace(-2, 2, 61))
+    z = 2.5 + 0.3 * np.sin(3 * u) * np.cos(4 * v)
+    at = (np.arange(60)[:, None] * 61 + np.arange(60)).reshape(-1, 1)
+    indices = np.concatenate([at + np.array(corners) for corners in ((0, 1, 61), (1, 62, 61))])
+    mesh = np.stack([u, v, z], axis=-1).reshape(-1, 3).astype(np.float32), indices.astype(np.uint32)
+    renderer = StandardRenderer(mesh_asset(mesh), device=styled)
+    for size in (72, 300):
+        view = VIEW.resized(size, size * 3 // 4)
+        assert renderer.render(view, (0, 0, 0)).alpha.all()
+    renderer.close()
+
+
+coordinates = st.integers(-3 * UNITS, 20 * UNITS)
+points = st.tuples(coordinates, coordinates)
+
+
+@settings(max_examples=200, deadline=None)
+@given(points, points, points, points)
+def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:
+    """Two triangles on either side of an edge, at any places of the grid, samples on edges included."""
+
+    def side(p: Any) -> int:
+        return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+    if side(c) * side(d) >= 0:
+        return
+    count = np.zeros((16, 16), int)
+    for corner in (c, d):
+        y, x = inside(np.array([a, b, corner]), 16, 16)
+        count[y, x] += 1
+    assert count.max(initial=0) <= 1
+    on_edge = [
+        (x, y)
+        for x in range(16)
+        for y in range(16)
+        if side((x * UNITS + UNITS // 2, y * UNITS + UNITS // 2)) == 0
+        and min(a[0], b[0]) < x * UNITS + UNITS // 2 < max(a[0], b[0])
+    ]
+    assert all(count[y, x] == 1 for x, y in on_edge)

@@ -1,0 +1,188 @@
+"""What the standard tier takes from an asset, and what it refuses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.asset import Asset
+from msb.asset.sh import SH_C0
+from msb.errors import AssetError, DeviceError, Unsupported, UsageError
+from msb.render.host_arrays import HostArrays
+from msb.render.standard import StandardRenderer
+from tests.reference.soups import random_triangles, soup
+from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, scene, twin
+
+if TYPE_CHECKING:
+    from msb.cl import Device
+
+
+def with_buffer(asset: Asset, **buffers: Any) -> Asset:
+    """Return an asset with other values, which no writer would let pass."""
+    return Asset(asset.manifest, {**asset.buffers, **buffers})
+
+
+def two_dts(count: int, **settings: Any) -> Asset:
+    triangles = random_triangles(1, count, 1.0)
+    opacity = np.linspace(-3, 3, count).astype(np.float32)
+    return soup("two_dts", triangles, seed=1, opacity=opacity, **settings)
+
+
+def test_zeroth_coefficient_is_baked(styled: Device) -> None:
+    asset = two_dts(60)
+    colors = np.clip(SH_C0 * asset.buffers["f_dc"].reshape(60, 3) + 0.5, 0, 1)
+    view = camera()
+    frame = draw(styled, asset, view, ste_threshold=None)
+    mesh = asset.buffers["positions"], asset.buffers["indices"]
+    expected = twin(mesh, colors, view, "face")
+    same = frame.face_id == expected.face_id
+    assert same.mean() > 0.999
+    np.testing.assert_allclose(frame.image[same], expected.image[same], atol=1e-6)
+
+
+def test_hidden_faces_keep_numbers(styled: Device) -> None:
+    asset = two_dts(60)
+    view = camera()
+    everything = draw(styled, asset, view, ste_threshold=None)
+    half = draw(styled, asset, view, ste_threshold=0.5)  # sigmoid(x) > 0.5 where x > 0: faces 30 to 59
+    assert {*np.unique(half.face_id)} <= {-1, *range(30, 60)}
+    kept = everything.face_id >= 30
+    assert kept.any()
+    np.testing.assert_array_equal(half.face_id[kept], everything.face_id[kept])
+    none = draw(styled, asset, view, ste_threshold=1.0)
+    assert not none.alpha.any()
+    np.testing.assert_array_equal(none.image, np.broadcast_to(np.float32(BACKGROUND), none.image.shape))
+
+
+def test_refuses_what_has_no_static_color() -> None:
+    asset = mesh_asset(scene("small", 0))
+    for method in ("diffsoup", "three_dgs"):
+        data = Asset(_renamed(asset, method), asset.buffers)
+        with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
+            StandardRenderer(data)
+        assert raised.value.code == "UNSUPPORTED_STANDARD"
+
+
+def _renamed(asset: Asset, method: str) -> Any:
+    class Manifest:
+        def __getattr__(self, name: str) -> Any:
+            return method if name == "method" else getattr(asset.manifest, name)
+
+    return Manifest()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_refuses_coordinates_that_are_not_finite(styled: Device, value: float) -> None:
+    asset = mesh_asset(scene("small", 0))
+    positions = asset.buffers["positions"].copy()
+    positions[17, 1] = value
+    with pytest.raises(AssetError, match=r"positions.*row 17") as raised:
+        StandardRenderer(with_buffer(asset, positions=positions), device=styled)
+    assert raised.value.code == "TRIASSET_VALUE_NONFINITE"
+
+
+def test_takes_coordinates_whose_sum_overflows(styled: Device) -> None:
+    positions, indices = scene("small", 0)
+    positions[:3] = np.finfo(np.float32).max
+    frame = draw(styled, mesh_asset((positions, indices)), camera())
+    assert np.isfinite(frame.image).all()
+    assert frame.alpha.any()
+
+
+def test_refuses_indices_out_of_range(styled: Device) -> None:
+    asset = mesh_asset(scene("small", 0))
+    indices = asset.buffers["indices"].copy()
+    indices[5, 2] = len(asset.buffers["positions"])
+    with pytest.raises(AssetError, match="face 5 uses vertex 2100") as raised:
+        StandardRenderer(with_buffer(asset, indices=indices), device=styled)
+    assert raised.value.code == "TRIASSET_INDEX_OUT_OF_RANGE"
+
+
+@pytest.mark.parametrize(
+    ("settings", "code"),
+    [
+        ({"supersample": 0}, "SETTING_VALUE"),
+        ({"supersample": 2.5}, "SETTING_VALUE"),
+        ({"supersample": True}, "SETTING_VALUE"),
+        ({"supersample": 99}, "SETTING_VALUE"),
+        ({"gama": 1.0}, "SETTING_UNKNOWN"),
+    ],
+)
+def test_refuses_settings(settings: dict[str, Any], code: str) -> None:
+    asset = two_dts(3)
+    with pytest.raises(UsageError) as raised:
+        StandardRenderer(asset, settings=settings)
+    assert raised.value.code == code
+
+
+def test_settings_of_other_tiers_do_nothing(styled: Device) -> None:
+    asset = two_dts(20)
+    one, other = draw(styled, asset, camera(), gamma=30.0, back_culling=True), draw(styled, asset, camera())
+    np.testing.assert_array_equal(one.image, other.image)
+
+
+def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
+    mesh = scene("everything", 5)
+    renderer = StandardRenderer(mesh_asset(mesh, random_colors(5, len(mesh[0]))), device=styled)
+    frame = renderer.render(camera(), BACKGROUND)
+    out = np.zeros_like(frame.image)
+    assert renderer.render_image(camera(), BACKGROUND, out) is out
+    np.testing.assert_array_equal(out, frame.image)
+    np.testing.assert_array_equal(renderer.render_image(camera(), BACKGROUND), frame.image)
+    renderer.close()
+
+
+def test_frames_stay_as_they_are(styled: Device) -> None:
+    """Memory of frames that were dropped is used again, of those that are held it is not."""
+    mesh = scene("small", 6)
+    renderer = StandardRenderer(mesh_asset(mesh, random_colors(6, len(mesh[0]))), device=styled)
+    held = [renderer.render(camera(), (value, 0, 0)).image[::2] for value in (0.0, 0.5, 1.0)]
+    for _ in range(3):
+        renderer.render(camera(), (0.25, 0, 0))
+    assert [float(view[0, 0, 0]) for view in held] == [0.0, 0.5, 1.0]
+    renderer.close()
+
+
+def test_host_arrays() -> None:
+    pool = HostArrays()
+    first = pool.take((4, 3), np.float32)
+    place = first.ctypes.data
+    view = first[1:]
+    del first
+    assert pool.take((4, 3), np.float32).ctypes.data != place
+    del view
+    assert pool.take((4, 3), np.float32).ctypes.data == place
+    assert pool.take((4, 3), np.int32).dtype == np.int32
+    many = [pool.take((2,), np.float32) for _ in range(30)]
+    assert len({array.ctypes.data for array in many}) == 30
+
+
+def test_closed_twice(fresh: Device) -> None:
+    renderer = StandardRenderer(mesh_asset(scene("small", 0)), device=fresh)
+    renderer.render(camera(), BACKGROUND)
+    renderer.close()
+    renderer.close()
+    assert fresh.memory().get("standard triangles", 0) == 0
+    with pytest.raises(DeviceError):
+        renderer.render(camera(), BACKGROUND)
+    fresh.finish()  # still open
+
+
+def test_alpha_channel_is_not_used(styled: Device) -> None:
+    mesh = scene("small", 8)
+    colors = random_colors(8, len(mesh[0]))
+    with_alpha = np.concatenate([colors, np.zeros((len(colors), 1), np.uint8)], axis=1)
+    one, other = (draw(styled, mesh_asset(mesh, values), camera()) for values in (colors, with_alpha))
+    np.testing.assert_array_equal(one.image, other.image)
+
+
+def test_asset_may_go_once_the_renderer_is_made(styled: Device) -> None:
+    """The upload may share memory of the asset."""
+    asset = mesh_asset(scene("small", 9))
+    renderer = StandardRenderer(asset, device=styled)
+    before = renderer.render(camera(), BACKGROUND)
+    del asset
+    np.testing.assert_array_equal(renderer.render(camera(), BACKGROUND).image, before.image)
+    renderer.close()

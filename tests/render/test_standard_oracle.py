@@ -1,0 +1,123 @@
+"""The standard tier beside renderers of other people: VTK, a rasterizer, and Embree, a ray caster."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from tests.render.standard_scenes import camera, draw, mesh_asset, random_colors, scene, unshared
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.cl import Device
+    from tests.render.standard_scenes import Arrays
+
+pytestmark = pytest.mark.oracle
+
+VIEW = camera(320, 240, 300.0)
+
+VTK = """
+import sys
+import numpy as np
+import pyvista as pv
+
+folder, width, height, focal = sys.argv[1], *map(float, sys.argv[2:])
+positions, indices, colors = (np.load(f"{folder}/{name}.npy") for name in ("positions", "indices", "colors"))
+cells = np.concatenate([np.full((len(indices), 1), 3), indices], axis=1)
+mesh = pv.PolyData(positions, cells.ravel())
+mesh.point_data["rgb"] = colors
+plotter = pv.Plotter(off_screen=True, window_size=(int(width), int(height)), lighting=None)
+plotter.add_mesh(mesh, scalars="rgb", rgb=True, lighting=False)
+plotter.render_window.SetMultiSamples(0)
+plotter.background_color = "black"
+plotter.camera.position = (0, 0, 0)
+plotter.camera.focal_point = (0, 0, 1)
+plotter.camera.up = (0, -1, 0)
+plotter.camera.view_angle = np.degrees(2 * np.arctan(height / 2 / focal))
+plotter.camera.clipping_range = (0.01, 1000)
+np.save(f"{folder}/image.npy", np.asarray(plotter.screenshot(None, return_img=True))[..., :3])
+"""
+
+
+def square_camera() -> Any:
+    """Return a camera with one focal length, which is all VTK has."""
+    return type(VIEW)(VIEW.width, VIEW.height, 300.0, 300.0, VIEW.cx, VIEW.cy, np.eye(4))
+
+
+def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return the pixels whose 3 x 3 neighbourhood shows one face."""
+    inner = np.zeros(faces.shape, bool)
+    middle = faces[1:-1, 1:-1]
+    same = middle >= 0
+    for dy in range(3):
+        for dx in range(3):
+            same = same & (faces[dy : dy + middle.shape[0], dx : dx + middle.shape[1]] == middle)
+    inner[1:-1, 1:-1] = same
+    return inner
+
+
+def without_crossings(mesh: Arrays) -> Arrays:
+    """Keep faces apart: where they cross, whose depths are how exact decides what is seen."""
+    triangles = mesh[0].reshape(-1, 3, 3).copy()
+    triangles[..., 2] = 3 + np.arange(len(triangles))[:, None] * 0.002 + triangles[..., 2] * 0.0001
+    return unshared(triangles)
+
+
+@pytest.mark.parametrize("kind", ["small", "large"])
+def test_vtk(device: Device, tmp_path: Path, kind: str) -> None:
+    pytest.importorskip("pyvista")
+    mesh = without_crossings(scene(kind, 31))
+    colors = random_colors(31, len(mesh[0]))
+    for name, array in zip(("positions", "indices", "colors"), (*mesh, colors), strict=True):
+        np.save(tmp_path / f"{name}.npy", array)
+    view = square_camera()
+    # In a process of its own: without a software OpenGL, VTK ends the process it is in.
+    command = [sys.executable, "-c", VTK, str(tmp_path), str(view.width), str(view.height), str(view.fy)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    except subprocess.TimeoutExpired:
+        pytest.skip("VTK does not answer")
+    if done.returncode:
+        pytest.skip(f"VTK cannot render here: {(done.stderr.strip().splitlines() or ['no reason'])[-1]}")
+    theirs = np.load(tmp_path / "image.npy").astype(np.float64) / 255
+    if not theirs.any():
+        pytest.skip("VTK renders nothing here")
+    frame = draw(device, mesh_asset(mesh, colors), view)
+    assert frame.face_id is not None
+    ours = np.where(frame.alpha[..., None] > 0, frame.image, 0)
+    difference = np.abs(np.round(ours * 255) / 255 - theirs).max(axis=2)
+    # VTK snaps corners to 1/256 pixel: edges may differ by a pixel, interiors by a level of rounding.
+    inner = interior(frame.face_id)
+    assert inner.sum() > 1000
+    assert difference[inner].max() <= 1.01 / 255
+    assert (difference > 1.01 / 255).mean() < 0.002
+
+
+@pytest.mark.parametrize("kind", ["small", "large", "needles"])
+def test_embree(device: Device, kind: str) -> None:
+    core = pytest.importorskip("embreex.rtcore_scene")
+    construction = pytest.importorskip("embreex.mesh_construction")
+    mesh = without_crossings(scene(kind, 37))
+    view = square_camera()
+    frame = draw(device, mesh_asset(mesh), view)
+    assert frame.face_id is not None
+    y, x = np.mgrid[: view.height, : view.width] + 0.5
+    rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1)
+    directions = rays.reshape(-1, 3).astype(np.float32)
+    embree = core.EmbreeScene()
+    construction.TriangleMesh(embree, mesh[0][mesh[1]])
+    found = embree.run(np.zeros_like(directions), directions, output=1)
+    faces = np.where(found["geomID"] >= 0, found["primID"], -1).reshape(view.height, view.width)
+    assert (faces == frame.face_id).mean() > 0.9995
+    inner = interior(faces)
+    assert inner.sum() > 500 or kind == "needles"
+    np.testing.assert_array_equal(frame.face_id[inner], faces[inner])
+    depth = found["tfar"].reshape(view.height, view.width)  # rays have z 1: the parameter is the depth
+    np.testing.assert_allclose(frame.depth[inner], depth[inner], rtol=1e-4)
