@@ -26,6 +26,10 @@ demo: $(STAMP)
 	@echo "== Is it structurally usable, and do the peers agree? msb-audit --paper --cross-check"
 	@$(BIN)/msb-audit --paper --cross-check data_stubs/splat_like.triasset
 	@echo
+	@echo "== What it looks like, on both tiers: msb render"
+	@$(BIN)/msb render --force --cameras data_stubs/views.json --background white -o out/demo/standard data_stubs/splat_like.triasset
+	@$(BIN)/msb render --force --cameras data_stubs/views.json --background white --tier dedicated -o out/demo/dedicated out/demo/checkpoint.triasset
+	@echo
 	@echo "== As any engine takes it: msb convert"
 	@$(BIN)/msb convert --force data_stubs/splat_like.triasset out/demo/splat_like.glb
 	@$(BIN)/msb-audit --quiet --force --elements out/demo/offending.vtp data_stubs/splat_like.triasset
