@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Shape = int | tuple[int, ...]
 
 _SAFE_ALIGNMENT = 64
-"""Bytes: the size of the largest type kernels use (double8, long8); no 16-wide vectors anywhere."""
+"""Bytes: a cache line. Kernels use types of at most 32 bytes (float8); 64-byte ones crash on PoCL's wheel."""
 
 
 class Allocation:
