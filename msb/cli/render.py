@@ -96,8 +96,9 @@ def render(
 
     color = parse_background(background, asset)
     options = lean_options(tier, renderer_name, ids=ids)
-    options |= {} if supersample == 1 else {"supersample": supersample}
     settings = _settings(asset, assignments)
+    if supersample > 1:  # the standard renderer takes it among the settings, whatever the method
+        settings["supersample"] = supersample
     with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
         rows = task.run(renderer, views, color)
         about = {"schema": SCHEMA, "path": str(path), "tier": tier, "renderer": renderer.name}

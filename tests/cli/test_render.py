@@ -99,6 +99,18 @@ def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, t
         assert (film.n_frames, film.size) == (5, (60, 44))
 
 
+def test_supersampling_averages_samples(msb: Msb, tmp_path: Path) -> None:
+    """Of a mesh whose method has no setting of that name, too."""
+    mesh = GOLDEN / "meshes" / "synthetic_splat_small.ply"
+    views = ("--turntable", "1", "--format", "npy", "-q")
+    assert (
+        msb("render", *views, "--size", "30x22", "--supersample", "2", "-o", tmp_path / "a", mesh).status == 0
+    )
+    assert msb("render", *views, "--size", "60x44", "-o", tmp_path / "b", mesh).status == 0
+    found, large = (np.load(tmp_path / name / "00000.npy") for name in ("a", "b"))
+    np.testing.assert_allclose(found, large.reshape(22, 2, 30, 2, 3).mean(axis=(1, 3)), atol=1e-6)
+
+
 def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> None:
     size = ("--turntable", "2", "--size", "40x32", "--background", "#ff8000")
     for tier in ("standard", "reference"):
