@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
 from msb.methods import METHODS
 from msb.reference import diffsoup, mesh_splatting, triangle_splatting, two_dts
 from msb.reference.frame import ReferenceFrame
-from msb.reference.parameters import check_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -90,7 +90,7 @@ def render_reference(
         raise ValueError(text)
     dtype = np.dtype(dtype).type
     values = effective_settings(asset.manifest, settings)
-    check_values(asset)
+    check_drawable(asset)
     color = np.asarray(background, dtype)
     if color.shape != (3,) or not np.isfinite(color).all():
         text = f"background is {background!r}; it must be three finite numbers"

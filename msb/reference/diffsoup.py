@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import AssetError
 from msb.reference.arithmetic import Reals, dot, norm, sigmoid, transform
 from msb.reference.camera_matrices import diffsoup_projection
 from msb.reference.frame import ReferenceFrame
-from msb.reference.parameters import buffer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -118,8 +118,8 @@ def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
         for array in (
-            buffer(asset, "features.lattice", count, samples, FEATURES),
-            buffer(asset, "features.opacity", count, samples),
+            required_buffer(asset, "features.lattice", count, samples, FEATURES),
+            required_buffer(asset, "features.opacity", count, samples),
         )
     )
     return level, lattice, opacity
@@ -254,8 +254,8 @@ def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
     """
     values = np.concatenate([features, encoding], axis=1)
     for layer, (outputs, inputs) in LAYERS.items():
-        weight = buffer(asset, f"decoder.{layer}.weight", outputs, inputs).astype(values.dtype)
-        bias = buffer(asset, f"decoder.{layer}.bias", outputs).astype(values.dtype)
+        weight = required_buffer(asset, f"decoder.{layer}.weight", outputs, inputs).astype(values.dtype)
+        bias = required_buffer(asset, f"decoder.{layer}.bias", outputs).astype(values.dtype)
         values = dot(values[:, None], weight[None]) + bias
         values = sigmoid(values) if outputs == 3 else np.maximum(values, 0)
     mix = features[:, BLEND_FEATURE, None]

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.drawable import required_buffer
 from msb.reference.arithmetic import Reals, centroid, exponential, fast_power, norm
 from msb.reference.blend import Layers, Rule, composite, expected_depth
 from msb.reference.camera_matrices import SplattingCamera, splatting_camera
 from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_windows, window_alpha
 from msb.reference.frame import ReferenceFrame
-from msb.reference.parameters import buffer, number, opacities, require, sh_coefficients, triangles
+from msb.reference.parameters import number, opacities, require, sh_coefficients, triangles
 from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number, tiles_front_to_back
 
@@ -42,7 +43,7 @@ def render(
     opacity = opacities(asset, faces, dtype)
     require(asset, "coverage", "sigma_encoding", "exp")
     offset = dtype(number(asset, "coverage", "sigma_offset"))
-    sigma = offset + exponential(buffer(asset, "sigma", faces).astype(dtype))
+    sigma = offset + exponential(required_buffer(asset, "sigma", faces).astype(dtype))
     color = colors_from_sh(
         sh_coefficients(asset, faces, dtype),
         points_seen(vertices, settings["view_dir"]),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.drawable import check_drawable, required_buffer
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
@@ -75,12 +76,12 @@ def lattice_model(asset: Asset, *, quantise: bool = False) -> LatticeModel:
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
         raise AssetError("TRIASSET_FIELD_VALUE", text, file=asset.path, pointer="/appearance/level")
+    check_drawable(asset)
     faces, samples = asset.manifest.face_count, (2**level + 1) * (2**level + 2) // 2
-    positions = _buffer(asset, "positions", asset.manifest.vertex_count, 3)
-    indices = _buffer(asset, "indices", faces, 3)
-    _check_indices(asset, indices, len(positions))
-    features = _buffer(asset, "features.lattice", faces, samples, FEATURES)
-    opacity = _buffer(asset, "features.opacity", faces, samples)
+    positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)
+    indices = required_buffer(asset, "indices", faces, 3)
+    features = required_buffer(asset, "features.lattice", faces, samples, FEATURES)
+    opacity = required_buffer(asset, "features.opacity", faces, samples)
     if features.dtype != opacity.dtype:
         text = f"features.lattice is {features.dtype}, but features.opacity {opacity.dtype}; both must be one"
         raise AssetError("TRIASSET_BUFFER_DTYPE", text, file=asset.path, pointer="/buffers/features.opacity")
@@ -89,45 +90,11 @@ def lattice_model(asset: Asset, *, quantise: bool = False) -> LatticeModel:
     net = []
     for layer, shape in LAYERS.items():
         net += [
-            _buffer(asset, f"decoder.{layer}.weight", *shape),
-            _buffer(asset, f"decoder.{layer}.bias", shape[0]),
+            required_buffer(asset, f"decoder.{layer}.weight", *shape),
+            required_buffer(asset, f"decoder.{layer}.bias", shape[0]),
         ]
     decoder = np.concatenate([array.reshape(-1) for array in net], dtype=np.float32)
     return LatticeModel(positions, indices, features, opacity, _always_opaque(opacity), decoder, level)
-
-
-def _buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
-    where: dict[str, Any] = {"file": asset.path, "pointer": f"/buffers/{name}"}
-    if name not in asset.buffers:
-        text = f"there is no buffer {name}; a model of {asset.manifest.method} cannot be drawn without it"
-        raise AssetError("TRIASSET_BUFFER_REQUIRED", text, **where)
-    array = asset.buffers[name]
-    if array.shape != shape:
-        have, want = (" x ".join(map(str, dims)) for dims in (array.shape, shape))
-        text = f"buffer {name} is {have}; {asset.manifest.method} has {want}"
-        raise AssetError("TRIASSET_BUFFER_SHAPE", text, value=list(array.shape), **where)
-    # The extremes are NaN or infinite if any value is: no mask as large as the array has to be made.
-    if array.dtype.kind == "f" and not (np.isfinite(array.min()) and np.isfinite(array.max())):
-        flat = array.reshape(-1)
-        first = int(np.argmin(np.isfinite(flat)))
-        row = int(np.unravel_index(first, array.shape)[0])
-        text = f"buffer {name} holds {flat[first]} in row {row}; a renderer needs finite values"
-        raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{row}]")
-    return array
-
-
-def _check_indices(asset: Asset, indices: NDArray[np.uint32], vertices: int) -> None:
-    if int(indices.max()) >= vertices:
-        row, corner = np.argwhere(indices >= vertices)[0].tolist()
-        found = int(indices[row, corner])
-        raise AssetError(
-            "TRIASSET_INDEX_OUT_OF_RANGE",
-            f"face {row} uses vertex {found}, but there are {vertices}",
-            file=asset.path,
-            pointer=f"indices[{row}, {corner}]",
-            value=found,
-            limit=vertices - 1,
-        )
 
 
 def _as_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:

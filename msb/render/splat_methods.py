@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.drawable import required_buffer
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def _two_dts(asset: Asset, settings: Settings) -> Model:
     positions = _soup(asset)
     if settings["gamma_rescale"]:
         positions = rescale(positions, settings["gamma"])
-    opacity = sigmoid(_buffer(asset, "opacity", asset.manifest.face_count))
+    opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
         opacity = (step - opacity) + opacity  # as upstream forms it: 1 may be off by one ulp
@@ -152,8 +153,8 @@ def _triangle_splatting(asset: Asset, settings: Settings) -> Model:
     _require(asset, "coverage", "sigma_encoding", "exp")
     count = asset.manifest.face_count
     offset = np.float32(asset.manifest.coverage.get("sigma_offset", 0))
-    opacity = sigmoid(_buffer(asset, "opacity", count))
-    sigma = offset + _exponential(_buffer(asset, "sigma", count))
+    opacity = sigmoid(required_buffer(asset, "opacity", count))
+    sigma = offset + _exponential(required_buffer(asset, "sigma", count))
     with np.errstate(divide="ignore"):
         # The official fast power, each step rounded: o phi^sigma = 0.01 there.
         power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
@@ -180,7 +181,7 @@ def _triangle_splatting(asset: Asset, settings: Settings) -> Model:
 
 def _mesh_splatting(asset: Asset, settings: Settings) -> Model:
     floor, scale = settings["opacity_floor"], settings["supersample"]
-    logits = _buffer(asset, "opacity", asset.manifest.vertex_count)
+    logits = required_buffer(asset, "opacity", asset.manifest.vertex_count)
     opacity = np.float32(floor) + np.float32(1 - floor) * sigmoid(logits)
     prefix = f"ss{scale}_"
     return Model(
@@ -238,11 +239,11 @@ def make_model(asset: Asset, settings: Settings) -> Model:
 
 def sh_buffers(asset: Asset, rows: int) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Return `f_dc`, and `f_rest` in the order coefficient, channel (None at degree 0)."""
-    first = _buffer(asset, "f_dc", rows, 3)
+    first = required_buffer(asset, "f_dc", rows, 3)
     degree = asset.manifest.sh_degree
     if degree == 0:
         return first, None
-    rest = _buffer(asset, "f_rest", rows, 3 * ((degree + 1) ** 2 - 1))
+    rest = required_buffer(asset, "f_rest", rows, 3 * ((degree + 1) ** 2 - 1))
     if asset.manifest.appearance.get("f_rest_order") == "coefficient_major":
         return first, rest
     turned = rest.reshape(rows, 3, -1).transpose(0, 2, 1)
@@ -257,26 +258,9 @@ def _soup(asset: Asset) -> NDArray[np.float32]:
     return np.asarray(positions[indices.reshape(-1)])
 
 
-def _buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
-    where: dict[str, Any] = {"file": asset.path, "pointer": f"/buffers/{name}"}
-    method = asset.manifest.method
-    if name not in asset.buffers:
-        text = f"there is no buffer {name}; a model of {method} cannot be drawn without it"
-        raise AssetError("TRIASSET_BUFFER_REQUIRED", text, **where)
-    array = asset.buffers[name]
-    if array.shape != shape:
-        text = f"buffer {name} is {_product(array.shape)}; {method} has {_product(shape)}"
-        raise AssetError("TRIASSET_BUFFER_SHAPE", text, value=list(array.shape), **where)
-    return array
-
-
 def _require(asset: Asset, section: str, key: str, value: str) -> None:
     found = getattr(asset.manifest, section).get(key)
     if found != value:
         text = f"{section}.{key} is {found!r:.40}; the dedicated renderer knows {value!r}"
         pointer = f"/{section}/{key}"
         raise AssetError("TRIASSET_FIELD_VALUE", text, file=asset.path, pointer=pointer, value=found)
-
-
-def _product(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape))

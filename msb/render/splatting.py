@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb._version import __version__
+from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
-from msb.asset.validation import check_values
 from msb.cl import Device, open_device
 from msb.errors import UsageError
 from msb.render.frame import Frame, chosen_extras
@@ -87,7 +87,7 @@ class SplattingPipeline:
         self._order = order
         if order not in _ORDERS:
             raise UsageError("USAGE", f'there is no order "{order!s:.40}"; there are {", ".join(_ORDERS)}')
-        _check(asset)
+        check_drawable(asset)
         self._model = model = make_model(asset, values)
         self._outputs = chosen_extras(outputs) & {*model.outputs, "raw"}
         if outputs == "auto" and model.scale > 1:
@@ -306,10 +306,3 @@ class SplattingPipeline:
         pose = camera.world_to_camera
         center = -(pose[:3, :3].T @ pose[:3, 3])
         return np.float32(np.sqrt(np.square(self._stored_positions - center).sum(axis=1).max()))
-
-
-def _check(asset: Asset) -> None:
-    """Refuse values that cannot be drawn; what else `validate` says about them does not matter here."""
-    for item in check_values(asset):
-        if item.code in ("TRIASSET_VALUE_NONFINITE", "TRIASSET_INDEX_OUT_OF_RANGE"):
-            raise item.to_error(asset.path)

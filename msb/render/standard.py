@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb._version import __version__
+from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_overrides, effective_settings
 from msb.cl import Device, open_device
 from msb.errors import UsageError
 from msb.render.frame import Frame
 from msb.render.host_arrays import HostArrays
 from msb.render.protocol import Drawn, check_supported
-from msb.render.standard_colors import check_drawable
 from msb.render.standard_triangles import BLOCK, CLUSTER, GROUP, make_triangles
 from msb.render.standard_view import standard_view
 from msb.render.supersampling import box_filter
@@ -82,7 +82,7 @@ class StandardRenderer:
         own, others = _split(settings or {})
         self._supersample = own
         check_overrides(asset.manifest.method, others)
-        check_drawable(asset)
+        check_drawable(asset, ("positions", "color", "f_dc"))
         values = effective_settings(asset.manifest, others)
         self._host = HostArrays()
         self._own_device = not isinstance(device, Device)

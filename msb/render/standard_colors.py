@@ -9,7 +9,6 @@ import numpy as np
 
 from msb.asset.sh import SH_C0
 from msb.asset.visible import sigmoid
-from msb.errors import AssetError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,38 +63,3 @@ def shown_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.uint32]
     if shown.all():
         return None
     return np.flatnonzero(shown).astype(np.uint32)
-
-
-def check_drawable(asset: Asset) -> None:
-    """Refuse values that cannot be drawn: one pass over positions, indices and colours.
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_VALUE_NONFINITE`, `TRIASSET_INDEX_OUT_OF_RANGE`.
-    """
-    for name in ("positions", "color", "f_dc"):
-        array = asset.buffers.get(name)
-        if array is None or array.dtype.kind != "f" or _all_finite(array):
-            continue
-        first = int(np.argmin(np.isfinite(array.reshape(-1))))
-        row = first * len(array) // array.size
-        text = f"buffer {name} holds {array.reshape(-1)[first]} in row {row}; a renderer needs finite values"
-        raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{row}]")
-    indices, vertices = asset.buffers["indices"], asset.manifest.vertex_count
-    if indices.size and int(indices.max()) >= vertices:
-        face, corner = divmod(int(np.argmax(indices.reshape(-1) >= vertices)), 3)
-        raise AssetError(
-            "TRIASSET_INDEX_OUT_OF_RANGE",
-            f"face {face} uses vertex {indices[face, corner]}, but there are {vertices}",
-            file=asset.path,
-            pointer=f"indices[{face}, {corner}]",
-            value=int(indices[face, corner]),
-            limit=vertices - 1,
-        )
-
-
-def _all_finite(array: NDArray[Any]) -> bool:
-    # A sum that is finite has finite terms only; one that is not may have overflowed.
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(np.sum(array, dtype=np.float64))) or bool(np.isfinite(array).all())

@@ -1,0 +1,84 @@
+"""What every renderer needs of an asset before it draws it: drawable values, buffers of the right shape."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import AssetError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from msb.asset.reader import Asset
+
+
+def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
+    """Refuse an asset with values that cannot be drawn: one pass over the buffers.
+
+    Parameters
+    ----------
+    asset : Asset
+    names : iterable of str, optional
+        The float buffers to look at; all of them if not given.
+
+    Raises
+    ------
+    AssetError
+        `TRIASSET_VALUE_NONFINITE`: a float buffer holds NaN or infinity; an opacity logit may be infinite.
+        `TRIASSET_INDEX_OUT_OF_RANGE`: a face uses a vertex that does not exist.
+    """
+    for name in asset.buffers if names is None else names:
+        array = asset.buffers.get(name)
+        if array is None or array.dtype.kind != "f":
+            continue
+        infinite = name == "opacity"
+        if not _all_good(array, infinite=infinite):
+            flat = array.reshape(-1)
+            first = int(np.argmax(np.isnan(flat) if infinite else ~np.isfinite(flat)))
+            row = int(np.unravel_index(first, array.shape)[0])
+            text = f"buffer {name} holds {flat[first]} in row {row}; a renderer needs finite values"
+            raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{row}]")
+    indices, vertices = asset.buffers["indices"], asset.manifest.vertex_count
+    if int(indices.max()) >= vertices:
+        face, corner = divmod(int(np.argmax(indices.reshape(-1) >= vertices)), 3)
+        raise AssetError(
+            "TRIASSET_INDEX_OUT_OF_RANGE",
+            f"face {face} uses vertex {indices[face, corner]}, but there are {vertices}",
+            file=asset.path,
+            pointer=f"indices[{face}, {corner}]",
+            value=int(indices[face, corner]),
+            limit=vertices - 1,
+        )
+
+
+def required_buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
+    """Return a buffer the method cannot be drawn without.
+
+    Raises
+    ------
+    AssetError
+        `TRIASSET_BUFFER_REQUIRED`: there is none; `TRIASSET_BUFFER_SHAPE`: it is not `shape`.
+    """
+    where: dict[str, Any] = {"file": asset.path, "pointer": f"/buffers/{name}"}
+    method = asset.manifest.method
+    if name not in asset.buffers:
+        text = f"there is no buffer {name}; a model of {method} cannot be drawn without it"
+        raise AssetError("TRIASSET_BUFFER_REQUIRED", text, **where)
+    array = asset.buffers[name]
+    if array.shape != shape:
+        have, want = (" x ".join(map(str, sizes)) for sizes in (array.shape, shape))
+        text = f"buffer {name} is {have}; {method} has {want}"
+        raise AssetError("TRIASSET_BUFFER_SHAPE", text, value=list(array.shape), **where)
+    return array
+
+
+def _all_good(array: NDArray[Any], *, infinite: bool) -> bool:
+    with np.errstate(over="ignore", invalid="ignore"):
+        if infinite:  # the least is NaN if any is
+            return not np.isnan(array.min())
+        # A sum that is finite has finite terms only; one that is not may have overflowed.
+        return bool(np.isfinite(np.sum(array, dtype=np.float64))) or bool(np.isfinite(array).all())
