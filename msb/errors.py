@@ -387,6 +387,14 @@ CODES: dict[str, Code] = {
                 "Neither the name nor the content is of a kind we read.",
                 "Give a .triasset, a .ply, .obj, .off, .stl or .glb file, or a folder of these.",
             ),
+            "RECORD_INVALID": (
+                "A result record is not one of ours, or was changed by hand.",
+                "The message names the key; docs/protocol.md has all of them. Run the cell again.",
+            ),
+            "PROTOCOL_INVALID": (
+                "A protocol file (TOML) has an unknown key or a value that cannot be.",
+                "The message names the key and what it takes; docs/protocol.md has all of them.",
+            ),
         },
     ),
     **_codes(

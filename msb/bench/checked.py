@@ -1,0 +1,85 @@
+"""Data from outside, held to a pydantic model: one clear line for what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from msb.asset.strict_json import parse_strict_json
+from msb.errors import AssetError, InputError, shorten
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_bytes(path: str | os.PathLike[str], max_bytes: int) -> bytes:
+    """Return the content of `path`, if it is not longer than `max_bytes`.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            data = file.read(max_bytes + 1)
+    except FileNotFoundError as error:
+        raise InputError("FILE_NOT_FOUND", "there is no such file", file=path) from error
+    except OSError as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
+    if len(data) > max_bytes:
+        raise InputError("RECORD_INVALID", f"it is longer than {max_bytes:,} bytes", file=path)
+    return data
+
+
+def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
+    """Return the JSON document in `path`: no repeated keys, no NaN, no deep nesting.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
+    """
+    data = read_bytes(path, max_bytes)
+    try:
+        return parse_strict_json(data, file=path, name="the file", max_bytes=max_bytes)
+    except AssetError as error:
+        raise InputError("RECORD_INVALID", error.message, file=path, pointer=error.pointer) from None
+
+
+def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
+    """Return `data` as `model`.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+    data : object
+        As a JSON or TOML parser gives it.
+    file : path-like
+        Named in the error.
+    code : str
+        Of the error.
+
+    Raises
+    ------
+    InputError
+        `code`: the first thing wrong, with its place as a JSON pointer.
+    """
+    try:
+        # JSON again: only from JSON does a strict model take a list for a tuple.
+        return model.model_validate_json(json.dumps(data, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        if not isinstance(error, ValidationError):  # a date, NaN: TOML has what JSON has not
+            raise InputError(code, f"it holds what it may not: {error}", file=file) from None
+        first: Mapping[str, Any] = error.errors(include_url=False)[0]
+        pointer = "".join(f"/{part}" for part in first["loc"]) or "/"
+        more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        found = "" if first["type"] == "missing" else f", found {shorten(repr(first['input']), 40)}"
+        text = f"{pointer}: {first['msg'][:1].lower()}{first['msg'][1:]}{found}{more}"
+        raise InputError(code, text, file=file, pointer=pointer) from None

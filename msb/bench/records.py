@@ -1,0 +1,231 @@
+"""Result records: what one cell of a benchmark (dataset, scene, method, condition) measured, as a JSON file.
+
+`msb run` writes them, `msb report` reads nothing else. Values are full doubles in SI units, bytes and
+milliseconds; whatever could not be had is None, with a reason beside it. docs/protocol.md describes the file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from msb._version import __version__
+from msb.bench.checked import checked, read_json
+
+if TYPE_CHECKING:
+    import os
+
+SCHEMA: Literal["msb.result/1"] = "msb.result/1"
+MAX_BYTES = 64 << 20
+"""A record holds about 300 bytes an image; no dataset has a million test views."""
+
+Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
+CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
+"""The three paths an image takes, and the mesh itself, which is audited."""
+
+Status = Literal["done", "failed", "unsupported"]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0)]
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
+    )
+
+
+class Reason(_Record):
+    """Why something is not there: an error code and its line."""
+
+    code: Name
+    message: str
+
+
+class Cell(_Record):
+    """Which result this is.
+
+    Attributes
+    ----------
+    dataset : str
+        "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
+    scene, method : str
+        `method` as in `msb.methods`.
+    condition : Condition
+    renderer : str, optional
+        A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
+        tier.
+    """
+
+    dataset: Name
+    scene: Name
+    method: Name
+    condition: Condition
+    renderer: Name | None = None
+
+    @property
+    def column(self) -> str:
+        """The condition, or the engine in its place: what a table has one column for."""
+        return self.condition if self.renderer is None else self.renderer
+
+
+class File(_Record):
+    """A file or folder a result was computed from. `sha256` of a folder is that of its manifest of hashes."""
+
+    path: str
+    bytes: Count
+    sha256: Sha256 | None = None
+
+
+class Setup(_Record):
+    """What must be equal before two results may be compared.
+
+    Attributes
+    ----------
+    camera_convention : {"gs_fov", "full_K"}
+        "gs_fov": the principal point is the image centre, as the 3DGS family trains; "full_K": it is used.
+    image_folder : str
+        Below the scene: "images_4".
+    gt_resized : bool
+        The photographs were resized by us, not shipped in this size.
+    background : (3,) floats
+        Behind the model, and behind a masked photograph.
+    mask_source : {"png_alpha", "mask_folder"}, optional
+    render_masked_by_gt_alpha : bool
+    """
+
+    camera_convention: Literal["gs_fov", "full_K"]
+    image_folder: str
+    gt_resized: bool
+    background: tuple[float, float, float]
+    mask_source: Literal["png_alpha", "mask_folder"] | None = None
+    render_masked_by_gt_alpha: bool = False
+
+
+class ImageQuality(_Record):
+    """One test image. `psnr` is None where the images are equal, which `psnr_infinite` says."""
+
+    name: Name
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    psnr: float | None
+    psnr_infinite: bool = False
+    ssim: float | None
+    lpips: float | None = None
+    file: str | None = None
+    """Of the rendering, relative to the record."""
+    gt: str | None = None
+    """Of the ground truth as it was compared, relative to the record; None where that is not kept."""
+
+
+class Quality(_Record):
+    """Means over the test images, unweighted, and every image. Infinite PSNRs count `psnr_inf_count`."""
+
+    psnr: float | None
+    ssim: float | None
+    lpips: float | None
+    lpips_reason: str | None
+    psnr_inf_count: Count
+    images: tuple[ImageQuality, ...]
+    metrics: tuple[dict[str, Any], ...]
+    """Full identity of every metric (`msb.metrics.identity`)."""
+
+
+class Timing(_Record):
+    """Of a run that wrote and read back nothing. Milliseconds; percentiles over all timed frames."""
+
+    frames: Annotated[int, Field(gt=0)]
+    seconds: Amount
+    """Wall-clock, of all `frames`."""
+    fps: Amount
+    p50_ms: Amount
+    """Device time from the first event of a frame to its last."""
+    p95_ms: Amount
+    mean_ms: Amount
+    busy_p50_ms: Amount
+    busy_p95_ms: Amount
+    stages_ms: dict[str, Amount]
+    device_kind: Literal["gpu", "cpu", "other"]
+    """ "Device ms" are GPU ms only where this is "gpu"."""
+
+
+class Memory(_Record):
+    """Bytes on the device at the peak of a frame, by what they are for. No driver's own memory is in it."""
+
+    geometry: Count
+    appearance: Count
+    scratch: Count
+    """Order, tile lists, and what a frame computes in passing."""
+    targets: Count
+    """Colour and depth."""
+    uses: dict[str, Count]
+    """The renderer's own names, the same bytes."""
+
+    @property
+    def total(self) -> int:
+        """All of it."""
+        return self.geometry + self.appearance + self.scratch + self.targets
+
+
+class Training(_Record):
+    """What training cost, from the user's own record (`msb track`); never estimated."""
+
+    seconds: Amount | None
+    peak_memory_bytes: Count | None
+    source: str
+
+
+class RendererInfo(_Record):
+    """What made the images: "upstream" for official files, "msb_reference" for our NumPy renderer."""
+
+    name: str
+    version: str
+    kind: Literal["msb", "upstream", "msb_reference", "engine"]
+    settings: dict[str, bool | int | float | str | None] = {}
+
+
+class Result(_Record):
+    """One cell's record.
+
+    `status` "unsupported" prints N/A, "failed" prints --; both have a `reason`. Parts that do not apply to
+    the condition are None.
+    """
+
+    schema_: Literal["msb.result/1"] = Field(SCHEMA, alias="schema")
+    tool_version: str = __version__
+    cell: Cell
+    status: Status
+    reason: Reason | None = None
+    seconds: Amount
+    """The cell took."""
+    setup: Setup | None = None
+    checkpoint: File | None = None
+    asset: File | None = None
+    renderer: RendererInfo | None = None
+    device: dict[str, Any] | None = None
+    quality: Quality | None = None
+    timing: Timing | None = None
+    memory: Memory | None = None
+    chamfer: dict[str, Any] | None = None
+    """As `msb.metrics.chamfer_dtu` gives it, with its identity under "metric"; DTU only."""
+    audit: dict[str, Any] | None = None
+    """As `msb-audit --json` gives it; condition exported_mesh only."""
+    training: Training | None = None
+
+    def to_json(self) -> bytes:
+        """Return the file's content."""
+        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
+
+
+def read_result(path: str | os.PathLike[str]) -> Result:
+    """Return the record in the file `path`.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, naming the key.
+    """
+    return checked(Result, read_json(path, MAX_BYTES), file=Path(path), code="RECORD_INVALID")
