@@ -1,4 +1,9 @@
-"""Make the tiny asset and checkpoint of this folder: `python -m data_stubs.make`. Same script, same bytes."""
+"""Make everything in this folder that is no script: `python -m data_stubs.make`. Same script, same bytes.
+
+An asset and a checkpoint with the structure of trained ones; a tiny scene in the layout of each dataset
+(`data_stubs.captures`), and a model of each method for it (`data_stubs.trained`). Photographs are compressed
+by Pillow, so their bytes depend on its version; their pixels do not, or in JPEG by a level.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from data_stubs import captures, trained
 from data_stubs.splat_like import splat_like
+from data_stubs.surface import Y_DOWN, pebble, walled
 from data_stubs.torch_file import write_torch
 from msb.asset import Asset, Description, build_asset, save
 from msb.asset.manifest import CoordinateFrame, StoredSetting
@@ -90,7 +97,22 @@ def cameras() -> list[Camera]:
     return turntable(center, 2.4, up=(0, 1, 0), count=8, width=640, height=480, fov_y=0.7, elevation=0.35)
 
 
+def write_models(folder: Path) -> None:
+    """Write a model of each method for the masked scenes, and one for those before a wall."""
+    trained.write_models(folder / "pebble", pebble(), white=True, layout="synthetic")
+    trained.write_models(folder / "walled", walled().turned(Y_DOWN), white=False, layout="colmap")
+
+
+def write_scenes(folder: Path) -> None:
+    """Write a scene in each layout."""
+    for place, write in captures.WRITERS.values():
+        (folder / place).mkdir(parents=True, exist_ok=True)
+        write(folder / place)
+
+
 if __name__ == "__main__":
+    write_models(HERE / "models")
+    write_scenes(HERE / "scenes")
     write_cameras(cameras(), HERE / "views.json", background=(1, 1, 1))
     write_checkpoint(HERE / "checkpoint")
     save(splat_like_asset(), HERE / "splat_like.triasset")

@@ -278,9 +278,21 @@ CODES: dict[str, Code] = {
                 "There is no layer, element, vertex or component of that name or number.",
                 "The message says what there is.",
             ),
+            "VIEW_PATH": (
+                "There is no path of that name, or it has no picture to compare.",
+                "The message says which paths there are: truth, reference, dedicated, standard.",
+            ),
             "OUTPUT_EXISTS": (
                 "The output exists and --force was not given.",
                 "Give --force or another name.",
+            ),
+            "RESULTS_MIXED": (
+                "Results that would stand beside each other differ in a metric's definition, setup or asset.",
+                "Report them apart or run the older ones again; --allow-mixed takes them and says so.",
+            ),
+            "TABLE_UNKNOWN": (
+                "The report has no table of that label.",
+                "The message lists the labels.",
             ),
             "EXPLAIN_UNKNOWN": (
                 "There is no quantity or code of that name.",
@@ -305,6 +317,22 @@ CODES: dict[str, Code] = {
             "RENDERER_UNKNOWN": (
                 "There is no renderer of that name.",
                 "The message lists those there are; others come with packages that bring one.",
+            ),
+            "RESULTS_BUSY": (
+                "Another msb run is writing into the results folder.",
+                "Wait for it or stop it; the message says where it runs.",
+            ),
+            "RUN_SCHEDULER": (
+                "There is no Dask scheduler at that address, or it was lost.",
+                "Start one with dask scheduler; docs/protocol.md has the commands.",
+            ),
+            "RUN_WORKER_PATHS": (
+                "A worker on another machine does not see the files of the run.",
+                "Mount results, scenes and models under the same paths on every machine.",
+            ),
+            "ENGINE_MISSING": (
+                "The engine that is to draw is not installed.",
+                "The message says what to install; docs/engines.md has more, msb devices shows what is there.",
             ),
             "OFFICIAL_FORMAT": (
                 "The method's own exporter does not write that format.",
@@ -331,9 +359,17 @@ CODES: dict[str, Code] = {
                 "The device refused or failed a command.",
                 "Try another device; if it stays, report it with what --debug shows.",
             ),
+            "ENGINE_FAILED": (
+                "A foreign engine refused, ended or does not answer.",
+                "The message has its last words; docs/engines.md lists what is known to go wrong.",
+            ),
             "DEVICE_CLOSED": (
                 "A device or buffer was used after it was closed.",
                 "Use it inside its with block.",
+            ),
+            "RUN_WORKER_DIED": (
+                "The process that computed a cell died: out of memory, or a crash of the OpenCL platform.",
+                "Run again with fewer --jobs, or on another device.",
             ),
         },
     ),
@@ -369,6 +405,14 @@ CODES: dict[str, Code] = {
                 "The method cannot be drawn on this tier.",
                 "The message says why; msb methods lists the tiers of each method.",
             ),
+            "UNSUPPORTED_CAMERA": (
+                "The engine has no such camera.",
+                "The message says what the engine takes; our own renderers take any camera.",
+            ),
+            "UNSUPPORTED_OPTION": (
+                "What draws this method on this tier has no such option.",
+                "The message lists the options there are; orders and samplings: docs/dedicated.md.",
+            ),
             "UNSUPPORTED_OFFICIAL": (
                 "The method has no exporter of its own.",
                 "Leave out --official to get the standard-tier mesh.",
@@ -390,6 +434,18 @@ CODES: dict[str, Code] = {
             "RECORD_INVALID": (
                 "A result record is not one of ours, or was changed by hand.",
                 "The message names the key; docs/protocol.md has all of them. Run the cell again.",
+            ),
+            "RESULTS_EMPTY": (
+                "The folder holds no result records.",
+                "Give the folder that msb run wrote: cells/DATASET/SCENE/METHOD/COLUMN/result.json.",
+            ),
+            "RENDERS_CHANGED": (
+                "An official rendering is not what the folder's SHA256SUMS says.",
+                "Copy the folder again, or write the list again with sha256sum.",
+            ),
+            "TRAINING_FAILED": (
+                "The record of a training says that the training failed.",
+                "Train again under msb track; the status is in the record.",
             ),
             "PROTOCOL_INVALID": (
                 "A protocol file (TOML) has an unknown key or a value that cannot be.",
@@ -587,6 +643,46 @@ CODES: dict[str, Code] = {
             "COLMAP_POINT": (
                 "A point is not finite, or its colour is not three numbers from 0 to 255.",
                 _FIX_COLMAP,
+            ),
+            # --- datasets
+            "SCENE_LAYOUT": (
+                "The folder is not laid out as a scene of a dataset, or a part of the layout is absent.",
+                "docs/datasets.md shows the layouts: sparse/0, transforms_train.json or cameras.npz.",
+            ),
+            "SCENE_UNKNOWN": (
+                "The dataset has no such scene, or the loader no rule for the dataset.",
+                "Give another dataset, or say which image folder is meant.",
+            ),
+            "SCENE_ARGUMENT": ("An option of a scene is out of range.", "The message says what it takes."),
+            "SCENE_SPLIT": ("There is no test view or no training view.", "A scene needs some of each."),
+            "SCENE_IMAGE_FOLDER": (
+                "The folder of photographs that the protocol takes is not there.",
+                "Download it, or name another one; results on other sizes cannot be compared.",
+            ),
+            "SCENE_IMAGE_MISSING": ("Photographs are not there.", "Download the scene again."),
+            "SCENE_IMAGE_RESIZED": (
+                "The photographs are resized here: the shipped folder of that size is absent.",
+                "Download it; results on it and on resized photographs differ by up to 0.5 dB.",
+            ),
+            "SCENE_IMAGE_SIZE": (
+                "A photograph has another size than the others, or another shape than its camera.",
+                "Download the scene again, or run COLMAP's undistorter on all images at once.",
+            ),
+            "SCENE_IMAGE_ALPHA": (
+                "The photograph of a masked dataset has no alpha channel.",
+                "NeRF-Synthetic and DTU need RGBA PNG; DTU takes a folder mask instead.",
+            ),
+            "SCENE_MASK": (
+                "The masks do not go with the photographs.",
+                "There must be one mask for each photograph, of the same size, in the same order.",
+            ),
+            "SCENE_MATRICES": (
+                "cameras.npz does not hold the projections of the views.",
+                "It holds world_mat_i and scale_mat_i, 4 x 4 numbers, for every image.",
+            ),
+            "SCENE_PRINCIPAL_POINT": (
+                "The convention gs_fov moves the principal point visibly.",
+                "Use full_K for methods that were trained with the recorded one.",
             ),
         },
     ),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb-audit data_stubs/splat_like.triasset",
     "msb-audit --json - data_stubs/splat_like.triasset",
-    "msb-audit --cross-check --fail-on 'nonmanifold_edge_ratio>0.5' data_stubs",
+    "msb-audit --cross-check --fail-on 'nonmanifold_edges>9' data_stubs/models",
     "msb-audit --explain nonmanifold_vertex_ratio",
 )
 
@@ -195,7 +195,9 @@ class _Task:
         if self.view:
             self.seen = path, found, analysis
         self.output.note(
-            f"{path}: " + ", ".join(f"{k} {v:.1f} ms" for k, v in found.timings_ms.items()), level=1
+            f"{path}: {found.computed_by}: "
+            + ", ".join(f"{k} {v:.1f} ms" for k, v in found.timings_ms.items()),
+            level=1,
         )
         return found
 

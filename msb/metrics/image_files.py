@@ -58,11 +58,15 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
             return _read_npy(place)
         if suffix == ".exr":
             return _read_exr(place)
-        return _read_picture(place, background)
+        return _composited(place, read_pixels(place), background)
     except (MetricError, MemoryError):
         raise
     except Exception as error:  # decoders raise all kinds of things about damaged files
-        raise _bad(place, f"it cannot be decoded: {shorten(str(error) or type(error).__name__)}") from error
+        raise _undecodable(place, error) from error
+
+
+def _undecodable(path: Path, error: Exception) -> MetricError:
+    return _bad(path, f"it cannot be decoded: {shorten(str(error) or type(error).__name__)}")
 
 
 def _bad(path: Path, message: str) -> MetricError:
@@ -75,7 +79,46 @@ def _check_size(path: Path, width: int, height: int) -> None:
         raise MetricError("METRIC_IMAGE_FILE", text, file=path, value=(width, height), limit=MAX_PIXELS)
 
 
-def _read_picture(path: Path, background: Color | None) -> NDArray[Any]:
+def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
+    """Return the pixels of a PNG or JPEG as stored, (H, W, 3), or with alpha (H, W, 4).
+
+    Parameters
+    ----------
+    path : Path
+    modes : tuple of str
+        Pillow's names of the kinds of pixels that are accepted; "L", grey, gives (H, W).
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_IMAGE_FILE, as for `read_image`.
+    """
+    place = regular_file(path)
+    try:
+        return _read_picture(place, modes)
+    except (MetricError, MemoryError):
+        raise
+    except Exception as error:  # decoders raise all kinds of things about damaged files
+        raise _undecodable(place, error) from error
+
+
+def read_mask(path: Path) -> NDArray[np.uint8]:
+    """Return the first channel of a mask, (H, W); the file may also be grey.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_IMAGE_FILE.
+    """
+    pixels = read_pixels(path, ("L", "RGB", "RGBA"))
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., 0])
+
+
+def _read_picture(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
     from PIL import Image
 
     _check_png_kind(path)
@@ -86,10 +129,14 @@ def _read_picture(path: Path, background: Color | None) -> NDArray[Any]:
         _check_size(path, *picture.size)
         if "transparency" in picture.info:
             raise _bad(path, "it names one colour as transparent; store an alpha channel, or none")
-        if picture.mode not in ("RGB", "RGBA"):
+        if picture.mode not in modes:
             raise _bad(path, f"its pixels are of kind {picture.mode}; they must be 8-bit RGB or RGBA")
         picture.load()
         pixels: NDArray[np.uint8] = np.array(picture)
+    return pixels
+
+
+def _composited(path: Path, pixels: NDArray[np.uint8], background: Color | None) -> NDArray[Any]:
     if pixels.shape[2] == 3:
         return pixels
     color, alpha = pixels[..., :3], pixels[..., 3:]

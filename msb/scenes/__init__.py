@@ -1,12 +1,14 @@
-"""Cameras: the one camera of the package, the files it is read from, and paths for it to fly.
+"""Cameras and scenes: the one camera of the package, what it is read from, and paths for it to fly.
 
-Needs NumPy and the standard library only. Conventions and formats are described in docs/cameras.md.
+Needs NumPy and the standard library only. Conventions and formats are described in docs/cameras.md, datasets
+in docs/datasets.md.
 """
 
 from __future__ import annotations
 
 from msb.scenes.camera import Camera
 from msb.scenes.colmap import read_points
+from msb.scenes.datasets import Scene, read_scene
 from msb.scenes.image_size import image_size
 from msb.scenes.paths import interpolated, turntable
 from msb.scenes.poses import from_opengl, invert_pose
@@ -16,6 +18,7 @@ from msb.scenes.views_json import Views, read_views, write_cameras
 
 __all__ = [
     "Camera",
+    "Scene",
     "Views",
     "from_opengl",
     "image_size",
@@ -23,6 +26,7 @@ __all__ = [
     "invert_pose",
     "read_cameras",
     "read_points",
+    "read_scene",
     "read_views",
     "sorted_by_stem",
     "split_every_8th",

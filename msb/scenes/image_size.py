@@ -1,4 +1,4 @@
-"""The size of a PNG or JPEG image from its header; no pixel is decoded."""
+"""What the header of a PNG or JPEG image says, its size above all; no pixel is decoded."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from msb.scenes.source import Source
 if TYPE_CHECKING:
     import os
 
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of photographs, lower case."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
@@ -45,6 +47,22 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
         raise source.error("CAMERA_IMAGE", text)
     with source.locating(None):
         return check_size(found)
+
+
+def has_alpha(path: str | os.PathLike[str]) -> bool:
+    """Return whether an image is a PNG with an alpha channel; a colour named as transparent is none.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+
+    Notes
+    -----
+    W3C Portable Network Graphics, 11.2.2: colour types 4 and 6.
+    """
+    source = Source.open(Path(path))
+    return _png(source) is not None and bytes(source.data[25:26]) in (b"\4", b"\6")
 
 
 def _png(source: Source) -> tuple[int, int] | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from msb.errors import shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from msb.scenes.camera import Camera
     from msb.scenes.source import Source
@@ -55,8 +55,10 @@ def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
     return sorted(cameras, key=stem)
 
 
-def split_every_8th(cameras: Iterable[Camera]) -> tuple[list[Camera], list[Camera]]:
-    """Return (train, test): of the cameras sorted by stem number 0, 8, 16, ... are for testing.
+def split_every_8th(
+    cameras: Iterable[Camera], key: Callable[[Camera], str] = stem
+) -> tuple[list[Camera], list[Camera]]:
+    """Return (train, test): of the cameras sorted by `key` number 0, 8, 16, ... are for testing.
 
     The `split` of each camera returned says which it is. This is for captures without a split of their own,
     so a `split` already there is replaced.
@@ -64,7 +66,7 @@ def split_every_8th(cameras: Iterable[Camera]) -> tuple[list[Camera], list[Camer
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py (`llffhold`).
     """
     train, test = [], []
-    for index, camera in enumerate(sorted_by_stem(cameras)):
+    for index, camera in enumerate(sorted(cameras, key=key)):
         if index % HOLD:
             train.append(replace(camera, split="train"))
         else:

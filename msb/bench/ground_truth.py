@@ -1,0 +1,103 @@
+"""The photograph a rendering is compared with: masked, resized and rounded by the rules of its scene."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MetricError
+from msb.metrics.image_files import read_mask, read_pixels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
+
+
+def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
+    """Return the photograph of `camera` as it is compared.
+
+    Parameters
+    ----------
+    scene : Scene
+        Says how masks, resizing and rounding go together.
+    camera : Camera
+        One of the scene's.
+
+    Returns
+    -------
+    image : (H, W, 3) float32
+        RGB in [0, 1] at the camera's size; whole multiples of 1 / 255 where the rules round to 8 bits, as
+        ours do: floor(255 x + 0.5).
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    MetricError
+        METRIC_IMAGE_FILE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask has not the
+        size of its photograph.
+
+    Notes
+    -----
+    Photographs without a mask are resized as 8-bit images, bit for bit as the 3DGS family does it
+    (`graphdeco-inria/gaussian-splatting`: utils/general_utils.py, PILtoTorch). "before_resize": the mask is
+    applied at the stored size, in floats, and floats are resized. "after_resize": colours and mask are
+    resized as 8-bit images, each for itself, then I = rgb a + background (1 - a).
+    """
+    if camera.image_path is None:
+        raise ValueError("the camera has no image_path; give one of a scene's")
+    size = camera.width, camera.height
+    pixels = read_pixels(camera.image_path)
+    color, alpha = pixels[..., :3], pixels[..., 3:]
+    if scene.mask_source == "mask_folder":
+        alpha = _mask(scene, camera, color.shape)
+    elif scene.mask_source is None:
+        alpha = alpha[..., :0]
+    if alpha.shape[2] == 0:
+        image = _resized(color, size, scene.resampling) / 255.0
+    elif scene.compositing == "after_resize":
+        color, alpha = (_resized(part, size, scene.resampling) for part in (color, alpha))
+        image = _over(color, alpha, scene.background)
+    else:
+        image = _resized(_over(color, alpha, scene.background), size, scene.resampling)
+    image = np.clip(image, 0, 1)
+    if scene.quantized:
+        image = np.floor(image * 255 + 0.5) / 255
+    return image.astype(np.float32)
+
+
+def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the mask of a camera, (H, W, 1): the first channel, as culling reads it."""
+    path = scene.masks[str(camera.name)]
+    mask = read_mask(path)
+    if mask.shape != shape[:2]:
+        text = f"it is {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
+        raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
+    return mask[..., None]
+
+
+def _over(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: Any) -> NDArray[np.float64]:
+    weight = alpha / 255.0
+    return np.asarray(color / 255.0 * weight + np.asarray(background, np.float64) * (1 - weight))
+
+
+def _resized(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
+    """Return the image at `size` by Pillow's filter: bytes as bytes, floats as float32 planes."""
+    from PIL import Image
+
+    if (image.shape[1], image.shape[0]) == size:
+        return image
+    method = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}[resampling]
+    planes = [
+        np.asarray(Image.fromarray(_plane(image[..., channel])).resize(size, method))
+        for channel in range(image.shape[2])
+    ]
+    return np.stack(planes, axis=-1)
+
+
+def _plane(channel: NDArray[Any]) -> NDArray[Any]:
+    kind = np.uint8 if channel.dtype == np.uint8 else np.float32
+    return np.ascontiguousarray(channel, kind)

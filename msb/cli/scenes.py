@@ -1,0 +1,229 @@
+"""`msb scenes`: what was found in the folders of scenes, and how it would be evaluated."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+from msb.cli.run import report
+from msb.errors import MsbError, shorten
+
+if TYPE_CHECKING:
+    from msb.scenes import Camera
+    from msb.scenes.datasets import Scene, SceneReport
+
+EPILOG = epilog(
+    "msb scenes data_stubs/scenes",
+    "msb scenes data_stubs/scenes/dtu/scan1",
+    "msb scenes --image-folder images_2 data_stubs/scenes/mipnerf360",
+    "msb scenes --json - --rules two_dts data_stubs/scenes/mipnerf360/pebble",
+)
+SCHEMA = "msb.scenes/1"
+
+
+def scenes(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Scenes, or folders of scenes.")],
+    dataset: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="mipnerf360, tanksandtemples, nerf_synthetic, dtu, or your own."),
+    ] = None,
+    image_folder: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Photographs, instead of those of the protocol.")
+    ] = None,
+    resolution: Annotated[
+        int | None,
+        typer.Option("--resolution", "-r", metavar="N", help="1, 2, 4, 8: divisor; -1: as is; else width."),
+    ] = None,
+    rules: Annotated[
+        str, typer.Option(metavar="NAME", help="ours, or a method: read as its official code does.")
+    ] = "ours",
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Say what scenes were found, which photographs count, and what is missing.
+
+    One scene is described in full, several in a table (-v: in full). Nothing is decoded but headers.
+    docs/datasets.md shows the layouts and the rules.
+    """
+    output = Output(json_file, quiet, verbose, force)
+    output.check_free(json_file)
+    options = {"dataset": dataset, "image_folder": image_folder, "resolution": resolution, "rules": rules}
+    raise typer.Exit(_run(paths, options, output))
+
+
+def _run(paths: list[Path], options: dict[str, Any], output: Output) -> int:
+    from msb.scenes.datasets import describe_scene, find_scenes
+
+    status = 0
+    found: list[SceneReport] = []
+    for path in paths:
+        try:
+            places = find_scenes(path)
+        except MsbError as error:
+            status = max(status, report(error))
+            continue
+        with output.counted(f"reading {path.name}", len(places)) as step:
+            for place in places:
+                found.append(describe_scene(place, **options))
+                step()
+    output.write_json({"schema": SCHEMA, "scenes": [as_data(item) for item in found]})
+    if output.prints_text and found:
+        _print(found, output)
+    for item in found:
+        if item.error is not None:
+            status = max(status, report(item.error))
+    return status
+
+
+def as_data(item: SceneReport) -> dict[str, Any]:
+    """Return a report as JSON data."""
+    scene = item.scene
+    return {
+        "path": str(item.path),
+        "dataset": item.dataset,
+        "scene": item.name,
+        "layout": item.layout,
+        "error": None if item.error is None else {"code": item.error.code, "message": item.error.message},
+        "evaluated": None if scene is None else _evaluated(scene),
+        "points": item.points,
+        "image_folders": [
+            {
+                "name": f.name,
+                "images": f.count,
+                "used": f.used,
+                "size": None if f.size is None else list(f.size),
+            }
+            for f in item.image_folders
+        ],
+        "warnings": [{"code": w.code, "file": w.file, "message": w.message} for w in item.findings],
+        "unused": list(item.unused),
+        "deviations": {name: list(texts) for name, texts in item.deviations.items()},
+    }
+
+
+def _evaluated(scene: Scene) -> dict[str, Any]:
+    first = scene.test[0]
+    return {
+        "rules": scene.rules,
+        "image_folder": scene.image_folder,
+        "resolution": scene.resolution,
+        "width": first.width,
+        "height": first.height,
+        "gt_resized": scene.gt_resized,
+        "train": [camera.name for camera in scene.train],
+        "test": [camera.name for camera in scene.test],
+        "background": list(scene.background),
+        "camera_convention": scene.camera_convention,
+        "mask_source": scene.mask_source,
+        "compositing": scene.compositing,
+    }
+
+
+def _print(found: list[SceneReport], output: Output) -> None:
+    if len(found) == 1 or output.verbose:
+        for number, item in enumerate(found):
+            if number:
+                output.console().print()
+            _print_one(item, output)
+        return
+    from rich.markup import escape
+
+    table = plain_table("Scene", "Dataset", "Train", "Test", "Size", "Photographs", right=(2, 3, 4))
+    for item in found:
+        scene = item.scene
+        cells = ("--", "--", "--", item.error.code if item.error else "")
+        if scene is not None:
+            used = "RGBA PNG" if scene.mask_source == "png_alpha" else scene.image_folder
+            used += ", resized" if scene.gt_resized else ""
+            cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
+        # The dataset's name stands in its own column: what is above it is said once, in the notes.
+        table.add_row(escape(shorten(item.name, 40)), escape(shorten(item.dataset, 20)), *map(escape, cells))
+    output.console().print(table)
+    for item in found:
+        for warning in item.findings:
+            output.note(f"{warning.code}: {warning.file or item.path}: {warning.message}")
+
+
+def _print_one(item: SceneReport, output: Output) -> None:
+    from rich.markup import escape
+
+    table = plain_table("", "")
+    table.show_header = False
+    rows = [("scene", str(item.path)), ("dataset", f"{item.dataset}, {item.name}, {_LAYOUTS[item.layout]}")]
+    if item.scene is not None:
+        rows += _described(item.scene)
+    else:
+        rows += [("images", f"{f.name}: {f.count}") for f in item.image_folders]
+    if item.points is not None:
+        rows.append(("SfM points", f"{item.points:,}"))
+    rows += [("not used", text) for text in item.unused]
+    if not output.quiet:
+        rows += [("warning", f"{w.code}: {w.message}") for w in item.findings]
+        rows += _deviating(item)
+    for label, text in rows:
+        table.add_row(label, escape(shorten(text, 300)))
+    output.console().print(table)
+
+
+_LAYOUTS = {
+    "colmap": "COLMAP model in sparse",
+    "blender": "transforms_train.json and transforms_test.json",
+    "transforms": "transforms.json",
+    "neus": "cameras.npz",
+}
+
+
+def _described(scene: Scene) -> list[tuple[str, str]]:
+    from msb.scenes.datasets import DATASETS, color_name
+
+    first = scene.test[0]
+    place = "as the JSON files name them" if scene.image_folder == "." else scene.image_folder
+    how = f"resized {scene.resampling}" if scene.gt_resized else "as stored"
+    split = "by the JSON files" if scene.layout == "blender" else "every 8th is a test view"
+    masks = {
+        "png_alpha": "alpha channel of the photographs",
+        "mask_folder": "folder mask, one for each photograph",
+        None: "none",
+    }[scene.mask_source]
+    if scene.mask_source:
+        masks += f"; laid over the background {scene.compositing.replace('_', ' ')}"
+    fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
+    behind = "for every method" if fixed else "unless the method's own is another"
+    views = {
+        (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
+        for view in (*scene.train, *scene.test)
+    }
+    record = first.source_size or (first.width, first.height)
+    lens = (
+        f"{len(views)} pinhole camera{'' if len(views) == 1 else 's'}, recorded at {record[0]} x {record[1]}"
+    )
+    angles = f"{math.degrees(first.fov_x):.1f} x {math.degrees(first.fov_y):.1f} degrees"
+    return [
+        ("rules", scene.rules),
+        ("views", f"{len(scene.train)} training, {len(scene.test)} test; {split}"),
+        ("photographs", f"{place}, {how}, compared at {_size(first)}"),
+        ("masks", masks),
+        ("background", f"{color_name(scene.background)}, {behind}"),
+        ("cameras", f"{lens}, {angles}, {scene.camera_convention}"),
+    ]
+
+
+def _deviating(item: SceneReport) -> list[tuple[str, str]]:
+    """Return what methods do otherwise, those that do the same in one row."""
+    grouped: dict[tuple[str, ...], list[str]] = {}
+    for name, texts in item.deviations.items():
+        if texts:
+            grouped.setdefault(texts, []).append(name)
+    return [("official", f"{', '.join(names)}: {'; '.join(texts)}") for texts, names in grouped.items()]
+
+
+def _size(camera: Camera) -> str:
+    return f"{camera.width} x {camera.height}"

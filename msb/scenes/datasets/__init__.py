@@ -1,0 +1,34 @@
+"""Datasets: scenes in their official layouts, split, sized and composited by one set of rules.
+
+Needs NumPy and the standard library only; photographs are not decoded (`msb.bench.ground_truth` does that).
+docs/datasets.md describes layouts and rules.
+"""
+
+from __future__ import annotations
+
+from msb.scenes.datasets.catalog import CUSTOM, DATASETS, Dataset
+from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
+from msb.scenes.datasets.layout import find_layout, find_scenes
+from msb.scenes.datasets.neus import read_matrices
+from msb.scenes.datasets.read import read_scene
+from msb.scenes.datasets.rules import OURS, RULES, Photographs, Rules, evaluation_background
+from msb.scenes.datasets.scene import Scene
+
+__all__ = [
+    "CUSTOM",
+    "DATASETS",
+    "OURS",
+    "RULES",
+    "Dataset",
+    "Photographs",
+    "Rules",
+    "Scene",
+    "SceneReport",
+    "color_name",
+    "describe_scene",
+    "evaluation_background",
+    "find_layout",
+    "find_scenes",
+    "read_matrices",
+    "read_scene",
+]

@@ -1,0 +1,236 @@
+"""What is in a scene's folder, what of it is used, and what each method's official code does otherwise."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from msb.errors import Finding, MsbError, error_finding, finding
+from msb.scenes.colmap import find_model, read_points
+from msb.scenes.datasets.catalog import DATASETS, guess_dataset
+from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
+from msb.scenes.datasets.masks import MASKS
+from msb.scenes.datasets.neus import MATRICES
+from msb.scenes.datasets.read import read_scene
+from msb.scenes.datasets.rules import OURS, RULES
+from msb.scenes.image_size import image_size
+from msb.scenes.source import is_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.scenes.camera import Camera
+    from msb.scenes.datasets.catalog import Layout
+    from msb.scenes.datasets.scene import Scene
+    from msb.scenes.datasets.sizes import Size
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """A folder with photographs: how many, and the size of the first; `used` photographs are of the scene."""
+
+    name: str
+    count: int
+    size: Size | None
+    used: int
+
+
+@dataclass(frozen=True)
+class SceneReport:
+    """What was found in a scene's folder.
+
+    Attributes
+    ----------
+    path : Path
+    dataset, name : str
+    layout : Layout
+    scene : Scene, optional
+        None where it cannot be read as asked; `error` then says why.
+    error : MsbError, optional
+    image_folders : tuple of ImageFolder
+    points : int, optional
+        SfM points; None where there are none to be read.
+    findings : tuple of Finding
+        Warnings of the scene, and about files that are missing.
+    unused : tuple of str
+        Files and folders that play no part, each with a word why.
+    deviations : mapping of str to tuple of str
+        Method -> what its official code does otherwise; empty where nothing.
+    """
+
+    path: Path
+    dataset: str
+    name: str
+    layout: Layout
+    scene: Scene | None
+    error: MsbError | None
+    image_folders: tuple[ImageFolder, ...]
+    points: int | None
+    findings: tuple[Finding, ...]
+    unused: tuple[str, ...]
+    deviations: dict[str, tuple[str, ...]]
+
+
+def describe_scene(path: Path, **options: Any) -> SceneReport:
+    """Return what is found in the scene at `path`.
+
+    Parameters
+    ----------
+    path : Path
+        A folder that `find_layout` knows.
+    **options
+        Those of `read_scene`.
+
+    Notes
+    -----
+    Nothing is raised about the scene's content: what is wrong stands in `error`.
+    """
+    place, layout = path.absolute(), find_layout(path)
+    if layout is None:
+        raise ValueError(f"{path} is no scene; find_scenes finds them")
+    scene: Scene | None = None
+    problem: MsbError | None = None
+    try:
+        scene = read_scene(path, **options)
+    except MsbError as error:
+        problem = error
+    dataset = options.get("dataset") or guess_dataset(layout, place.name, place.parent.name)
+    images = _image_folders(path, scene)
+    points, missing = _points(path, layout)
+    findings = [*(scene.warnings if scene else ()), *missing]
+    if scene is not None:
+        findings += _view_count(scene)
+    return SceneReport(
+        path=path,
+        dataset=dataset,
+        name=place.name,
+        layout=layout,
+        scene=scene,
+        error=problem,
+        image_folders=images,
+        points=points,
+        findings=tuple(findings),
+        unused=_unused(path, layout, scene, images),
+        deviations=_deviations(path, scene, options) if scene else {},
+    )
+
+
+def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
+    used: set[Path] = set()
+    if scene is not None:
+        views = (*scene.train, *scene.test)
+        used = {path for view in views if (path := view.image_path) is not None} | set(scene.masks.values())
+    found = []
+    for folder in folders(root):
+        if images := images_in(folder):
+            size: Size | None = None
+            with contextlib.suppress(MsbError):  # what is evaluated is checked where it is read
+                size = image_size(images[0])
+            found.append(ImageFolder(folder.name, len(images), size, sum(image in used for image in images)))
+    return tuple(found)
+
+
+def _points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
+    """Return the number of SfM points, and a warning if a COLMAP scene has none."""
+    model = find_model(root) if layout == "colmap" else None
+    if model is None:
+        return None, []
+    try:
+        return len(read_points(model)[0]), []
+    except MsbError as error:
+        found = error_finding(error)
+        return None, [finding(found.code, found.message, severity="warning", file=str(model))]
+
+
+def _view_count(scene: Scene) -> list[Finding]:
+    """Return a warning if the scene is one of the benchmark and has not the views it must have."""
+    dataset = DATASETS.get(scene.dataset)
+    found = len(scene.train), len(scene.test)
+    if dataset is None or dataset.views in (None, found) or scene.name not in dataset.scenes:
+        return []
+    wanted = dataset.views or found
+    text = f"it has {found[0]} training and {found[1]} test views; published are {wanted[0]} and {wanted[1]}"
+    return [finding("SCENE_SPLIT", text, severity="warning", file=str(scene.root), value=found)]
+
+
+def _unused(
+    root: Path, layout: Layout, scene: Scene | None, images: tuple[ImageFolder, ...]
+) -> tuple[str, ...]:
+    if scene is None:
+        return ()
+    found = []
+    for folder in images:
+        if not folder.used:
+            size = "" if folder.size is None else f" of {folder.size[0]} x {folder.size[1]}"
+            found.append(f"{folder.name}: {folder.count} images{size}")
+        elif folder.used < folder.count and folder.name != MASKS:
+            found.append(f"{folder.name}: {folder.count - folder.used} images that no camera names")
+    if layout == "colmap" and is_file(root / TRAIN):
+        found.append(f"{TRAIN}: the COLMAP model goes first")
+    if is_file(root / "transforms_val.json"):
+        found.append("transforms_val.json: validation views are neither trained on nor tested")
+    if layout == "colmap" and is_file(root / MATRICES):
+        found.append(f"{MATRICES}: only to bring meshes to millimetres, the COLMAP model has the cameras")
+    return tuple(found)
+
+
+def _deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Return for each method how its own code would read the scene differently."""
+    asked = {key: value for key, value in options.items() if key == "dataset"}
+    found: dict[str, tuple[str, ...]] = {}
+    for name in RULES:
+        if name in (OURS, ours.rules):
+            continue
+        try:
+            found[name] = tuple(_differences(ours, read_scene(root, rules=name, **asked)))
+        except MsbError as error:
+            found[name] = (_cannot(error, ours.dataset),)
+    return found
+
+
+def _cannot(error: MsbError, dataset: str) -> str:
+    """Return in few words why a method's official code does not read a scene that ours do."""
+    if error.code == "SCENE_UNKNOWN":
+        return f"no rule for {dataset}"
+    if error.code == "SCENE_IMAGE_FOLDER":
+        return f"takes {error.value}, which is not there"
+    return error.message
+
+
+def _differences(ours: Scene, theirs: Scene) -> list[str]:
+    first, second = ours.test[0], theirs.test[0]
+    found = []
+    size = f"{second.width} x {second.height}"
+    if theirs.image_folder != ours.image_folder or (first.width, first.height) != (
+        second.width,
+        second.height,
+    ):
+        how = f", resized ({theirs.resampling})" if theirs.gt_resized else ""
+        place = "" if theirs.image_folder == "." else f"{theirs.image_folder} at "
+        found.append(f"{place}{size}{how}")
+    elif theirs.gt_resized and theirs.resampling != ours.resampling:
+        found.append(f"resized {theirs.resampling}")
+    if [view.name for view in theirs.test] != [view.name for view in ours.test]:
+        found.append("other test views")
+    if _lens(first.resized(second.width, second.height)) != _lens(second):
+        found.append(
+            "recorded principal point" if theirs.camera_convention == "full_K" else "other intrinsics"
+        )
+    if theirs.background != ours.background:
+        found.append(f"over {color_name(theirs.background)}")
+    if ours.mask_source and theirs.mask_source is None:
+        found.append("mask ignored")
+    if not theirs.quantized:
+        found.append("not rounded to 8 bits")
+    return found
+
+
+def _lens(camera: Camera) -> tuple[float, ...]:
+    return tuple(round(value, 3) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+
+
+def color_name(color: tuple[float, float, float]) -> str:
+    """Return "white", "black", or the three numbers."""
+    names = {(1.0, 1.0, 1.0): "white", (0.0, 0.0, 0.0): "black"}
+    return names.get(color, "(" + ", ".join(f"{value:g}" for value in color) + ")")

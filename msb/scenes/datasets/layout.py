@@ -1,0 +1,143 @@
+"""How a scene's folder is laid out, where the scenes below a folder are, and the raw cameras in them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from msb.errors import InputError, SceneError
+from msb.scenes.colmap import find_model
+from msb.scenes.datasets.neus import MATRICES, read_neus
+from msb.scenes.image_size import IMAGE_SUFFIXES
+from msb.scenes.read import read_cameras
+from msb.scenes.sets import split_every_8th, stem
+from msb.scenes.source import is_file, is_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from msb.scenes.camera import Camera
+    from msb.scenes.datasets.catalog import Layout
+    from msb.scenes.datasets.rules import Rules
+
+TRAIN, TEST, SINGLE = "transforms_train.json", "transforms_test.json", "transforms.json"
+
+
+def find_layout(folder: Path) -> Layout | None:
+    """Return how `folder` is laid out, None if it is no scene.
+
+    A folder `sparse` decides before transforms_train.json, as in the 3DGS family (scene/__init__.py);
+    cameras.npz counts where neither is there.
+    """
+    if is_folder(folder / "sparse"):
+        return "colmap"
+    if is_file(folder / TRAIN) or is_file(folder / TEST):
+        return "blender"
+    if is_file(folder / SINGLE):
+        return "transforms"
+    if is_file(folder / MATRICES):
+        return "neus"
+    return None
+
+
+def find_scenes(path: Path) -> list[Path]:
+    """Return the scenes at `path`: itself, or those in the folders below it, at most two levels down.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND: there is no such folder.
+    SceneError
+        SCENE_LAYOUT: there is no scene in it.
+    """
+    if not is_folder(path):
+        raise InputError("FILE_NOT_FOUND", "there is no such folder", file=path)
+    if find_layout(path) is not None:
+        return [path]
+    found = [scene for child in folders(path) for scene in _scenes_below(child)]
+    if not found:
+        text = (
+            f"it holds no scene: no sparse/0, {TRAIN} or {MATRICES} in it or in the folders below; "
+            "docs/datasets.md shows the layouts"
+        )
+        raise SceneError("SCENE_LAYOUT", text, file=path)
+    return found
+
+
+def _scenes_below(folder: Path) -> list[Path]:
+    if find_layout(folder) is not None:
+        return [folder]
+    return [child for child in folders(folder) if find_layout(child) is not None]
+
+
+def folders(path: Path) -> Iterator[Path]:
+    """Yield the folders in `path`, sorted by name, hidden ones left out."""
+    try:
+        children = sorted(path.iterdir())
+    except OSError:
+        return
+    yield from (child for child in children if not child.name.startswith(".") and is_folder(child))
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Return the PNG and JPEG files in `folder`, sorted by name; none if there is no such folder."""
+    try:
+        children = sorted(folder.iterdir())
+    except OSError:
+        return []
+    return [child for child in children if child.suffix.lower() in IMAGE_SUFFIXES and is_file(child)]
+
+
+def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
+    """Return the cameras of the scene at `root` as recorded, training views first, each with its split.
+
+    Raises
+    ------
+    InputError, SceneError
+        Those of `msb.read_cameras`; SCENE_LAYOUT, SCENE_MATRICES or SCENE_SPLIT.
+    """
+    if layout == "blender":
+        views = _read_blender(root)
+    else:
+        views = _read_unsplit(root, layout, image_folder)
+        if rules.first_lens:
+            views = [_with_lens(view, views[0]) for view in views]
+        train, test = split_every_8th(views, stem if rules.order == "stem" else _full_name)
+        views = [*train, *test]
+    for split, what in (("train", "training"), ("test", "test")):
+        if not any(view.split == split for view in views):
+            text = f"none of its {len(views)} views is a {what} view"
+            raise SceneError("SCENE_SPLIT", text, file=root, value=len(views))
+    return views
+
+
+def _read_blender(root: Path) -> list[Camera]:
+    for name in (TRAIN, TEST):
+        if not is_file(root / name):
+            other = TEST if name == TRAIN else TRAIN
+            text = f"{name} is not there; a scene with {other} needs both"
+            raise SceneError("SCENE_LAYOUT", text, file=root, pointer=name)
+    return read_cameras(root)
+
+
+def _read_unsplit(root: Path, layout: Layout, image_folder: str) -> list[Camera]:
+    if layout == "transforms":
+        return read_cameras(root / SINGLE)
+    if layout == "neus":
+        return read_neus(root / MATRICES, images_in(root / image_folder))
+    model = find_model(root)
+    if model is None:
+        text = "sparse/0 holds no COLMAP model: cameras and images, both .bin or both .txt"
+        raise SceneError("SCENE_LAYOUT", text, file=root)
+    return read_cameras(model)
+
+
+def _with_lens(view: Camera, first: Camera) -> Camera:
+    """Return `view` with the intrinsics of `first`, scaled by the ratio of their sizes."""
+    x, y = view.width / first.width, view.height / first.height
+    return replace(view, fx=first.fx * x, fy=first.fy * y, cx=first.cx * x, cy=first.cy * y)
+
+
+def _full_name(view: Camera) -> str:
+    return view.name or ""

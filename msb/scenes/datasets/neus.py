@@ -1,0 +1,158 @@
+"""cameras.npz: projections of the views of a DTU scan, as IDR and NeuS package them.
+
+Source: `lioryariv/idr`: code/utils/rend_util.py (`load_K_Rt_from_P`), as used by `Totoro97/NeuS` and 2DGS.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import warnings
+import zipfile
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.errors import SceneError
+from msb.scenes.camera import Camera
+from msb.scenes.image_size import image_size
+from msb.scenes.source import Source
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+MATRICES = "cameras.npz"
+_MAX_MEMBER = 4096
+"""Bytes of a 4 x 4 matrix with its header: a few hundred. Checked before anything is decompressed."""
+_MAX_VIEWS = 4096
+"""More are not looked for; DTU has 49 or 64."""
+
+
+def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Return world_mat_i and scale_mat_i, (4, 4) each, of all views.
+
+    world_mat_i @ scale_mat_i projects points of the normalised frame to pixels; scale_mat_0 takes that frame
+    to DTU's millimetres.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    SceneError
+        SCENE_MATRICES.
+    """
+    source = Source.open(path)
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(bytes(source.data)))
+    except Exception:  # damage shows as any exception
+        raise _bad(source, "it is not an archive as numpy.savez writes one") from None
+    with archive:
+        names = set(archive.namelist())
+        count = next((i for i in range(_MAX_VIEWS) if f"world_mat_{i}.npy" not in names), _MAX_VIEWS)
+        if not count:
+            raise _bad(source, "it holds no world_mat_0")
+        world, scale = (
+            [_matrix(source, archive, f"{kind}_{index}") for index in range(count)]
+            for kind in ("world_mat", "scale_mat")
+        )
+    return world, scale
+
+
+def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
+    try:
+        info = archive.getinfo(f"{name}.npy")
+    except KeyError:
+        raise _bad(source, f"it holds no {name}") from None
+    found: NDArray[np.float64] | None = None
+    # Damage shows as any exception, and old headers as warnings.
+    with contextlib.suppress(Exception), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if info.file_size <= _MAX_MEMBER:
+            found = _numbers(io.BytesIO(archive.read(info)))
+    if found is None or not np.isfinite(found).all():
+        raise _bad(source, f"{name} is not 4 x 4 finite numbers")
+    return found
+
+
+def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
+    """Return the 4 x 4 numbers of a .npy; the header is read before memory is taken for what it declares."""
+    if np.lib.format.read_magic(stream) != (1, 0):
+        return None
+    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+    if shape != (4, 4) or dtype.kind not in "fiu":
+        return None
+    values = np.frombuffer(stream.read(16 * dtype.itemsize), dtype).astype(np.float64)
+    return values.reshape(shape, order="F" if by_columns else "C")
+
+
+def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
+    """Return a camera for each image, in the normalised frame, in the order of the matrices.
+
+    Parameters
+    ----------
+    path : Path
+        cameras.npz.
+    images : sequence of Path
+        Sorted by name: image i belongs to the matrices i.
+
+    Returns
+    -------
+    cameras : list of Camera
+        (world_mat_i scale_mat_i)[:3] = K [R | t], decomposed by RQ with a positive diagonal of K, which is
+        divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is left out: no camera here has
+        one.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    SceneError
+        SCENE_MATRICES, CAMERA_IMAGE or a code of `Camera`.
+    """
+    world, scale = read_matrices(path)
+    source = Source(path, b"")
+    if len(images) != len(world):
+        raise _bad(source, f"it has {len(world)} views for {len(images)} photographs; it needs one for each")
+    cameras = []
+    for index, image in enumerate(images):
+        with source.locating(f"world_mat_{index}"):
+            lens, pose = decompose(world[index] @ scale[index])
+            size = image_size(image)
+            focal, middle = lens.diagonal(), lens[:, 2]
+            lens_numbers = float(focal[0]), float(focal[1]), float(middle[0]), float(middle[1])
+            cameras.append(Camera(*size, *lens_numbers, pose, image.name))
+    return cameras
+
+
+def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels.
+
+    Raises
+    ------
+    SceneError
+        SCENE_MATRICES: it is singular.
+    """
+    left, last = projection[:3, :3], projection[:3, 3]
+    # RQ by QR, J being the exchange matrix: (J M)^T = Q R gives M = (J R^T J)(J Q^T).
+    with np.errstate(all="ignore"):
+        q, r = np.linalg.qr(left[::-1].T)
+        lens, rotation = r.T[::-1, ::-1], q.T[::-1]
+        sign = np.sign(np.diag(lens))
+        lens, rotation = lens * sign, rotation * sign[:, None]
+        if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
+            raise SceneError("SCENE_MATRICES", "the projection is singular; it must be that of a camera")
+        if np.linalg.det(rotation) < 0:  # a projection counts up to its sign
+            rotation, last, left = -rotation, -last, -left
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = rotation @ np.linalg.solve(left, last)
+    return lens / lens[2, 2], pose
+
+
+def _bad(source: Source, message: str) -> SceneError:
+    return source.error(
+        "SCENE_MATRICES", f"{message}; it must hold world_mat_i and scale_mat_i of every view"
+    )

@@ -1,0 +1,145 @@
+"""Which photographs of a scene count, and how large they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from msb.errors import SceneError, finding, shorten
+from msb.scenes.datasets.catalog import DATASETS
+from msb.scenes.datasets.layout import folders, images_in
+from msb.scenes.image_size import image_size
+from msb.scenes.source import is_file, is_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from msb.errors import Finding
+    from msb.scenes.camera import Camera
+    from msb.scenes.datasets.catalog import Layout
+    from msb.scenes.datasets.rules import Compositing, Rules
+    from msb.scenes.datasets.sizes import Rounding, Size
+
+_ROUNDED_AWAY = 1.5
+"""Pixels by which a photograph's height may differ from its camera's at the same width."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The photographs of one scene: `Photographs` of the rules, with the user's wishes and what exists."""
+
+    folder: str
+    resolution: int
+    rounding: Rounding
+    compositing: Compositing
+
+
+def choose_photographs(
+    root: Path,
+    dataset: str,
+    layout: Layout,
+    name: str,
+    rules: Rules,
+    image_folder: str | None,
+    resolution: int | None,
+    warnings: list[Finding],
+) -> Chosen:
+    """Return which photographs of the scene at `root` count; add to `warnings` what should be known.
+
+    Raises
+    ------
+    SceneError
+        SCENE_UNKNOWN: the rules do not cover the dataset. SCENE_IMAGE_FOLDER: the folder is not there.
+    """
+    group = ""
+    if dataset in DATASETS:
+        scenes = DATASETS[dataset].scenes
+        if name not in scenes:
+            text = f"{shorten(name, 60)} is none of the {len(scenes)} scenes of {DATASETS[dataset].title}"
+            warnings.append(finding("SCENE_UNKNOWN", text, severity="warning", file=str(root)))
+        group = scenes.get(name, next(iter(scenes.values())))
+    rule = rules.photographs_of(dataset, group)
+    if rule is None:
+        text = f"the official code of {rules.title} has no rule for the dataset {dataset}; read it by ours"
+        raise SceneError("SCENE_UNKNOWN", text, file=root, value=dataset)
+    # In a JSON file names lead from its own folder to the photographs.
+    folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
+    rounding = rules.rounding
+    wanted = rule.resolution if resolution is None else resolution
+    if not is_folder(root / folder):
+        if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
+            raise _no_folder(root, folder)
+        folder = rule.instead[0]
+        if resolution is None:
+            wanted, rounding = rule.instead[1], "half_up"
+        text = f"{rule.folder} is not there; {folder} is resized instead, which changes PSNR by up to 0.5 dB"
+        warnings.append(finding("SCENE_IMAGE_RESIZED", text, severity="warning", file=str(root)))
+    return Chosen(folder, wanted, rounding, rule.compositing)
+
+
+def _no_folder(root: Path, folder: str) -> SceneError:
+    there = [child.name for child in folders(root) if images_in(child)]
+    text = f"the photographs are to be taken from {shorten(folder, 60)}, which is not there"
+    if there:
+        text += f"; there is {', '.join(map(shorten, there[:8]))}: name one of these as the image folder"
+    return SceneError("SCENE_IMAGE_FOLDER", text, file=root, value=folder)
+
+
+def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding]) -> list[Size]:
+    """Return (width, height) of each view's photograph as stored.
+
+    Photographs of cameras recorded with one size must have one size. A training photograph that is missing
+    counts as large as those; a test photograph must be there.
+
+    Raises
+    ------
+    InputError
+        FILE_UNREADABLE.
+    SceneError
+        SCENE_IMAGE_MISSING, SCENE_IMAGE_SIZE or CAMERA_IMAGE.
+    """
+    sizes: dict[Size, tuple[Size, Camera]] = {}
+    missing: list[Camera] = []
+    for view in views:
+        if view.image_path is None or not is_file(view.image_path):
+            missing.append(view)
+            continue
+        size, record = image_size(view.image_path), (view.width, view.height)
+        known, first = sizes.setdefault(record, (size, view))
+        if known != size:
+            text = (
+                f"it is {size[0]} x {size[1]} pixels, {shorten(str(first.name))} {known[0]} x {known[1]}; "
+                "photographs of one camera have one size"
+            )
+            raise SceneError("SCENE_IMAGE_SIZE", text, file=view.image_path, value=size, limit=known)
+    _report_missing(root, views, missing, sizes, warnings)
+    for (width, height), (size, first) in sizes.items():
+        expected = height * size[0] / width
+        if abs(size[1] - expected) > _ROUNDED_AWAY:
+            text = (
+                f"it is {size[0]} x {size[1]} pixels, its camera {width} x {height}, another shape; "
+                "the recorded angles of view are kept"
+            )
+            warnings.append(finding("SCENE_IMAGE_SIZE", text, severity="warning", file=str(first.image_path)))
+    return [sizes[view.width, view.height][0] for view in views]
+
+
+def _report_missing(
+    root: Path,
+    views: Sequence[Camera],
+    missing: Sequence[Camera],
+    sizes: dict[Size, tuple[Size, Camera]],
+    warnings: list[Finding],
+) -> None:
+    """Refuse a scene without a photograph that is needed; warn about others that are missing."""
+    if not missing:
+        return
+    needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
+    shown = needed or missing
+    names = ", ".join(shorten(str(view.name), 60) for view in shown[:4]) + (", ..." if len(shown) > 4 else "")
+    text = f"{len(shown)} of {len(views)} photographs are not there: {names}"
+    folder = root if shown[0].image_path is None else shown[0].image_path.parent
+    if needed:
+        raise SceneError("SCENE_IMAGE_MISSING", text, file=folder, value=len(needed))
+    warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))

@@ -1,0 +1,169 @@
+"""From a scene's folder to a `Scene`: layout, rules, photographs and cameras brought together."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msb.errors import InputError, SceneError, finding, shorten
+from msb.scenes.datasets.catalog import guess_dataset
+from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
+from msb.scenes.datasets.masks import find_masks
+from msb.scenes.datasets.photographs import choose_photographs, photograph_sizes
+from msb.scenes.datasets.rules import CONVENTIONS, OURS, RULES, evaluation_background
+from msb.scenes.datasets.scene import Scene
+from msb.scenes.datasets.sizes import ROUNDINGS, check_resolution
+from msb.scenes.source import is_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from msb.errors import Finding
+    from msb.scenes.camera import Camera
+    from msb.scenes.datasets.catalog import Color, Layout
+    from msb.scenes.datasets.rules import Convention, Rules
+
+MAX_SHIFT = 0.5
+"""Pixels by which gs_fov may move the principal point without a warning."""
+
+
+def read_scene(
+    path: str | os.PathLike[str],
+    *,
+    dataset: str | None = None,
+    image_folder: str | None = None,
+    resolution: int | None = None,
+    camera_convention: Convention | None = None,
+    background: Sequence[float] | None = None,
+    rules: str = OURS,
+) -> Scene:
+    """Read one scene of a dataset. docs/datasets.md shows the layouts and the rules.
+
+    Parameters
+    ----------
+    path : str or Path
+        The scene's folder.
+    dataset : str, optional
+        An id of `DATASETS`, or any other name for a capture of one's own, which has the rules of "custom".
+        Default: told by the names of the folder and the one above it.
+    image_folder : str, optional
+        Below the scene, instead of the one the rules take.
+    resolution : int, optional
+        As ``-r`` of the 3DGS family, instead of the rules' own: 1, 2, 4 or 8 divide, -1 leaves photographs
+        up to 1600 pixels wide alone, another number is a width.
+    camera_convention : {"gs_fov", "full_K"}, optional
+        "gs_fov": angles of view as recorded, the principal point in the middle; "full_K": the recorded
+        principal point. It must be what the checkpoint was trained with (`RULES[method].convention`).
+        Default: that of the rules, which is "gs_fov" for ours.
+    background : (float, float, float), optional
+        In [0, 1]. Default: white for the masked datasets, else that of the rules, black for ours.
+        `evaluation_background` gives what the benchmark takes for a method.
+    rules : str
+        A key of `RULES`: "ours", or a method, to read the scene as its official code does.
+
+    Returns
+    -------
+    Scene
+        Photographs are not decoded; their headers are read. Training photographs that are missing are warned
+        about, test photographs must be there.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    SceneError
+        One of the SCENE_, CAMERA_ and COLMAP_ codes.
+    """
+    root = Path(path)
+    layout = _layout(root)
+    by = _rules(rules)
+    place = Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
+    key = dataset or guess_dataset(layout, place.name, place.parent.name)
+    convention = _convention(camera_convention or by.convention)
+    wish = None if resolution is None else check_resolution(resolution)
+    color = evaluation_background(key) if rules == OURS else by.background_of(key)
+    warnings: list[Finding] = []
+    chosen = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
+    views = [
+        replace(view, image_path=root / chosen.folder / str(view.name))
+        for view in read_views(root, layout, by, chosen.folder)
+    ]
+    native = photograph_sizes(root, views, warnings)
+    masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
+    rounding = ROUNDINGS[chosen.rounding]
+    cameras = [
+        view.resized(*rounding(size, chosen.resolution)) for view, size in zip(views, native, strict=True)
+    ]
+    resized = any((c.width, c.height) != size for c, size in zip(cameras, native, strict=True))
+    if convention == "gs_fov":
+        warnings += _shifted(root, cameras)
+        cameras = [camera.centered() for camera in cameras]
+    return Scene(
+        dataset=key,
+        name=place.name,
+        root=root,
+        layout=layout,
+        rules=rules,
+        image_folder=chosen.folder,
+        resolution=chosen.resolution,
+        train=tuple(camera for camera in cameras if camera.split == "train"),
+        test=tuple(camera for camera in cameras if camera.split == "test"),
+        background=color if background is None else _color(background),
+        camera_convention=convention,
+        compositing="none" if masks[0] is None else chosen.compositing,
+        mask_source=masks[0],
+        masks=masks[1],
+        resampling=by.resampling,
+        quantized=by.quantized,
+        gt_resized=resized,
+        warnings=tuple(warnings),
+    )
+
+
+def _layout(root: Path) -> Layout:
+    """Return how the scene at `root` is laid out; refuse what is none."""
+    if not is_folder(root):
+        raise InputError("FILE_NOT_FOUND", "there is no such folder", file=root)
+    layout = find_layout(root)
+    if layout is None:
+        found = find_scenes(root)  # refuses a folder without any
+        names = ", ".join(scene.relative_to(root).as_posix() for scene in found[:4])
+        text = f"it is no scene but holds {len(found)}: {shorten(names)}; give one of them"
+        raise SceneError("SCENE_LAYOUT", text, file=root)
+    return layout
+
+
+def _rules(name: str) -> Rules:
+    if name not in RULES:
+        text = f"there are no rules {shorten(repr(name), 40)}; there are {', '.join(RULES)}"
+        raise SceneError("SCENE_ARGUMENT", text, value=name)
+    return RULES[name]
+
+
+def _convention(name: Convention) -> Convention:
+    if name not in CONVENTIONS:
+        text = f"the camera convention is {shorten(repr(name), 40)}; it must be {' or '.join(CONVENTIONS)}"
+        raise SceneError("SCENE_ARGUMENT", text, value=name)
+    return name
+
+
+def _color(values: Sequence[float]) -> Color:
+    if len(values) != 3 or not all(0 <= value <= 1 for value in values):
+        text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
+        raise SceneError("SCENE_ARGUMENT", text)
+    red, green, blue = map(float, values)
+    return red, green, blue
+
+
+def _shifted(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
+    """Return a warning if the middle of the image is visibly not the principal point."""
+    far = max(max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras)
+    if far <= MAX_SHIFT:
+        return []
+    text = (
+        f"the recorded principal point is up to {far:.1f} pixels off the middle, where gs_fov puts it; "
+        "checkpoints trained with it need camera_convention full_K"
+    )
+    return [finding("SCENE_PRINCIPAL_POINT", text, severity="warning", file=str(root), value=far)]

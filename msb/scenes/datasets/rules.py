@@ -1,0 +1,177 @@
+"""Plain data: which photographs each loader takes, at which size, through which camera, over which colour.
+
+"ours" is the benchmark's one rule for all methods; the others are what the methods' official code does, so
+that a deviation can be shown, and undone where official numbers are to be reproduced. docs/datasets.md prints
+this as a table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from msb.scenes.datasets.catalog import BLACK, CUSTOM, DATASETS, WHITE, Color
+from msb.scenes.datasets.sizes import AS_IS, Rounding
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Convention = Literal["gs_fov", "full_K"]
+CONVENTIONS: tuple[Convention, ...] = ("gs_fov", "full_K")
+Compositing = Literal["before_resize", "after_resize", "none"]
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """Which files, and what is done to them.
+
+    Attributes
+    ----------
+    folder : str
+        Below the scene; "." where names already lead to the files (NeRF-Synthetic).
+    resolution : int
+        As ``-r`` of the 3DGS family (`msb.scenes.datasets.sizes`).
+    compositing : Compositing
+        When a masked photograph is laid over the background; "none" drops the mask.
+    instead : (str, int), optional
+        Folder and divisor where `folder` does not exist; the size is then that of the shipped folder.
+    """
+
+    folder: str = "images"
+    resolution: int = AS_IS
+    compositing: Compositing = "none"
+    instead: tuple[str, int] | None = None
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How one loader reads datasets.
+
+    Attributes
+    ----------
+    title, source : str
+        Whose they are, and where they come from (owner/repo: path).
+    convention : Convention
+        The camera the method is trained with. "gs_fov": angles of view as recorded, the principal point in
+        the middle. "full_K": the recorded principal point.
+    rounding : Rounding
+    resampling : {"bicubic", "bilinear"}
+        Pillow's filters, both antialiased.
+    first_lens : bool
+        The intrinsics of the first image of the file are used for all.
+    order : {"stem", "name"}
+        What the views are sorted by before every eighth is taken for testing.
+    quantized : bool
+        The ground truth is rounded to 8 bits before it is compared.
+    photographs : mapping
+        Dataset, or dataset/group -> `Photographs`. Where a dataset is absent the code has no rule for it.
+    backgrounds : mapping
+        Dataset -> colour behind the model in the method's own evaluation; "" is all others.
+    """
+
+    title: str
+    source: str
+    convention: Convention = "gs_fov"
+    rounding: Rounding = "half_even"
+    resampling: Literal["bicubic", "bilinear"] = "bicubic"
+    first_lens: bool = False
+    order: Literal["stem", "name"] = "stem"
+    quantized: bool = True
+    photographs: Mapping[str, Photographs] = field(default_factory=dict)
+    backgrounds: Mapping[str, Color] = field(default_factory=lambda: {"": BLACK})
+
+    def photographs_of(self, dataset: str, group: str = "") -> Photographs | None:
+        """Return the rule for a dataset's scenes of a group, None if there is none."""
+        key = dataset if dataset in DATASETS else CUSTOM
+        return self.photographs.get(f"{key}/{group}") or self.photographs.get(key)
+
+    def background_of(self, dataset: str) -> Color:
+        """Return the colour behind the model in the method's own evaluation on a dataset."""
+        return self.backgrounds.get(dataset, self.backgrounds[""])
+
+
+_FAMILY = {
+    "mipnerf360/outdoor": Photographs("images_4"),
+    "mipnerf360/indoor": Photographs("images_2"),
+    "tanksandtemples": Photographs(),
+    "nerf_synthetic": Photographs(".", compositing="before_resize"),
+    "dtu": Photographs(resolution=2),
+    CUSTOM: Photographs(),
+}
+
+OURS = "ours"
+RULES: dict[str, Rules] = {
+    OURS: Rules(
+        "MeshSplatBench",
+        "docs/datasets.md",
+        rounding="half_even",
+        photographs={
+            "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
+            "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
+            "tanksandtemples": Photographs(),
+            "nerf_synthetic": Photographs(".", 2, "before_resize"),
+            "dtu": Photographs(resolution=2, compositing="after_resize"),
+            CUSTOM: Photographs(compositing="before_resize"),
+        },
+    ),
+    "two_dts": Rules(
+        "2DTS",
+        "GaodeRender/triangle-splatting: src, config/*_VanillaTS.yaml",
+        rounding="floor",
+        resampling="bilinear",
+        quantized=False,
+        photographs={
+            "mipnerf360/outdoor": Photographs(resolution=4),
+            "mipnerf360/indoor": Photographs(resolution=2),
+            "tanksandtemples": Photographs(resolution=1),
+            "nerf_synthetic": Photographs(".", 1, "after_resize"),
+            CUSTOM: Photographs(),
+        },
+        backgrounds={"": WHITE, "tanksandtemples": BLACK},
+    ),
+    "triangle_splatting": Rules(
+        "Triangle-Splatting",
+        "trianglesplatting/triangle-splatting: full_eval.py, utils/camera_utils.py",
+        photographs=_FAMILY,
+    ),
+    "mesh_splatting": Rules(
+        "MeshSplatting",
+        "meshsplatting/mesh-splatting: utils/camera_utils.py",
+        photographs=_FAMILY,
+    ),
+    "diffsoup": Rules(
+        "DiffSoup",
+        "kenji-tojo/diffsoup: examples/01_mip360.py, 02_synthetic.py",
+        convention="full_K",
+        first_lens=True,
+        order="name",
+        quantized=False,
+        photographs={
+            "mipnerf360": Photographs("images_4"),
+            "nerf_synthetic": Photographs(".", compositing="before_resize"),
+            CUSTOM: Photographs("images_4"),
+        },
+        backgrounds={"": BLACK, "nerf_synthetic": WHITE},
+    ),
+    "two_dgs": Rules(
+        "2DGS",
+        "hbb1/2d-gaussian-splatting: scripts, utils/camera_utils.py",
+        photographs=_FAMILY,
+    ),
+    "three_dgs": Rules(
+        "3DGS",
+        "graphdeco-inria/gaussian-splatting: full_eval.py, utils/camera_utils.py",
+        photographs={key: rule for key, rule in _FAMILY.items() if key != "dtu"},
+    ),
+}
+"""Name -> rules: "ours", and the methods by their names in `msb.methods`."""
+
+
+def evaluation_background(dataset: str, method: str | None = None) -> Color:
+    """Return the colour behind models in the benchmark: the dataset's, else that of the method's training.
+
+    Masked datasets are evaluated over white whatever the method; where there is no mask each method keeps
+    the background its official evaluation has, black for one that has none.
+    """
+    fixed = DATASETS[dataset].background if dataset in DATASETS else None
+    return fixed or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)

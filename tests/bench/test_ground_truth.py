@@ -1,0 +1,209 @@
+"""Photographs as they are compared: against the 3DGS family's loader, and against the formulas."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb import metrics
+from msb.bench.ground_truth import ground_truth
+from msb.errors import InputError, MetricError
+from msb.scenes.datasets import Scene, read_scene
+from tests.conftest import ROOT
+
+GOLDEN = ROOT / "tests/golden/metrics/scenes"
+LOADERS: dict[str, Any] = json.loads((GOLDEN / "cameras.json").read_text())
+STUBS = ROOT / "data_stubs" / "scenes"
+WITH_PIXELS = [
+    (layout, key)
+    for layout in ("colmap_bin", "colmap_txt")
+    for key, golden in LOADERS[layout].items()
+    if "cameras" in golden
+]
+
+
+def levels(image: Any) -> Any:
+    """Return 255 times the image, which must be whole numbers."""
+    assert image.dtype == np.float32
+    whole = np.rint(image.astype(np.float64) * 255)
+    assert np.abs(whole - image.astype(np.float64) * 255).max() < 1e-4
+    return whole.astype(int)
+
+
+@pytest.mark.parametrize(("layout", "key"), WITH_PIXELS)
+def test_opaque_photographs_are_the_loaders_bit_for_bit(layout: str, key: str) -> None:
+    _, folder, _, resolution = key.split()
+    scene = read_scene(GOLDEN / layout, image_folder=folder, resolution=int(resolution))
+    for wanted in LOADERS[layout][key]["cameras"]:
+        (camera,) = (
+            c for c in (*scene.test, *scene.train) if np.allclose(c.world_to_camera[:3, 3], wanted["T"])
+        )
+        image = ground_truth(scene, camera)
+        assert image.shape == (wanted["height"], wanted["width"], 3)
+        atol = LOADERS["tolerance"]["pixels_abs"]
+        np.testing.assert_allclose(image[0, 0], wanted["pixel_0_0"], atol=atol)
+        np.testing.assert_allclose(image[-1, -1], wanted["pixel_last"], atol=atol)
+        assert image.mean(dtype=np.float64) == pytest.approx(wanted["image_mean"], abs=atol)
+        assert levels(image).max() <= 255
+
+
+@pytest.mark.parametrize(("name", "background"), [("white", (1, 1, 1)), ("black", (0, 0, 0))])
+def test_masked_photographs_are_the_loaders_to_its_truncation(name: str, background: Any) -> None:
+    scene = read_scene(
+        GOLDEN / "nerf_synthetic", dataset="nerf_synthetic", resolution=1, background=background
+    )
+    assert not scene.gt_resized
+    for wanted, camera in zip(LOADERS["nerf_synthetic"][name], scene.test, strict=True):
+        found = levels(ground_truth(scene, camera))
+        rows = np.array(wanted["uint8_composite_first_rows"])  # rows 0 and 6, six pixels each
+        above = found[[0, 6], :6] - rows
+        assert above.min() >= 0
+        assert above.max() <= 1
+        assert 0 <= found.sum() - wanted["uint8_composite_sum"] <= found.size
+
+
+def masked_scene(tmp_path: Path, pixels: Any, **options: Any) -> tuple[Scene, Any]:
+    """Return a scene whose every photograph is `pixels`, and its first test camera."""
+    root = tmp_path / "nerf_synthetic" / "toy"
+    shutil.copytree(STUBS / "nerf_synthetic/pebble", root)
+    for path in (*(root / "test").iterdir(), *(root / "train").iterdir()):
+        Image.fromarray(pixels).save(path)
+    scene = read_scene(root, **options)
+    return scene, scene.test[0]
+
+
+def random_pixels(size: int = 32) -> Any:
+    random = np.random.default_rng(0)
+    pixels = random.integers(0, 256, (size, size, 4), dtype=np.uint8)
+    pixels[: size // 2, :, 3] = random.choice([0, 255], (size // 2, size))
+    return pixels
+
+
+def test_alpha_is_laid_over_the_background_rounded_half_up(tmp_path: Path) -> None:
+    pixels, background = random_pixels(), (0.25, 0.5, 1.0)
+    scene, camera = masked_scene(tmp_path, pixels, resolution=1, background=background)
+    alpha = pixels[..., 3:] / 255
+    expected = np.floor(pixels[..., :3] * alpha + 255 * np.array(background) * (1 - alpha) + 0.5)
+    assert np.array_equal(levels(ground_truth(scene, camera)), expected)
+
+
+def cubic(x: Any) -> Any:
+    """Return Keys' cubic with a = -1/2, which Pillow's bicubic filter is."""
+    x = np.abs(x)
+    near = (1.5 * x - 2.5) * x**2 + 1
+    far = ((-0.5 * x + 2.5) * x - 4) * x + 2
+    return np.where(x < 1, near, np.where(x < 2, far, 0))
+
+
+def halved(image: Any) -> Any:
+    """Return an image of even size at half the size: the cubic, twice as wide, normalised at the border."""
+    for axis in (0, 1):
+        size = image.shape[axis]
+        weights = cubic((np.arange(size) - (2 * np.arange(size // 2)[:, None] + 0.5)) / 2)
+        weights /= weights.sum(axis=1, keepdims=True)
+        image = np.moveaxis(np.tensordot(weights, image, (1, axis)), 0, axis)
+    return image
+
+
+def test_synthetic_photographs_are_composited_before_they_are_resized(tmp_path: Path) -> None:
+    pixels = random_pixels()
+    scene, camera = masked_scene(tmp_path, pixels)
+    assert (scene.compositing, scene.gt_resized) == ("before_resize", True)
+    alpha = pixels[..., 3:] / 255
+    over = pixels[..., :3] / 255 * alpha + 1 - alpha
+    expected = np.clip(halved(over), 0, 1) * 255
+    found = levels(ground_truth(scene, camera))
+    assert found.shape == (16, 16, 3)
+    assert np.abs(found - expected).max() < 0.501  # rounded once
+
+
+def test_dtu_photographs_are_resized_before_they_are_composited(tmp_path: Path) -> None:
+    root = tmp_path / "dtu" / "scan1"
+    shutil.copytree(STUBS / "dtu/scan1", root)
+    scene = read_scene(root)
+    assert (scene.compositing, scene.mask_source) == ("after_resize", "png_alpha")
+    camera = scene.test[0]
+    with Image.open(str(camera.image_path)) as image:
+        small = np.floor(np.clip(halved(np.asarray(image) / 255.0), 0, 1) * 255 + 0.5) / 255
+    expected = (small[..., :3] * small[..., 3:] + 1 - small[..., 3:]) * 255
+    found = levels(ground_truth(scene, camera))
+    error = np.abs(found - expected)  # Pillow rounds and clamps bytes between the axes as well
+    assert error.max() < 5
+    assert error.mean() < 0.2
+    before = ground_truth(replace(scene, compositing="before_resize"), camera)
+    assert np.abs(levels(before) - found).max() > 5  # the grey behind the mask does show at its border
+
+
+def test_masks_of_a_folder_do_as_alpha_does(tmp_path: Path) -> None:
+    root = tmp_path / "dtu" / "scan1"
+    shutil.copytree(STUBS / "dtu/scan1", root)
+    by_alpha = read_scene(root, resolution=1)
+    expected = [ground_truth(by_alpha, camera) for camera in by_alpha.test]
+    masks = sorted((root / "mask").iterdir())
+    for index, path in enumerate(sorted((root / "images").iterdir())):
+        with Image.open(path) as image:
+            color, alpha = image.convert("RGB"), np.asarray(image.getchannel("A"))
+        Image.fromarray(alpha).save(masks[index])  # grey, where the stub's are RGB
+        color.save(path)
+    scene = read_scene(root, resolution=1)
+    assert (scene.mask_source, len(scene.masks)) == ("mask_folder", 2)
+    for camera, image in zip(scene.test, expected, strict=True):
+        assert np.array_equal(ground_truth(scene, camera), image)
+
+
+def test_the_familys_rules_ignore_the_mask_of_dtu() -> None:
+    scene = read_scene(STUBS / "dtu/scan1", rules="triangle_splatting", resolution=1)
+    assert scene.mask_source is None
+    camera = scene.test[0]
+    with Image.open(str(camera.image_path)) as image:
+        color = np.asarray(image.convert("RGB"))
+    assert np.array_equal(levels(ground_truth(scene, camera)), color)
+
+
+def test_2dts_resizes_bilinearly_and_does_not_round() -> None:
+    root = STUBS / "nerf_synthetic/pebble"
+    scene = read_scene(root, rules="two_dts", resolution=2)
+    image = ground_truth(scene, scene.test[0])
+    assert image.shape == (72, 72, 3)
+    assert np.abs(image * 255 - np.rint(image * 255)).max() > 0.1
+    ours = ground_truth(read_scene(root), scene.test[0])
+    assert 0 < np.abs(image - ours).mean() < 0.05
+
+
+def test_metrics_take_it_as_it_is() -> None:
+    scene = read_scene(STUBS / "mipnerf360/pebble")
+    image = ground_truth(scene, scene.test[0])
+    with Image.open(str(scene.test[0].image_path)) as stored:
+        assert metrics.psnr(image, np.asarray(stored)) == np.inf
+
+
+def test_a_photograph_that_cannot_be_read(tmp_path: Path) -> None:
+    scene = read_scene(STUBS / "mipnerf360/pebble")
+    missing = replace(scene.test[0], image_path=tmp_path / "a.png")
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+        ground_truth(scene, missing)
+    (tmp_path / "a.png").write_bytes(Path(str(scene.test[0].image_path)).read_bytes()[:300])
+    with pytest.raises(MetricError, match="METRIC_IMAGE_FILE"):
+        ground_truth(scene, missing)
+    with pytest.raises(ValueError, match="no image_path"):
+        ground_truth(scene, replace(missing, image_path=None))
+
+
+def test_a_mask_that_changed_size_since_the_scene_was_read(tmp_path: Path) -> None:
+    root = tmp_path / "dtu" / "scan1"
+    shutil.copytree(STUBS / "dtu/scan1", root)
+    for path in (root / "images").iterdir():
+        with Image.open(path) as image:
+            color = image.convert("RGB")
+        color.save(path)
+    scene = read_scene(root)
+    Image.new("RGB", (20, 10)).save(root / "mask" / "000.png")
+    with pytest.raises(MetricError, match=r"METRIC_SIZES_DIFFER: .*000.png: it is 20 x 10 pixels"):
+        ground_truth(scene, scene.test[0])

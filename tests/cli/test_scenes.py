@@ -1,0 +1,126 @@
+"""`msb scenes`: what it says of good scenes and of bad ones."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from typing import TYPE_CHECKING
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+STUBS = ROOT / "data_stubs" / "scenes"
+
+
+def test_several_scenes_are_a_table(msb: Msb) -> None:
+    result = msb("scenes", STUBS, COLUMNS="80")
+    assert result.status == 0
+    lines = [line.split() for line in result.out.splitlines()]
+    assert lines[0] == ["Scene", "Dataset", "Train", "Test", "Size", "Photographs"]
+    assert ["scan1", "dtu", "14", "2", "72", "x", "54", "RGBA", "PNG,", "resized"] in lines
+    assert ["pebble", "tanksandtemples", "14", "2", "112", "x", "80", "images"] in lines
+    assert len(lines) == 5
+    assert max(map(len, result.out.splitlines())) <= 80
+    assert result.err.count("SCENE_UNKNOWN") == 4
+    assert msb("scenes", "--quiet", STUBS).err == ""
+
+
+def test_one_scene_is_described_in_full(msb: Msb) -> None:
+    result = msb("scenes", STUBS / "nerf_synthetic", COLUMNS="200")
+    assert result.status == 0
+    for text in (
+        "12 training, 4 test; by the JSON files",
+        "resized bicubic, compared at 72 x 72",
+        "laid over the background before resize",
+        "white, for every method",
+        "1 pinhole camera, recorded at 144 x 144",
+        "test: 8 images that no camera names",
+        "triangle_splatting, mesh_splatting, two_dgs, three_dgs: 144 x 144; over black",
+    ):
+        assert text in result.out
+    both = msb("scenes", "-v", STUBS / "dtu", STUBS / "mipnerf360", COLUMNS="200").out
+    for text in (
+        "SfM points",
+        "two_dts, diffsoup, three_dgs: no rule for dtu",
+        "images_2: 16 images of 128 x 96",
+    ):
+        assert text in both
+
+
+def test_json_has_it_all(msb: Msb) -> None:
+    data = msb("scenes", "--json", "-", "--rules", "two_dts", STUBS / "mipnerf360/pebble").json
+    assert data["schema"] == "msb.scenes/1"
+    (scene,) = data["scenes"]
+    assert (scene["dataset"], scene["scene"], scene["layout"]) == ("mipnerf360", "pebble", "colmap")
+    assert (scene["error"], scene["points"]) == (None, 400)
+    evaluated = scene["evaluated"]
+    assert evaluated["image_folder"] == "images"
+    assert (evaluated["width"], evaluated["height"], evaluated["gt_resized"]) == (64, 48, True)
+    assert evaluated["test"] == ["DSC07950.JPG", "DSC07958.JPG"]
+    assert evaluated["background"] == [1, 1, 1]
+    folders = {folder["name"]: (folder["images"], folder["used"]) for folder in scene["image_folders"]}
+    assert folders == {"images": (16, 16), "images_2": (16, 0), "images_4": (16, 0)}
+    assert "two_dts" not in scene["deviations"]
+    assert scene["deviations"]["triangle_splatting"]
+
+
+def test_options_reach_the_reader(msb: Msb) -> None:
+    args = ("--image-folder", "images_2", "-r", "2", "--dataset", "mine", "--json", "-")
+    (scene,) = msb("scenes", *args, STUBS / "mipnerf360/pebble").json["scenes"]
+    assert scene["dataset"] == "mine"
+    assert (scene["evaluated"]["width"], scene["evaluated"]["image_folder"]) == (64, "images_2")
+
+
+def test_a_bad_scene_is_one_line_and_the_others_are_described(msb: Msb, tmp_path: Path) -> None:
+    shutil.copytree(STUBS, tmp_path / "scenes")
+    (tmp_path / "scenes/mipnerf360/pebble/images_4/DSC07950.JPG").unlink()
+    result = msb("scenes", "--json", tmp_path / "out.json", tmp_path / "scenes", tmp_path / "nowhere")
+    assert result.status == 3
+    errors = [line for line in result.err.splitlines() if not line.startswith("SCENE_UNKNOWN")]
+    assert len(errors) == 2
+    assert errors[0].startswith("FILE_NOT_FOUND: ")
+    assert errors[1].endswith("1 of 16 photographs are not there: DSC07950.JPG")
+    assert "SCENE_IMAGE_MISSING" in result.out
+    scenes = json.loads((tmp_path / "out.json").read_text())["scenes"]
+    assert [scene["error"] and scene["error"]["code"] for scene in scenes] == [
+        None,
+        "SCENE_IMAGE_MISSING",
+        None,
+        None,
+    ]
+
+
+def test_what_is_missing_beside_the_photographs_is_a_warning(msb: Msb, tmp_path: Path) -> None:
+    shutil.copytree(STUBS / "tanksandtemples/pebble", tmp_path / "tandt/truck")
+    (tmp_path / "tandt/truck/sparse/0/points3D.bin").unlink()
+    shutil.copytree(STUBS / "nerf_synthetic/pebble", tmp_path / "nerf/lego")
+    result = msb("scenes", "--json", "-", tmp_path / "tandt", tmp_path / "nerf")
+    assert result.status == 0
+    truck, lego = result.json["scenes"]
+    assert [warning["code"] for warning in truck["warnings"]] == ["COLMAP_FILE_MISSING"]
+    assert [warning["code"] for warning in lego["warnings"]] == ["SCENE_SPLIT"]
+    assert "published are 100 and 200" in lego["warnings"][0]["message"]
+
+
+def test_no_scene_and_wrong_options(msb: Msb, tmp_path: Path) -> None:
+    result = msb("scenes", tmp_path)
+    assert result.status == 3
+    assert result.err.startswith(f"SCENE_LAYOUT: {tmp_path}: it holds no scene")
+    result = msb("scenes", "--rules", "nerf", STUBS / "dtu")
+    assert result.status == 3
+    assert "there are ours, two_dts" in result.err
+
+
+def test_a_real_capture(msb: Msb, shared: Path) -> None:
+    garden = shared / "golden" / "garden"
+    refused = msb("scenes", garden)
+    assert refused.status == 3
+    assert "there is images_8: name one of these as the image folder" in refused.err
+    result = msb("scenes", "--image-folder", "images_8", garden)
+    assert result.status == 0
+    assert "28 training, 4 test" in result.out
+    assert "138,766" in result.out

@@ -1,0 +1,33 @@
+"""Copies of the stub scenes, to be changed and broken."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING, Protocol
+
+import pytest
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+STUBS = ROOT / "data_stubs" / "scenes"
+SCENES = ("mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble", "dtu/scan1")
+
+
+class Copy(Protocol):
+    """Copy a stub scene: ``copy("dtu/scan1")``, under another path if one is given."""
+
+    def __call__(self, scene: str, to: str | None = None) -> Path: ...
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Copy:
+    """Return a function that copies a stub scene below the test's folder and returns where it is."""
+
+    def run(scene: str, to: str | None = None) -> Path:
+        shutil.copytree(STUBS / scene, tmp_path / (to or scene))
+        return tmp_path / (to or scene)
+
+    return run

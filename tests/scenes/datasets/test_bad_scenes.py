@@ -1,0 +1,330 @@
+"""Scenes with a file missing or wrong: one error that names it and says what would be right."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shutil
+import struct
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb.errors import CODES, InputError, SceneError
+from msb.scenes.datasets import find_scenes, read_matrices, read_scene
+
+from .conftest import STUBS, Copy
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def picture(path: Path, size: tuple[int, int], mode: str = "RGB") -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new(mode, size).save(path)
+
+
+def no_model(root: Path) -> None:
+    for file in (root / "sparse/0").iterdir():
+        file.unlink()
+
+
+def distorted(root: Path) -> None:
+    for name in ("cameras", "images"):
+        (root / f"sparse/0/{name}.bin").unlink()
+    (root / "sparse/0/cameras.txt").write_text("1 SIMPLE_RADIAL 256 192 270 128 96 0.01\n")
+    (root / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
+
+
+def same_name_twice(root: Path) -> None:
+    data = (root / "sparse/0/images.bin").read_bytes()
+    (root / "sparse/0/images.bin").write_bytes(data.replace(b"DSC07951", b"DSC07950"))
+
+
+def one_image(root: Path) -> None:
+    for name in ("cameras", "images"):
+        (root / f"sparse/0/{name}.bin").unlink()
+    (root / "sparse/0/cameras.txt").write_text("1 PINHOLE 256 192 270 270 128 96\n")
+    (root / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
+
+
+def remove(*names: str) -> Callable[[Path], None]:
+    def run(root: Path) -> None:
+        for name in names:
+            path = root / name
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    return run
+
+
+def opaque(folder: str) -> Callable[[Path], None]:
+    def run(root: Path) -> None:
+        for path in (root / folder).glob("*.png"):
+            with Image.open(path) as image:
+                rgb = image.convert("RGB")
+            rgb.save(path)
+
+    return run
+
+
+def both(*changes: Callable[[Path], None]) -> Callable[[Path], None]:
+    def run(root: Path) -> None:
+        for change in changes:
+            change(root)
+
+    return run
+
+
+def nothing(root: Path) -> None:
+    pass
+
+
+MIP, TANDT, NERF, DTU = "mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble", "dtu/scan1"
+Options = dict[str, Any]
+BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]] = {
+    "no layout": (MIP, remove("sparse"), {}, "SCENE_LAYOUT", "", "it holds no scene: no sparse/0"),
+    "empty sparse": (MIP, no_model, {}, "SCENE_LAYOUT", "", "sparse/0 holds no COLMAP model"),
+    "half a model": (
+        MIP,
+        remove("sparse/0/cameras.bin"),
+        {},
+        "COLMAP_FILE_MISSING",
+        "sparse/0",
+        "cameras.bin",
+    ),
+    "test JSON missing": (
+        NERF,
+        remove("transforms_test.json"),
+        {},
+        "SCENE_LAYOUT",
+        "",
+        "transforms_test.json is",
+    ),
+    "train JSON missing": (
+        NERF,
+        remove("transforms_train.json"),
+        {},
+        "SCENE_LAYOUT",
+        "",
+        "transforms_train.json",
+    ),
+    "photograph of a JSON missing": (
+        NERF,
+        remove("test/r_1.png"),
+        {},
+        "CAMERA_IMAGE",
+        "transforms_test.json",
+        "r_1",
+    ),
+    "test photographs missing": (
+        MIP,
+        remove("images_4/DSC07950.JPG", "images_4/DSC07958.JPG", "images_4/DSC07951.JPG"),
+        {},
+        "SCENE_IMAGE_MISSING",
+        "images_4",
+        "2 of 16 photographs are not there: DSC07950.JPG, DSC07958.JPG",
+    ),
+    "all photographs missing": (
+        MIP,
+        lambda root: [path.unlink() for path in (root / "images_4").iterdir()],
+        {},
+        "SCENE_IMAGE_MISSING",
+        "images_4",
+        "16 of 16 photographs are not there: DSC07951.JPG, DSC07952.JPG, DSC07953.JPG, DSC07954.JPG, ...",
+    ),
+    "folder of photographs missing": (
+        MIP,
+        remove("images_4", "images"),
+        {},
+        "SCENE_IMAGE_FOLDER",
+        "",
+        "taken from images_4, which is not there; there is images_2",
+    ),
+    "folder asked for missing": (
+        MIP,
+        nothing,
+        {"image_folder": "images_8"},
+        "SCENE_IMAGE_FOLDER",
+        "",
+        "images_8",
+    ),
+    "photograph of another size": (
+        MIP,
+        lambda root: picture(root / "images_4/DSC07953.JPG", (64, 47)),
+        {},
+        "SCENE_IMAGE_SIZE",
+        "images_4/DSC07953.JPG",
+        "it is 64 x 47 pixels, DSC07951.JPG 64 x 48",
+    ),
+    "photograph that is none": (
+        MIP,
+        lambda root: (root / "images_4/DSC07953.JPG").write_bytes(b"GIF89a"),
+        {},
+        "CAMERA_IMAGE",
+        "images_4/DSC07953.JPG",
+        "neither a PNG nor a JPEG",
+    ),
+    "distorted": (MIP, distorted, {}, "CAMERA_DISTORTED", "sparse/0/cameras.txt", "SIMPLE_RADIAL"),
+    "same name twice": (MIP, same_name_twice, {}, "CAMERA_DUPLICATE", "sparse/0", "DSC07950.JPG"),
+    "one image": (MIP, one_image, {}, "SCENE_SPLIT", "", "none of its 1 views is a training view"),
+    "no alpha": (
+        NERF,
+        opaque("test"),
+        {},
+        "SCENE_IMAGE_ALPHA",
+        "",
+        "4 of 4 test photographs have no alpha channel, test/r_0.png for one; they must be RGBA PNG",
+    ),
+    "neither alpha nor masks": (
+        DTU,
+        both(opaque("images"), remove("mask")),
+        {},
+        "SCENE_IMAGE_ALPHA",
+        "",
+        "or have masks in a folder mask",
+    ),
+    "a mask missing": (
+        DTU,
+        both(opaque("images"), remove("mask/003.png")),
+        {},
+        "SCENE_MASK",
+        "mask",
+        "there are 15 masks in it for 16 photographs",
+    ),
+    "a mask of another size": (
+        DTU,
+        both(opaque("images"), lambda root: picture(root / "mask/000.png", (20, 20))),
+        {},
+        "SCENE_MASK",
+        "mask/000.png",
+        "it is 20 x 20 pixels, its photograph 144 x 108",
+    ),
+    "more views than photographs": (
+        DTU,
+        remove("sparse", "images/0003.png"),
+        {},
+        "SCENE_MATRICES",
+        "cameras.npz",
+        "it has 16 views for 15 photographs",
+    ),
+    "no rule": (
+        DTU,
+        nothing,
+        {"rules": "two_dts"},
+        "SCENE_UNKNOWN",
+        "",
+        "2DTS has no rule for the dataset dtu",
+    ),
+    "rules": (
+        MIP,
+        nothing,
+        {"rules": "nerf"},
+        "SCENE_ARGUMENT",
+        None,
+        "there are no rules 'nerf'; there are ours",
+    ),
+    "convention": (MIP, nothing, {"camera_convention": "K"}, "SCENE_ARGUMENT", None, "gs_fov or full_K"),
+    "resolution": (MIP, nothing, {"resolution": 0}, "SCENE_ARGUMENT", None, "1, 2, 4 or 8"),
+    "background": (MIP, nothing, {"background": (1, 2, 0)}, "SCENE_ARGUMENT", None, "from 0 to 1"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_scene(name: str, copy: Copy) -> None:
+    place, change, options, code, file, message = BAD[name]
+    root = copy(place)
+    change(root)
+    with pytest.raises(SceneError) as caught:
+        read_scene(root, **options)
+    error = caught.value
+    assert error.code == code
+    assert message in error.message
+    assert error.file == (None if file is None else str(root / file))
+    assert str(error).isprintable()
+    assert len(error.message) < 300
+
+
+def test_every_error_code_is_met() -> None:
+    warnings = {"SCENE_IMAGE_RESIZED", "SCENE_PRINCIPAL_POINT"}
+    codes = {code for code in CODES if code.startswith("SCENE_")}
+    assert {bad[3] for bad in BAD.values()} | warnings >= codes
+
+
+def test_a_folder_of_scenes_is_no_scene() -> None:
+    with pytest.raises(SceneError, match=r"SCENE_LAYOUT: .* holds 4: dtu/scan1, mipnerf360/pebble, ner"):
+        read_scene(STUBS)
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    for find in (read_scene, find_scenes):
+        with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+            find(tmp_path / "nowhere")
+
+
+# --- cameras.npz
+
+
+def npz(**arrays: Any) -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
+def bomb() -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("world_mat_0.npy", b"\0" * (1 << 26))
+    return stream.getvalue()
+
+
+def lying_header() -> bytes:
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000, 1000000), }"
+    header += b" " * (-(len(header) + 11) % 64) + b"\n"
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        content = b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header + b"\0" * 128
+        archive.writestr("world_mat_0.npy", content)
+    return stream.getvalue()
+
+
+GOOD = np.eye(4)
+MATRICES: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "it is not an archive"),
+    "text": (b"nonsense", "it is not an archive"),
+    "cut off": (npz(world_mat_0=GOOD, scale_mat_0=GOOD)[:-40], "it is not an archive"),
+    "no matrix": (npz(a=GOOD), "it holds no world_mat_0"),
+    "no scale": (npz(world_mat_0=GOOD), "it holds no scale_mat_0"),
+    "shape": (npz(world_mat_0=GOOD[:3], scale_mat_0=GOOD), "world_mat_0 is not 4 x 4 finite numbers"),
+    "NaN": (npz(world_mat_0=GOOD * np.nan, scale_mat_0=GOOD), "world_mat_0 is not 4 x 4 finite numbers"),
+    "text values": (npz(world_mat_0=np.full((4, 4), "a"), scale_mat_0=GOOD), "world_mat_0 is not"),
+    "objects": (npz(world_mat_0=np.full((4, 4), None), scale_mat_0=GOOD), "world_mat_0 is not"),
+    "bomb": (bomb(), "world_mat_0 is not"),
+    "huge shape": (lying_header(), "world_mat_0 is not"),
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_bad_matrices(name: str, tmp_path: Path) -> None:
+    content, message = MATRICES[name]
+    file = tmp_path / "cameras.npz"
+    file.write_bytes(content)
+    with pytest.raises(SceneError, match="SCENE_MATRICES") as caught:
+        read_matrices(file)
+    assert message in caught.value.message
+    assert caught.value.file == str(file)
+
+
+def test_every_changed_byte_gives_matrices_or_an_error(tmp_path: Path) -> None:
+    content = npz(world_mat_0=GOOD.astype("<f4"), scale_mat_0=GOOD.astype("<f4"))
+    file = tmp_path / "cameras.npz"
+    random = np.random.default_rng(0)
+    for _ in range(400):
+        changed = bytearray(content)
+        changed[random.integers(len(content))] = random.integers(256)
+        file.write_bytes(changed)
+        with contextlib.suppress(SceneError):  # anything else fails the test
+            read_matrices(file)

@@ -1,0 +1,109 @@
+"""The tables: datasets, loaders and the sizes they evaluate at."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from docs.make_datasets import PAGE, page
+from msb.errors import SceneError
+from msb.methods import METHODS
+from msb.scenes.datasets import DATASETS, RULES, evaluation_background
+from msb.scenes.datasets.catalog import BLACK, WHITE, guess_dataset
+from msb.scenes.datasets.sizes import check_resolution, floor, half_even, half_up
+from tests.conftest import ROOT
+
+SIZES: list[dict[str, Any]] = json.loads((ROOT / "tests/golden/metrics/resolution_rules.json").read_text())[
+    "cases"
+]
+
+
+@pytest.mark.parametrize(
+    ("loader", "rule"), [("gs_family", half_even), ("two_dts", floor), ("nerfbaselines", half_up)]
+)
+def test_sizes_are_those_of_the_loaders(loader: str, rule: Any) -> None:
+    cases = [case for case in SIZES if loader in case]
+    assert len(cases) > 50
+    for case in cases:
+        assert list(rule((case["width"], case["height"]), case["r"])) == case[loader], case
+
+
+def test_the_three_rules_differ_where_the_spec_says() -> None:
+    garden = 4946, 3286
+    assert [rule(garden, 4) for rule in (half_even, floor, half_up)] == [
+        (1236, 822),
+        (1236, 821),
+        (1237, 822),
+    ]
+
+
+@pytest.mark.parametrize("wrong", [0, -2, True, 2.0, "2", None, 70_000])
+def test_what_is_no_resolution(wrong: Any) -> None:
+    with pytest.raises(SceneError, match="SCENE_ARGUMENT: the resolution is"):
+        check_resolution(wrong)
+
+
+def test_datasets_have_the_scenes_of_the_benchmark() -> None:
+    assert {key: len(dataset.scenes) for key, dataset in DATASETS.items()} == {
+        "mipnerf360": 9,
+        "tanksandtemples": 2,
+        "nerf_synthetic": 8,
+        "dtu": 15,
+    }
+    groups = list(DATASETS["mipnerf360"].scenes.values())
+    assert (groups.count("outdoor"), groups.count("indoor")) == (5, 4)
+
+
+@pytest.mark.parametrize(
+    ("layout", "name", "above", "dataset"),
+    [
+        ("colmap", "garden", "data", "mipnerf360"),
+        ("colmap", "anything", "360_v2", "mipnerf360"),
+        ("colmap", "truck", "tandt", "tanksandtemples"),
+        ("blender", "lego", "data", "nerf_synthetic"),
+        ("colmap", "lego", "data", "custom"),
+        ("blender", "garden", "data", "custom"),
+        ("neus", "scan24", "data", "dtu"),
+        ("colmap", "scan1", "DTU", "dtu"),
+        ("colmap", "scan1", "data", "custom"),
+        ("colmap", "office", "mine", "custom"),
+    ],
+)
+def test_a_dataset_is_told_by_names(layout: Any, name: str, above: str, dataset: str) -> None:
+    assert guess_dataset(layout, name, above) == dataset
+
+
+def test_rules_are_named_like_methods_and_cover_their_datasets() -> None:
+    assert set(RULES) <= set(METHODS) | {"ours"}
+    ours = RULES["ours"]
+    for key, dataset in DATASETS.items():
+        for group in dataset.scenes.values():
+            assert ours.photographs_of(key, group) is not None
+    assert ours.photographs_of("my capture") == ours.photographs_of("custom")
+    indoor = {name: rules.photographs_of("mipnerf360", "indoor") for name, rules in RULES.items()}
+    folders = {name: (rule.folder, rule.resolution) for name, rule in indoor.items() if rule is not None}
+    assert folders == {
+        "ours": ("images_2", -1),
+        "two_dts": ("images", 2),
+        "diffsoup": ("images_4", -1),
+        **dict.fromkeys(("triangle_splatting", "mesh_splatting", "two_dgs", "three_dgs"), ("images_2", -1)),
+    }
+    assert RULES["two_dts"].photographs_of("dtu") is None
+
+
+def test_background_is_the_datasets_or_else_the_methods() -> None:
+    for masked in ("nerf_synthetic", "dtu"):
+        assert {evaluation_background(masked, name) for name in RULES} == {WHITE}
+    assert evaluation_background("mipnerf360", "two_dts") == WHITE
+    assert evaluation_background("tanksandtemples", "two_dts") == BLACK
+    assert evaluation_background("mipnerf360", "mesh_splatting") == BLACK
+    assert evaluation_background("office") == BLACK
+    assert (
+        evaluation_background("mipnerf360", "two_dgs") == evaluation_background("mipnerf360", "mesh") == BLACK
+    )
+
+
+def test_the_page_has_the_tables_of_the_code() -> None:
+    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m docs.make_datasets"
