@@ -1,4 +1,4 @@
-"""Make the viewer's pictures of the demo asset: `python -m docs.make_viewer_pictures` (extra: view)."""
+"""Make the viewers' pictures of the demo asset: `python -m docs.make_viewer_pictures` (extra: view)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+import msb
 from msb.topology import audit_arrays
+from msb_viewers.deployment.compose import Composer
+from msb_viewers.deployment.shots import Comparison, PathRenderers, choose_paths
+from msb_viewers.deployment.state import CompareState, Layout
+from msb_viewers.deployment.views import View
 from msb_viewers.figure import compose, panel_images
 from msb_viewers.model import ViewModel, build_model
 from msb_viewers.source import read_source
@@ -55,7 +60,22 @@ def figure_picture(model: ViewModel) -> Image.Image:
     return Image.fromarray(np.where(pixels == 255, 255, pixels // step * step + step // 2).astype(np.uint8))
 
 
+def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
+    """Return the deployment viewer's first view of the demo asset. Its times are this machine's."""
+    asset = msb.load(ASSET)
+    paths, missing = choose_paths(asset, [], None, headless=True)
+    state = CompareState.first(Comparison(ASSET.name, asset, paths, missing), layout=layout)
+    state.message = ""
+    with PathRenderers(state.comparison) as renderers:
+        view = View("", state.picture_camera(size))
+        renderers.shoot_all(view, state.wanted_paths())  # once before: drivers take their time at first
+        shots = renderers.shoot_all(view, state.wanted_paths())
+    return Image.fromarray(Composer().compose(state, shots, size).image)
+
+
 if __name__ == "__main__":
     demo = demo_model()
     viewer_picture(demo).save(IMAGES / "viewer.png", optimize=True)
     figure_picture(demo).save(IMAGES / "viewer_topology.png", optimize=True)
+    compare_picture("side", (1200, 640)).save(IMAGES / "viewer_side.png", optimize=True)
+    compare_picture("difference", (1100, 680)).save(IMAGES / "viewer_difference.png", optimize=True)

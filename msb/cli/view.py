@@ -1,18 +1,23 @@
-"""`msb view`: see what is wrong with a mesh, on a window or in a file."""
+"""`msb view`: see what is wrong with a mesh, or what deployment does to it, on a window or in a file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import Debug, Force, Quiet, Verbose, epilog
+from msb.cli.options import Debug, DeviceName, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
+from msb.cli.view_compare import CompareOptions, Layout, compare
+from msb.cli.view_web import write_web
+from msb.cli.views import Assignments, Cameras, Chosen, Scale
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from msb_viewers.gl import GlProbe
     from msb_viewers.model import ViewModel
     from msb_viewers.source import Source
@@ -23,6 +28,9 @@ EPILOG = epilog(
     "msb view --screenshot out/view.png --show all data_stubs/checkpoint",
     "msb view --figure out/f.png --html out/f.html data_stubs/checkpoint",
     "msb view --at nonmanifold_edges:17 data_stubs/splat_like.triasset",
+    "msb view --compare --cameras data_stubs/views.json data_stubs/checkpoint",
+    "msb view --web w.html --cameras data_stubs/views.json data_stubs/checkpoint",
+    "msb view --compare --layout wipe --screenshot w.png data_stubs/checkpoint",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Colors = Literal["own", "components", "grey"]
@@ -44,7 +52,9 @@ class ViewOptions:
 
 
 def view(
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
+    path: Annotated[
+        Path | None, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")
+    ] = None,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write what the window would show to a .png.")
     ] = None,
@@ -70,6 +80,34 @@ def view(
     colors: Annotated[Colors | None, typer.Option(help="How the mesh is coloured; its own colours.")] = None,
     up: Annotated[Up | None, typer.Option(help="Axis that points up; the asset's.")] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="Size of the window in pixels.")] = "1280x800",
+    deployment: Annotated[
+        bool,
+        typer.Option("--compare", help="Compare what the paths of deployment make of its look, instead."),
+    ] = False,
+    web: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page of three.js that shows the mesh as engines do."),
+    ] = None,
+    cameras: Cameras = None,
+    chosen: Chosen = None,
+    images: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="The cameras' photographs; where the dataset says.")
+    ] = None,
+    scale: Scale = None,
+    layout: Annotated[Layout | None, typer.Option(help="How paths are shown at first; side.")] = None,
+    paths: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATHS", help="Of truth, reference, dedicated, standard. Default: all."),
+    ] = None,
+    pair: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Paths that wipe and difference show at first.")
+    ] = None,
+    background: Annotated[str | None, typer.Option(metavar="COLOR", help="As of msb render; white.")] = None,
+    assignments: Assignments = None,
+    supersample: Annotated[
+        int | None, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
+    ] = None,
+    device: DeviceName = None,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -80,12 +118,55 @@ def view(
     Opens a window; with --screenshot, --figure or --html it writes these instead and needs no display.
     Layers: boundary_edges, nonmanifold_edges, multifan_vertices, nonmanifold_edge_endpoints,
     degenerate_faces, duplicate_faces, inconsistent_winding_edges, unreferenced_vertices.
+
+    With --compare: reference, dedicated and standard tier, and the dataset's photographs, side by side,
+    with a wipe, or as a map of their difference with its PSNR. Options from --cameras to --device belong
+    to it.
+
+    With --web: a page any browser opens offline, which orbits the mesh and has the cameras in a list; without
+    an ASSET it waits for a .glb to be dropped.
     """
     output = Output(None, quiet, verbose, force)
+    files = Files(screenshot, figure, html)
+    topology = {"show": show, "at": at, "vertex": vertex, "component": component, "colors": colors}
+    deploying = {
+        "cameras": cameras, "camera": chosen, "images": images, "scale": scale, "layout": layout,
+        "paths": paths, "pair": pair, "background": background, "set": assignments,
+        "supersample": supersample, "device": device,
+    }  # fmt: skip
+    if web is not None:
+        shared = {name: deploying.pop(name) for name in ("cameras", "camera", "scale", "background", "set")}
+        _refuse(topology | deploying | asdict(files), "does not go with --web")
+        _refuse({"compare": deployment or None}, "does not go with --web")
+        if path is None:
+            _refuse({**shared, "up": up}, "needs an ASSET")
+        if cameras is None:
+            _refuse({"camera": chosen, "scale": scale}, "needs --cameras")
+        write_web(
+            web, path, output, cameras=cameras, chosen=chosen, scale=scale, background=background,
+            assignments=assignments, up=up,
+        )  # fmt: skip
+        return
+    if path is None:
+        raise UsageError("USAGE", "Missing argument 'ASSET'.")
+    if deployment:
+        _refuse({**topology, "figure": figure}, "shows the topology and does not go with --compare")
+        files.check(output)
+        need_viewers()
+        compare(
+            path,
+            CompareOptions(
+                cameras, chosen, images, scale, layout or "side", paths, pair, background or "white",
+                assignments, supersample or 1, device, up, _size(size),
+            ),
+            files,
+            output,
+        )  # fmt: skip
+        return
+    _refuse(deploying, "needs --compare")
     options = ViewOptions(
         tuple(show or ()), at, vertex, None if component is None else component - 1, colors, up, _size(size)
     )
-    files = Files(screenshot, figure, html)
     files.check(output)
     probe = open_probe(files)
     try:
@@ -96,6 +177,13 @@ def view(
         if probe is not None:
             probe.close()
     present(model, options, files, output)
+
+
+def _refuse(given: Mapping[str, object], why: str) -> None:
+    """Refuse options that would be ignored."""
+    for name, value in given.items():
+        if value is not None:
+            raise UsageError("USAGE", f"--{name} {why}")
 
 
 @dataclass(frozen=True)

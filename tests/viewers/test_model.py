@@ -66,7 +66,7 @@ def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
     model = model_of(points, TETRAHEDRON[1])
     assert model.drawn.tolist() == [True, False, False, False]
     assert np.isfinite(model.points).all()
-    assert any(note.startswith("3 faces") for note in model.notes)
+    assert any(note.startswith("Not drawn: 3 faces") for note in model.notes)
 
 
 @pytest.mark.parametrize("scale", [1e300, 1e-300, 0.0])

@@ -10,9 +10,10 @@ import pytest
 from msb.errors import UsageError
 from msb_viewers.camera import Pose, default_pose, element_pose, up_vector
 from msb_viewers.fanout import neighbourhood
+from msb_viewers.legend import legend_panel
 from msb_viewers.picking import pick
-from msb_viewers.state import ViewState, legend_rows, parse_element, parse_kinds
-from msb_viewers.text import help_panel, legend_panel, line_panel
+from msb_viewers.sheet import help_panel, line_panel
+from msb_viewers.state import HELP, ViewState, legend_rows, parse_element, parse_kinds
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import model_of
 
@@ -95,7 +96,7 @@ def test_panels_know_what_a_click_means(faults: ViewModel, scale: float) -> None
     bottoms = [bottom for _, bottom, _ in panel.targets]
     assert bottoms == sorted(bottoms)
     assert bottoms[-1] <= panel.image.shape[0]
-    assert help_panel(scale).image.shape[2] == 4
+    assert help_panel(HELP, scale).image.shape[2] == 4
 
 
 def test_a_long_line_is_cut_in_its_middle() -> None:

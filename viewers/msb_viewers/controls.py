@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb_viewers.palette import STYLES
+from msb_viewers.window import CLICK, event_pixel, free_name, key_name, listen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from msb_viewers.viewer import TopologyViewer
 
-_CLICK = 4
-"""Pixels the mouse may move between press and release for a click."""
-_FIRST = 10.0
-"""Priority before VTK's own interactor style, which has uses of its own for most keys."""
 _BOX = 1.02
 """Size of the clipping box at first, in radii of what the first view frames."""
 
@@ -56,8 +52,7 @@ class Controls:
 
     def key(self, name: str) -> bool:
         """Do what a key does; return whether it does anything."""
-        name = {"[": "bracketleft", "]": "bracketright", "question": "h", "f1": "h"}.get(name, name.lower())
-        name = name.removeprefix("kp_")
+        name = key_name(name)
         if name == "q":
             self._close()
             return True
@@ -98,7 +93,7 @@ class Controls:
             ("ConfigureEvent", self._on_resize),
             ("RenderEvent", self._on_resize),
         ):
-            self._listen(self._interactor, event, handler)
+            listen(self._interactor, event, handler)
         style = self._interactor.GetInteractorStyle()
         style.AddObserver("StartInteractionEvent", lambda *_: self.moving(True))
         style.AddObserver("EndInteractionEvent", lambda *_: self._rested())
@@ -154,10 +149,7 @@ class Controls:
         self.viewer.center()
 
     def _save(self) -> None:
-        stem = Path(self.viewer.model.name).stem or "mesh"
-        number = 1
-        while (path := Path(f"{stem}_view_{number}.png")).exists():
-            number += 1
+        path = free_name(self.viewer.model.name)
         self.viewer.screenshot(path)
         self.viewer.state.message = f"saved {path.name}"
 
@@ -183,16 +175,6 @@ class Controls:
         viewer.stage.resize(viewer.pixels_per_unit())
         viewer.fit_depth()
 
-    def _listen(self, target: Any, event: str, handler: Callable[[Any], bool]) -> None:
-        """Call `handler`; where it returns True, nobody else hears of the event."""
-        tag: list[int] = []
-
-        def called(caller: Any, _name: str) -> None:
-            if handler(caller) and tag:
-                caller.GetCommand(tag[0]).SetAbortFlag(1)
-
-        tag.append(target.AddObserver(event, called, _FIRST))
-
     def _on_key(self, interactor: Any) -> bool:
         self.key(interactor.GetKeySym() or "")
         return True
@@ -200,12 +182,8 @@ class Controls:
     def _on_char(self, _interactor: Any) -> bool:
         return True
 
-    def _position(self, interactor: Any) -> tuple[int, int]:
-        x, y = interactor.GetEventPosition()
-        return int(x), self.viewer.size[1] - 1 - int(y)
-
     def _on_press(self, interactor: Any) -> bool:
-        self._pressed = self._position(interactor)
+        self._pressed = event_pixel(interactor, self.viewer.size[1])
         return self.viewer.legend_hit(*self._pressed) is not None
 
     def _on_release(self, _interactor: Any) -> bool:
@@ -222,8 +200,8 @@ class Controls:
         pressed, self._pressed = self._pressed, None
         if pressed is None:
             return
-        x, y = self._position(self._interactor)
-        if max(abs(x - pressed[0]), abs(y - pressed[1])) <= _CLICK:
+        x, y = event_pixel(self._interactor, self.viewer.size[1])
+        if max(abs(x - pressed[0]), abs(y - pressed[1])) <= CLICK:
             self.click(x, y)
 
     def _on_resize(self, _interactor: Any) -> bool:

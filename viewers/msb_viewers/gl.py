@@ -58,7 +58,8 @@ class GlProbe:
             `EXTRA_MISSING` if pyvista is not installed.
         """
         if find_spec("pyvista") is None or find_spec("vtkmodules") is None:
-            text = f"the viewer needs pyvista; {INSTALL} installs it. --html alone needs none"
+            text = f"the viewer needs pyvista; {INSTALL} installs it. Pages (--html) need none, "
+            text += "nor do pictures of --compare"
             raise UsageError("EXTRA_MISSING", text)
         if sys.platform in ("win32", "darwin"):
             return cls(None)  # both bring a GL stack

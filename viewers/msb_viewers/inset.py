@@ -9,7 +9,7 @@ import numpy as np
 from msb_viewers import drawing
 from msb_viewers.fanout import neighbourhood
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
-from msb_viewers.text import Panel, list_panel
+from msb_viewers.sheet import Panel, list_panel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -242,7 +242,7 @@ def build_model(source: Source, audit: Audit, analysis: Analysis) -> ViewModel:
 
     elements = find_elements(analysis)
     finite = np.isfinite(analysis.vertices).all(axis=1)
-    center, scale, cropped = _framing(analysis.vertices, finite & analysis.referenced)
+    center, scale, cropped = framing(analysis.vertices, finite & analysis.referenced)
     points = np.zeros(analysis.vertices.shape, np.float32)
     with np.errstate(over="ignore"):
         points[finite] = (analysis.vertices[finite].astype(np.float64) - center) / scale
@@ -287,9 +287,10 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
     return layers
 
 
-def _framing(vertices: NDArray[Any], use: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float, str | None]:
+def framing(vertices: NDArray[Any], use: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float, str | None]:
     """Return centre and radius of the sphere to look at, and what to say if it is not all of the mesh.
 
+    Only the rows of `vertices` (V, 3) where `use` (V,) is true count; their centre is in their own units.
     It is the bounding sphere of the box, unless a few far vertices make it many times as wide as where
     nearly all of the mesh is: outdoor scenes have such backgrounds.
     """
@@ -334,5 +335,6 @@ def _notes(model: ViewModel) -> list[str]:
     elif judge(model.audit).level == "good":
         notes.append(CLEAN_NOTE)
     if hidden:
-        notes.append(f"{hidden:,} faces with a corner that is not finite are not drawn.")
+        faces = "face" if hidden == 1 else "faces"
+        notes.append(f"Not drawn: {hidden:,} {faces} with a corner that is not finite.")
     return notes

@@ -1,17 +1,7 @@
-"use strict";
-// Written by `msb view --html`. Everything is in this file: the page asks nobody for anything.
-const meta = JSON.parse(document.getElementById("meta").textContent);
-const byId = (id) => document.getElementById(id);
+// The topology viewer's page.
 const canvas = byId("view");
 const state = { coloring: meta.colored ? "own" : "grey", visible: new Set(meta.visible), active: meta.active,
   cursor: {}, chosen: null, legend: true };
-const make = (tag, text, name) => {
-  const node = document.createElement(tag);
-  if (text !== undefined) node.textContent = text;
-  if (name) node.className = name;
-  return node;
-};
-const say = (text) => { byId("status").textContent = text; byId("status").hidden = !text; };
 
 async function unpack() {
   const element = byId("data");
@@ -286,16 +276,9 @@ function legend() {
   }
   box.append(buttons);
 }
-function help() {
-  const box = byId("help");
-  box.hidden = !box.hidden;
-  box.replaceChildren(make("b", "Keys and mouse"));
-  const list = make("dl");
-  for (const [key, text] of [["1 ... 8", "switch a layer"], ["0", "all layers on, or off"], ["Tab", "the next layer to step through"], ["N / P", "fly to its next / previous element"],
+const help = () => showKeys([["1 ... 8", "switch a layer"], ["0", "all layers on, or off"], ["Tab", "the next layer to step through"], ["N / P", "fly to its next / previous element"],
     ["C", "own colours, components, grey"], ["L", "legend on or off"], ["Home", "the first view"], ["arrows", "turn"], ["+ / -", "zoom"],
-    ["drag", "turn; with Shift: move; wheel: zoom"], ["H", "this help"]]) list.append(make("dt", key), make("dd", text));
-  box.append(list);
-}
+    ["drag", "turn; with Shift: move; wheel: zoom"], ["H", "this help"]]);
 const layerOf = (kind) => meta.layers.find((layer) => layer.kind === kind);
 function toggle(kind) {
   if (!layerOf(kind).count) { say(`${layerOf(kind).label}: there are none`); return; }

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import json
 import zlib
 from dataclasses import asdict
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +12,7 @@ import numpy as np
 from msb_viewers.camera import FOV_Y, default_pose
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
 from msb_viewers.state import ViewState
+from msb_viewers.template import filled
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,14 +64,8 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
         packed.append(packer.compress(np.ascontiguousarray(array).data))
         packed.append(packer.compress(bytes(-array.nbytes % 4)))
     packed.append(packer.flush())
-    # "</" would end the element it stands in, whatever a file is called.
-    meta = json.dumps({**_meta(model, state, up), "arrays": layout}).replace("<", "\\u003c")
-    folder = files("msb_viewers")
-    # Each mark is looked for in the template only: what a file is called may look like one.
-    before, after = (folder / "page.html").read_text("utf-8").split("@DATA@")
-    before = before.replace("@META@", meta)
-    after = after.replace("@SCRIPT@", (folder / "page.js").read_text("utf-8"))
-    return before.encode() + base64.b64encode(b"".join(packed)) + after.encode()
+    meta = {**_meta(model, state, up), "arrays": layout}
+    return filled("page.html", "page.js", meta, base64.b64encode(b"".join(packed)))
 
 
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.errors import UsageError
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
 from msb_viewers.controls import Controls
-from msb_viewers.gl import NO_DISPLAY
 from msb_viewers.inset import Inset, background, size_of
-from msb_viewers.palette import BACKGROUND, HIGHLIGHT, unit
+from msb_viewers.legend import legend_panel, legend_width
+from msb_viewers.palette import HIGHLIGHT
 from msb_viewers.picking import pick
+from msb_viewers.sheet import Panel, help_panel, line_panel
 from msb_viewers.stage import Stage
-from msb_viewers.state import ViewState
-from msb_viewers.text import Panel, help_panel, legend_panel, legend_width, line_panel
+from msb_viewers.state import HELP, ViewState
+from msb_viewers.window import GAP, open_plotter, text_scale, write_png
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 
     from msb_viewers.model import ViewModel
 
-_GAP = 12
-"""Between the panels and the window's border, in pixels at scale 1."""
 _SAMPLES = 4
-_SMALLEST = 0.62
-"""Scale of text below which it cannot be read."""
 _FLIGHT_FRAMES = 14
 
 
@@ -65,21 +61,14 @@ class TopologyViewer:
         up: str | None = None,
         state: ViewState | None = None,
     ) -> None:
-        import pyvista
         from vtkmodules.vtkRenderingCore import vtkRenderer
 
-        drawing.quiet()
         self.model, self.off_screen = model, off_screen
         self.up = up or model.up
         self._extent = model.extent
         self.state = state or ViewState.first(model)
-        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
+        self.plotter = open_plotter(f"{model.name} - msb view", size, off_screen=off_screen)
         self.window = self.plotter.ren_win
-        if not off_screen and self.window.GetClassName() in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
-            self.plotter.close()
-            raise UsageError("VIEW_NO_DISPLAY", NO_DISPLAY)
-        self.window.SetWindowName(f"{model.name} - msb view")
-        self.plotter.set_background(unit(BACKGROUND))
         self.back = self.plotter.renderer
         self.back.SetTwoSidedLighting(True)
         self.back.SetAutomaticLightCreation(True)
@@ -99,7 +88,6 @@ class TopologyViewer:
         self._legend: Panel | None = None
         self._marks: list[Any] = []
         self._shown_vertex: tuple[int | None, float] = (None, 0.0)
-        self.plotter.camera_set = True  # else the first picture would undo the view
         self.controls = Controls(self)
         self.home()
         self.refresh()
@@ -115,8 +103,7 @@ class TopologyViewer:
     @property
     def scale(self) -> float:
         """Of all text, by the window's size."""
-        width, height = self.size
-        return float(np.clip(min(width / 1280, height / 800), _SMALLEST, 2.0))
+        return text_scale(self.size)
 
     def refresh(self) -> None:
         """Bring the window up to date with the state, and draw."""
@@ -157,13 +144,7 @@ class TopologyViewer:
         OutputError
             `OUTPUT_UNWRITABLE`.
         """
-        from PIL import Image
-
-        from msb.atomic import new_file
-
-        picture = Image.fromarray(self.image())
-        with new_file(path) as file:
-            picture.save(file, "PNG", optimize=True)
+        write_png(self.image(), path)
 
     # Where from --------------------------------------------------------------------------------------
 
@@ -188,7 +169,7 @@ class TopologyViewer:
     def center(self) -> None:
         """Move the middle of the view to the middle of what the legend leaves free."""
         fans = self._pictures["fans"]
-        right = fans.size[0] + round(_GAP * self.scale) if fans.actor.GetVisibility() else 0
+        right = fans.size[0] + round(GAP * self.scale) if fans.actor.GetVisibility() else 0
         self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
 
     def fly(self, pose: Pose) -> None:
@@ -281,7 +262,7 @@ class TopologyViewer:
         """Return what the legend has at a pixel: an action, "" for its background, None beside it."""
         if self._legend is None:
             return None
-        gap = round(_GAP * self.scale)
+        gap = round(GAP * self.scale)
         return self._legend.hit(x - gap, y - gap)
 
     # Parts -------------------------------------------------------------------------------------------
@@ -290,7 +271,7 @@ class TopologyViewer:
         """Return the width the legend takes at the left, in pixels."""
         if not self.state.legend:
             return 0
-        return legend_width(self.scale) + round(_GAP * self.scale)
+        return legend_width(self.scale) + round(GAP * self.scale)
 
     def _aspect(self) -> float:
         """Return width over height of what the legend leaves free."""
@@ -342,7 +323,7 @@ class TopologyViewer:
         if panel is None or self.state.help:
             picture.hide()
             return
-        (width, height), gap = self.size, round(_GAP * self.scale)
+        (width, height), gap = self.size, round(GAP * self.scale)
         side = size_of(self.size, panel)
         picture.set(background(panel, side))
         left = width - picture.size[0] - gap
@@ -353,7 +334,7 @@ class TopologyViewer:
 
     def _show_text(self) -> None:
         (width, height), scale = self.size, self.scale
-        gap = round(_GAP * scale)
+        gap = round(GAP * scale)
         self._legend = None
         legend = self._pictures["legend"]
         if self.state.legend:
@@ -373,7 +354,7 @@ class TopologyViewer:
             status.hide()
         helping = self._pictures["help"]
         if self.state.help:
-            helping.set(help_panel(scale).image)
+            helping.set(help_panel(HELP, scale).image)
             free = self._taken()
             x = free + (width - free - helping.size[0]) // 2
             helping.place(min(max(x, 0), max(width - helping.size[0], 0)), (height - helping.size[1]) // 2)

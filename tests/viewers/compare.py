@@ -1,0 +1,59 @@
+"""Comparisons to test with: the demo asset's checkpoint at small sizes, and pictures made up."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+
+import msb
+from data_stubs.make import cameras
+from msb.methods import TIERS
+from msb_viewers.deployment.shots import LABELS, Comparison, Shot
+from msb_viewers.deployment.views import View, dataset_views
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
+WIDTH, HEIGHT = 64, 48
+
+
+@cache
+def checkpoint_asset() -> msb.Asset:
+    return msb.export(CHECKPOINT)
+
+
+def small_cameras(count: int = 3) -> list[msb.Camera]:
+    return [camera.resized(WIDTH, HEIGHT) for camera in cameras()[:count]]
+
+
+def photographs(folder: Path, colors: list[tuple[int, int, int]]) -> list[View]:
+    """Return views whose photographs are of one colour each."""
+    folder.mkdir(parents=True, exist_ok=True)
+    chosen = small_cameras(len(colors))
+    for camera, color in zip(chosen, colors, strict=True):
+        Image.new("RGB", (WIDTH, HEIGHT), color).save(folder / f"{camera.name}.png")
+    return dataset_views(chosen, folder)
+
+
+def comparison(views: list[View] | None = None, paths: tuple[str, ...] = TIERS, **more: Any) -> Comparison:
+    chosen = dataset_views(small_cameras()) if views is None else views
+    asset = more.pop("asset", None) or checkpoint_asset()
+    return Comparison("demo.triasset", asset, paths, more.pop("missing", {}), tuple(chosen), **more)
+
+
+def flat_shots(paths: tuple[str, ...], size: tuple[int, int] = (WIDTH, HEIGHT)) -> dict[str, Shot]:
+    """Return a shot of one colour for each path, by its place among the labels."""
+    return {path: flat_shot(path, FLAT[path], size) for path in paths}
+
+
+FLAT = dict(zip(LABELS, [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40)], strict=True))
+
+
+def flat_shot(path: str, color: tuple[int, int, int], size: tuple[int, int] = (WIDTH, HEIGHT)) -> Shot:
+    image = np.full((size[1], size[0], 3), color, np.uint8)
+    return Shot(path, image, "", 12.34, 5_600_000, "OpenCL on test")

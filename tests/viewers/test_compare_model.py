@@ -1,0 +1,356 @@
+"""Views, paths, states, layouts and differences of the deployment viewer: plain data, nothing drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import msb
+from msb import metrics
+from msb.errors import SceneError, Unsupported, UsageError
+from msb_viewers.camera import pose_of, scene_camera
+from msb_viewers.deployment.arrange import arrange
+from msb_viewers.deployment.difference import (
+    TOPS,
+    colorize,
+    decibel_text,
+    decibels,
+    fitted,
+    scale_colors,
+    shrunk,
+    squared_error,
+)
+from msb_viewers.deployment.painter import STEPS, moving_scale
+from msb_viewers.deployment.shots import choose_paths
+from msb_viewers.deployment.state import HELP, LAYOUTS, CompareState
+from msb_viewers.deployment.views import Surroundings, View, dataset_views, read_photograph, sized
+from tests.viewers.compare import (
+    HEIGHT,
+    WIDTH,
+    checkpoint_asset,
+    comparison,
+    photographs,
+    small_cameras,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+# Differences ---------------------------------------------------------------------------------------------
+
+
+def test_the_maps_mean_is_the_psnr() -> None:
+    random = np.random.default_rng(0)
+    a, b = random.integers(0, 256, (2, 20, 30, 3), np.uint8)
+    mean = float(squared_error(a, b).astype(np.float64).mean())
+    assert -10 * math.log10(mean) == pytest.approx(metrics.psnr(a, b), abs=1e-4)
+    assert decibels(a, b) == metrics.psnr(a, b)
+    assert decibel_text(decibels(a, a)) == "identical"
+
+
+def test_the_map_says_where_and_how_much() -> None:
+    a = np.zeros((4, 5, 3), np.uint8)
+    b = a.copy()
+    b[1, 2] = 51, 51, 51
+    b[3, 4] = 255, 255, 255
+    map_ = colorize(squared_error(a, b), 0.4)
+    black, bright = scale_colors()[0], scale_colors()[255]
+    assert (map_[0, 0] == black).all()
+    assert (map_[1, 2] == scale_colors()[127]).all()
+    assert (map_[3, 4] == bright).all()
+
+
+def test_the_scale_is_ordered_by_lightness_and_is_magma() -> None:
+    colors = scale_colors().astype(float)
+    lightness = colors @ (0.2126, 0.7152, 0.0722)
+    assert (np.diff(lightness) > -0.6).all()
+    assert (np.diff(lightness[::8]) > 0).all()
+    matplotlib = pytest.importorskip("matplotlib", reason="extra view is not installed")
+    wanted = matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255
+    assert np.abs(colors - wanted).max() < 3.2
+
+
+def test_smaller_pictures_are_means_and_larger_ones_show_pixels() -> None:
+    image = np.arange(16, dtype=np.uint8).reshape(4, 4, 1).repeat(3, axis=2) * 10
+    assert fitted(image, 4, 4) is image
+    assert fitted(image, 2, 2)[0, 0].tolist() == [25, 25, 25]
+    assert (fitted(image, 8, 8)[::2, ::2] == image).all()
+    squared = np.arange(16, dtype=np.float32).reshape(4, 4)
+    assert shrunk(squared, 2, 2).mean() == squared.mean()
+
+
+# Views ---------------------------------------------------------------------------------------------------
+
+
+def test_vtk_and_the_renderers_see_a_point_at_the_same_pixel() -> None:
+    rendering = pytest.importorskip("vtkmodules.vtkRenderingCore", reason="extra view is not installed")
+    camera = replace(small_cameras(2)[1], width=640, height=480)
+    camera = msb.Camera(640, 480, 500, 500, 320, 240, camera.world_to_camera)
+    random = np.random.default_rng(1)
+    vtk = rendering.vtkCamera()
+    pose = pose_of(camera, 2.4)
+    vtk.SetPosition(*pose.eye)
+    vtk.SetFocalPoint(*pose.target)
+    vtk.SetViewUp(*(pose.up + 0.3 * (pose.target - pose.eye)))  # VTK's need not be at a right angle
+    vtk.SetViewAngle(math.degrees(2 * math.atan(240 / 500)))
+    vtk.SetClippingRange(0.1, 10)
+    vtk.Azimuth(33)
+    vtk.Elevation(-21)
+    vtk.Roll(12)
+    places = (np.array(get()) for get in (vtk.GetPosition, vtk.GetFocalPoint, vtk.GetViewUp))
+    ours = scene_camera(type(pose)(*places), camera)
+    assert (ours.fx, ours.width, ours.name) == (500, 640, None)
+    matrix = vtk.GetCompositeProjectionTransformMatrix(640 / 480, -1, 1)
+    rows = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+    points = random.uniform(0.2, 0.8, (50, 3))
+    ends = np.c_[points, np.ones(50)] @ rows.T
+    device = ends[:, :2] / ends[:, 3:]
+    theirs = np.c_[(device[:, 0] + 1) * 320, (1 - device[:, 1]) * 240]
+    pixels, depth = ours.project(points)
+    assert (depth > 0).all()
+    assert pixels == pytest.approx(theirs, abs=1e-8)
+
+
+def test_a_camera_survives_becoming_a_pose() -> None:
+    for camera in small_cameras(3):
+        again = scene_camera(pose_of(camera, 1.7), camera)
+        assert again.world_to_camera == pytest.approx(camera.world_to_camera, abs=1e-12)
+
+
+def test_views_take_the_size_of_their_photographs(tmp_path: Path) -> None:
+    cameras = [camera.resized(2 * WIDTH, 2 * HEIGHT) for camera in small_cameras(3)]
+    Image.new("RGB", (WIDTH, HEIGHT), (9, 8, 7)).save(tmp_path / f"{cameras[0].name}.png")
+    Image.new("RGB", (WIDTH, HEIGHT)).save(tmp_path / f"{cameras[2].name}.JPG")
+    views = dataset_views(cameras, tmp_path)
+    assert [view.photograph is not None for view in views] == [True, False, True]
+    assert (views[0].camera.width, views[0].camera.fx) == (WIDTH, cameras[0].fx / 2)
+    assert views[1].camera.width == 2 * WIDTH
+    assert tmp_path.name in views[1].why
+    assert dataset_views(cameras, beside=tmp_path)[0].photograph == views[0].photograph
+    half = dataset_views(cameras, tmp_path, 0.5)[0]
+    assert (half.camera.width, half.camera.height) == (WIDTH // 2, HEIGHT // 2)
+    assert read_photograph(half, (0, 0, 0)).shape == (HEIGHT // 2, WIDTH // 2, 3)
+
+
+def test_transparent_photographs_lie_over_the_background(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    Image.new("RGBA", (WIDTH, HEIGHT), (255, 0, 0, 51)).save(path)
+    image = read_photograph(View("a", small_cameras(1)[0], path), (0.0, 1.0, 1.0))
+    assert image[0, 0].tolist() == [51, 204, 204]
+
+
+def test_bad_photographs_are_refused(tmp_path: Path) -> None:
+    camera = small_cameras(1)[0]
+    with pytest.raises(UsageError, match="no such folder"):
+        dataset_views([camera], tmp_path / "none")
+    with pytest.raises(UsageError, match="no image named like a camera"):
+        dataset_views([camera], tmp_path)
+    (tmp_path / f"{camera.name}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(SceneError, match="CAMERA_IMAGE"):
+        dataset_views([camera], tmp_path)
+
+
+def test_the_first_view_and_the_turntable_see_everything() -> None:
+    asset = checkpoint_asset()
+    around = Surroundings.of(asset)
+    points = asset.buffers["positions"].astype(float)
+    cameras = [sized(around.first_camera(), 900, 500), sized(around.first_camera(), 300, 700)]
+    cameras += [view.camera for view in around.turntable(5, 320, 240)]
+    for camera in cameras:
+        pixels, depth = camera.project(points)
+        assert (depth > 0).all()
+        assert (pixels >= 0).all()
+        assert (pixels <= [camera.width, camera.height]).all()
+        assert np.ptp(pixels, axis=0).max() > 0.6 * min(camera.width, camera.height)
+
+
+def test_up_can_be_chosen() -> None:
+    camera = Surroundings.of(checkpoint_asset(), "+z").first_camera()
+    up = -camera.world_to_camera[1, :3]
+    assert up[2] > 0.9
+
+
+# Paths ---------------------------------------------------------------------------------------------------
+
+
+def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None:
+    asset = checkpoint_asset()
+    assert choose_paths(asset, [], None, headless=True) == (("reference", "dedicated", "standard"), {})
+    views = photographs(tmp_path, [(0, 0, 0)])
+    assert choose_paths(asset, views, None, headless=True)[0][0] == "truth"
+    assert choose_paths(asset, views, ["standard, truth"], headless=True)[0] == ("truth", "standard")
+    for wanted in (["truth"], ["fast"]):
+        with pytest.raises(UsageError, match="VIEW_PATH"):
+            choose_paths(asset, [], wanted, headless=True)
+
+
+def plain_mesh() -> msb.Asset:
+    from msb.asset import Description, build_asset
+    from msb.methods import METHODS
+    from tests.conftest import TETRAHEDRON
+
+    assert "mesh" in METHODS
+    buffers = {"positions": TETRAHEDRON[0], "indices": TETRAHEDRON[1].astype(np.uint32)}
+    return build_asset(buffers, {}, Description(method="mesh"))
+
+
+def test_a_path_the_method_lacks_says_why() -> None:
+    asset = plain_mesh()
+    paths, missing = choose_paths(asset, [], None, headless=True)
+    assert paths == ("reference", "dedicated", "standard")
+    assert set(missing) == {"reference", "dedicated"}
+    assert "no appearance of its own" in missing["dedicated"]
+    with pytest.raises(Unsupported):
+        choose_paths(asset, [], ["dedicated"], headless=True)
+
+
+def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("msb_viewers.deployment.shots.MOST_REFERENCE_FACES", 10)
+    asset = checkpoint_asset()
+    assert "reference" not in choose_paths(asset, [], None, headless=True)[0]
+    assert "reference" in choose_paths(asset, [], None, headless=False)[0]
+    assert "reference" in choose_paths(asset, [], ["reference"], headless=True)[0]
+
+
+# State ---------------------------------------------------------------------------------------------------
+
+
+def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> None:
+    assert CompareState.first(comparison()).pair == ("dedicated", "standard")
+    views = photographs(tmp_path, [(1, 1, 1)])
+    scene = comparison(views, ("truth", "reference", "dedicated", "standard"))
+    assert CompareState.first(scene).pair == ("truth", "standard")
+    assert CompareState.first(scene, pair="standard, reference").pair == ("standard", "reference")
+    for pair in ("standard", "standard,standard", "standard,fast", "a,b,c"):
+        with pytest.raises(UsageError, match="VIEW_PATH"):
+            CompareState.first(scene, pair=pair)
+
+
+def test_one_path_alone_cannot_be_compared() -> None:
+    scene = comparison(paths=("standard",))
+    state = CompareState.first(scene)
+    state.set_layout("wipe")
+    assert state.layout == "side"
+    assert "nothing to compare" in state.message
+    state.next_path(1)
+    assert state.pair == ("standard", "standard")
+    with pytest.raises(UsageError, match="takes two paths"):
+        CompareState.first(scene, layout="difference")
+
+
+def test_paths_go_round_and_never_meet() -> None:
+    state = CompareState.first(comparison())
+    seen = []
+    for side in (1, 1, 0, 0, 1):
+        state.next_path(side)
+        assert state.pair[0] != state.pair[1]
+        seen.append(state.pair)
+    assert len(set(seen)) > 2
+
+
+def test_stepping_goes_round_the_dataset_and_leaves_the_free_camera() -> None:
+    state = CompareState.first(comparison())
+    for by, at in ((1, 1), (1, 2), (1, 0), (-1, 2)):
+        state.free = state.around.first_camera()
+        assert state.view is None
+        assert state.step(by)
+        assert state.at == at
+        assert state.view is state.comparison.views[at]
+    free = CompareState.first(comparison([]))
+    assert not free.step(1)
+    assert free.view is None
+    assert "no cameras" in free.message
+
+
+def test_the_dataset_decides_the_size_a_free_view_the_window() -> None:
+    state = CompareState.first(comparison())
+    assert state.picture_camera((900, 700)) is state.comparison.views[0].camera
+    state.free = small_cameras(1)[0]
+    camera = state.picture_camera((1200, 800))
+    assert camera.width / camera.height == pytest.approx(WIDTH / HEIGHT, rel=0.01)
+    assert camera.width > WIDTH
+    free = CompareState.first(comparison([]))
+    for layout in LAYOUTS:
+        free.layout = layout
+        box = free.cells((1000, 700))[0].box
+        camera = free.picture_camera((1000, 700))
+        assert (camera.width, camera.height) == (box.width, box.height)
+        assert camera.fx == camera.fy
+
+
+def test_switches_stay_in_their_ranges() -> None:
+    state = CompareState.first(comparison())
+    for _ in range(10):
+        state.brighten(1)
+    assert state.top == TOPS[-1]
+    for _ in range(10):
+        state.brighten(-1)
+    assert state.top == 1.0
+    for _ in range(80):
+        state.move_divider(1)
+    assert state.divider == 1.0
+    seen = {state.background}
+    for _ in range(3):
+        state.next_background()
+        seen.add(state.background)
+    assert seen == {(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)}
+    state.toggle_reference()
+    assert not state.reference
+
+
+def test_settings_are_told_with_what_was_overridden() -> None:
+    text = comparison(settings={"sigma": 0.5}, supersample=2, background=(0.0, 0.0, 0.0)).settings_text()
+    for part in ("sigma 0.5*", "supersample 4,", "2 x 2 samples", "background black"):
+        assert part in text
+
+
+# Layout --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844), (2560, 1440)])
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_nothing_overlaps_and_all_is_inside(size: tuple[int, int], layout: Any, count: int) -> None:
+    paths = ("truth", "reference", "dedicated", "standard")[:count]
+    pair = (paths[0], paths[-1])
+    cells = arrange(layout, paths, pair, size, 0.62, aspect=4 / 3)
+    if layout != "side" and count == 1:
+        return
+    assert len({cell.kind for cell in cells}) == len(cells)
+    for number, cell in enumerate(cells):
+        assert cell.box.left >= 0
+        assert cell.box.right <= size[0]
+        assert cell.caption.bottom <= size[1]
+        for other in cells[number + 1 :]:
+            apart = cell.box.right <= other.box.left or other.box.right <= cell.box.left
+            assert apart or cell.caption.bottom <= other.box.top or other.caption.bottom <= cell.box.top
+
+
+def test_the_grid_makes_pictures_large() -> None:
+    paths = ("a", "b", "c", "d")
+    wide = arrange("side", paths, ("a", "b"), (1280, 800), 1.0, aspect=16 / 9)
+    assert len({cell.box.left for cell in wide}) == 2
+    tall = arrange("side", paths, ("a", "b"), (400, 1600), 1.0, aspect=16 / 9)
+    assert len({cell.box.left for cell in tall}) == 1
+
+
+def test_help_has_every_layout_and_key_once() -> None:
+    keys = [key for key, _ in HELP]
+    assert len(set(keys)) == len(keys)
+
+
+def test_moving_sizes_settle() -> None:
+    scale = 1.0
+    for _ in range(20):
+        scale = moving_scale(scale, 0.9 * scale**2)  # 0.9 s at full size
+    assert scale in (0.25, 0.18)
+    assert scale in STEPS
+    assert moving_scale(0.5, 0.0) == 0.5

@@ -1,0 +1,146 @@
+"""The deployment page: its pictures and figures are the renderers', and a browser compares them alike."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb import metrics
+from msb_viewers.deployment.difference import colorize, squared_error
+from msb_viewers.deployment.page import page, page_view
+from msb_viewers.deployment.shots import Shot
+from msb_viewers.deployment.state import CompareState
+from tests.viewers.compare import HEIGHT, WIDTH, comparison, flat_shot
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def noisy(path: str, seed: int) -> Shot:
+    image = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    return Shot(path, image, "", 1.0, 10, "test")
+
+
+SHOTS = {
+    "reference": Shot("reference", why="no <b>time</b>"),
+    "dedicated": noisy("dedicated", 1),
+    "standard": noisy("standard", 2),
+}
+
+
+def made(name: str = "demo.triasset", **more: Any) -> str:
+    scene = replace(comparison(missing={"reference": "no time"}), name=name)
+    state = CompareState.first(scene, **more)
+    return page(state, [page_view(view, SHOTS) for view in scene.views]).decode()
+
+
+def meta_of(text: str) -> dict[str, Any]:
+    found = re.search(r'id="meta">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_the_page_holds_every_picture_exactly() -> None:
+    meta = meta_of(made())
+    assert len(meta["views"]) == 3
+    for view in meta["views"]:
+        for path, shot in SHOTS.items():
+            stored = view["shots"][path]
+            if shot.image is None:
+                assert stored["image"] is None
+                assert stored["why"] == shot.why
+                continue
+            raw = base64.b64decode(stored["image"].removeprefix("data:image/png;base64,"))
+            with Image.open(io.BytesIO(raw)) as image:
+                assert (np.asarray(image) == shot.image).all()
+        wanted = metrics.psnr(SHOTS["dedicated"].image, SHOTS["standard"].image)  # type: ignore[arg-type]
+        assert view["decibels"] == {"dedicated standard": wanted}
+
+
+def test_equal_pictures_are_identical_not_infinite() -> None:
+    shots = {path: flat_shot(path, (1, 2, 3)) for path in ("dedicated", "standard")}
+    assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}
+
+
+def test_the_page_asks_nobody_for_anything() -> None:
+    text = made()
+    assert "default-src 'none'" in text
+    assert not re.findall(r"https?://[^\s\"']+", text)
+    assert not re.search(r"\b(fetch|XMLHttpRequest|import)\s*\(|src=|href=", text)
+
+
+def test_a_hostile_name_stays_text() -> None:
+    name = "</script><script>alert(1)</script>@DATA@"
+    text = made(name)
+    assert meta_of(text)["name"] == name
+    assert text.count("<script") == 2
+
+
+def in_browser(tmp_path: Path, text: str, script: str, width: int = 1280) -> dict[str, Any]:
+    """Open a page in a browser, run a script in it, and return what it leaves in `result`."""
+    browser = next((found for name in ("chromium", "google-chrome") if (found := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip("neither chromium nor google-chrome is installed")
+    ending = f"<script>(async () => {{ const result = {{}}; {script}; document.title = 'done';\n"
+    ending += "document.body.replaceChildren(JSON.stringify(result)); })();</script></body>"
+    path = tmp_path / "page.html"
+    path.write_text(text.replace("</body>", ending))
+    done = subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--window-size={width},900",
+         f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--dump-dom",
+         path.as_uri()],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    found = re.search(r"<body>(\{.*\})</body>", done.stdout, re.DOTALL)
+    assert found is not None, done.stdout[-2000:] + done.stderr[-2000:]
+    return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+
+
+def test_a_browser_draws_the_same_map_and_figures(tmp_path: Path) -> None:
+    script = """
+      setLayout("difference"); await new Promise((r) => setTimeout(r, 1500));
+      const canvas = byId("heat"), all = [0, 0, canvas.width, canvas.height];
+      const data = canvas.getContext("2d").getImageData(...all).data;
+      result.map = Array.from(data).filter((_, i) => i % 4 < 3);
+      result.figure = byId("figure").textContent;
+      setLayout("side"); result.side = byId("side").textContent;
+      result.figures = byId("side").children.length;
+      step(1); result.at = state.at; step(-1); step(-1); result.back = state.at;
+      setLayout("wipe"); const slider = byId("across"); slider.value = 250; slider.oninput();
+      result.clip = document.querySelector(".wipe img + img").style.clipPath;
+      result.table = byId("scores").textContent;
+      result.wide = document.documentElement.scrollWidth <= innerWidth;"""
+    found = in_browser(tmp_path, made(), script)
+    a, b = SHOTS["dedicated"].image, SHOTS["standard"].image
+    assert a is not None
+    assert b is not None
+    wanted = colorize(squared_error(a, b), 0.25).reshape(-1)
+    assert np.abs(np.array(found["map"]) - wanted).max() <= 6  # a step of the scale, at most
+    text = f"{metrics.psnr(a, b):.2f}"
+    assert found["figure"] == f"{text} dB"
+    assert found["figures"] == 3
+    assert "no <b>time</b>" in found["side"]
+    assert (found["at"], found["back"]) == (1, 2)
+    assert found["clip"] == "inset(0px 0px 0px 25%)"
+    assert found["table"].count(text) == 4  # three cameras and the mean
+    assert found["wide"]
+
+
+@pytest.mark.parametrize("layout", ["side", "wipe", "difference"])
+def test_a_phone_shows_it_without_scrolling_sideways(tmp_path: Path, layout: Any) -> None:
+    script = """await new Promise((r) => setTimeout(r, 1000));
+      // The window may not become this narrow; the body then does.
+      document.documentElement.style.width = "390px";
+      result.over = [...document.querySelectorAll("main *, header *, #controls *")]
+        .filter((n) => n.getBoundingClientRect().right > 392).map((n) => n.tagName + n.className);"""
+    assert in_browser(tmp_path, made(layout=layout), script, width=390)["over"] == []

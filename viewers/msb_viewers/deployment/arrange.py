@@ -1,0 +1,142 @@
+"""Where each picture goes in a window: boxes of whole pixels, from the layout alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from msb_viewers.deployment.state import Layout
+
+_GAP, _HEAD, _FOOT, _CAPTION, _BAR = 10, 72, 30, 64, 48
+"""Free room, title, status line, a picture's caption and the scale of differences: pixels at scale 1."""
+_LEAST = 16
+"""Pixels a picture has each way however small the window is."""
+_THUMBNAIL = 0.3
+"""Part of the width that A and B take beside their difference."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of pixels, from the top left."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def right(self) -> int:
+        """First column to the right of it."""
+        return self.left + self.width
+
+    @property
+    def bottom(self) -> int:
+        """First row below it."""
+        return self.top + self.height
+
+    def holds(self, x: float, y: float) -> bool:
+        """Return whether a pixel is inside."""
+        return self.left <= x < self.right and self.top <= y < self.bottom
+
+    def fitting(self, width: int, height: int) -> Box:
+        """Return the largest box of this shape in the middle of it."""
+        factor = min(self.width / width, self.height / height)
+        wide, high = max(round(width * factor), 1), max(round(height * factor), 1)
+        return Box(self.left + (self.width - wide) // 2, self.top + (self.height - high) // 2, wide, high)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A place for one picture and for the caption below it.
+
+    Attributes
+    ----------
+    kind : str
+        A path, "wipe" or "difference".
+    box : Box
+        Of the picture, before it is fitted.
+    caption : Box
+    """
+
+    kind: str
+    box: Box
+    caption: Box
+
+
+def arrange(
+    layout: Layout,
+    paths: Sequence[str],
+    pair: tuple[str, str],
+    size: tuple[int, int],
+    scale: float,
+    *,
+    captions: bool = True,
+    aspect: float | None = None,
+) -> list[Cell]:
+    """Return the cells of a window of `size` pixels.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Those of the layout "side".
+    scale : float
+        Of text.
+    aspect : float, optional
+        Width over height of the pictures; None if they take any shape.
+    """
+    gap, caption = round(_GAP * scale), round(_CAPTION * scale) if captions else 0
+    top = round(_HEAD * scale) if captions else gap
+    area = Box(gap, top, size[0] - 2 * gap, size[1] - top - round(_FOOT * scale))
+    if layout == "side":
+        return _grid(paths, area, gap, caption, aspect)
+    if layout == "wipe":
+        return [_cell("wipe", area, caption)]
+    bar = round(_BAR * scale)
+    left = round(area.width * _THUMBNAIL)
+    half = (area.height - gap) // 2
+    return [
+        _cell(
+            "difference", Box(left + 2 * gap, area.top, area.width - left - gap, area.height), caption + bar
+        ),
+        _cell(pair[0], Box(area.left, area.top, left, half), caption),
+        _cell(pair[1], Box(area.left, area.top + half + gap, left, half), caption),
+    ]
+
+
+def _grid(paths: Sequence[str], area: Box, gap: int, caption: int, aspect: float | None) -> list[Cell]:
+    """Return cells in the number of columns that makes pictures largest."""
+    best: tuple[float, list[Cell]] = (-1.0, [])
+    for columns in range(1, len(paths) + 1):
+        rows = -(-len(paths) // columns)
+        width = (area.width - (columns - 1) * gap) // columns
+        height = (area.height - (rows - 1) * gap) // rows
+        cells = [
+            _cell(
+                path,
+                Box(
+                    area.left + (index % columns) * (width + gap),
+                    area.top + (index // columns) * (height + gap),
+                    width,
+                    height,
+                ),
+                caption,
+            )
+            for index, path in enumerate(paths)
+        ]
+        box = cells[0].box
+        worth = float(min(box.width, box.height)) if aspect is None else min(box.width / aspect, box.height)
+        if worth > best[0]:
+            best = worth, cells
+    return best[1]
+
+
+def _cell(kind: str, box: Box, caption: int) -> Cell:
+    high = max(box.height - caption, _LEAST)
+    return Cell(
+        kind,
+        Box(box.left, box.top, max(box.width, _LEAST), high),
+        Box(box.left, box.top + high, box.width, caption),
+    )

@@ -1,0 +1,109 @@
+"""A picture of window size, and what is drawn on it: pictures, lines of text, badges, a divider."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.palette import BACKGROUND, INK, WHITE, Color
+from msb_viewers.sheet import FAINT, font, shortened, wrapped
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb_viewers.deployment.arrange import Box
+
+_EMPTY: Color = (226, 227, 229)
+_BADGE: Color = (60, 64, 72)
+
+
+class Canvas:
+    """A picture to draw on; lengths and font sizes are in pixels at scale 1."""
+
+    def __init__(self, size: tuple[int, int], scale: float) -> None:
+        from PIL import Image, ImageDraw
+
+        self.size, self.scale = size, scale
+        self.picture = Image.new("RGB", size, BACKGROUND)
+        self.draw: Any = ImageDraw.Draw(self.picture)
+
+    def px(self, value: float) -> int:
+        """Return a length in pixels, at least one."""
+        return max(round(value * self.scale), 1)
+
+    def font(self, size: float, *, bold: bool = False) -> Any:
+        """Return the font of a size."""
+        return font(max(round(size * self.scale), 7), bold=bold)
+
+    def write(
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size: float = 12,
+        color: Color = INK,
+        *,
+        bold: bool = False,
+        anchor: str = "la",
+        room: float | None = None,
+    ) -> float:
+        """Write a line, with dots in its middle if it takes more than `room`; return its width."""
+        face = self.font(size, bold=bold)
+        shown = text if room is None else shortened(text, face, max(room, 1))
+        self.draw.text((x, y), shown, color, face, anchor=anchor)
+        return float(face.getlength(shown))
+
+    def paste(self, image: NDArray[np.uint8], box: Box) -> None:
+        """Put a picture (H, W, 3) at the corner of `box`."""
+        from PIL import Image
+
+        self.picture.paste(Image.fromarray(np.ascontiguousarray(image)), (box.left, box.top))
+
+    def lay(self, image: NDArray[np.uint8]) -> None:
+        """Lay a picture (H, W, 4) over the middle."""
+        from PIL import Image
+
+        over = Image.fromarray(image)
+        left, top = (max((self.size[axis] - over.size[axis]) // 2, 0) for axis in (0, 1))
+        self.picture.paste(over, (left, top), over)
+
+    def placeholder(self, box: Box, title: str, text: str) -> None:
+        """Fill a box in which there is no picture, and say why."""
+        self.draw.rectangle((box.left, box.top, box.right - 1, box.bottom - 1), _EMPTY)
+        face, high = self.font(13), self.px(18)
+        lines = wrapped(text, face, max(box.width - 2 * self.px(16), 1))
+        x = box.left + box.width / 2
+        y = box.top + (box.height - high * len(lines)) / 2
+        if title:
+            self.write(x, y - self.px(16), title, 18, bold=True, anchor="mm")
+            y += self.px(8)
+        for index, line in enumerate(lines):
+            self.write(x, y + high * (index + 0.5), line, 13, anchor="mm")
+
+    def badge(self, letter: str, x: float, y: float) -> float:
+        """Write a letter on a dark square whose left side is at `x`; return the width of both."""
+        half = self.px(9)
+        self.draw.rounded_rectangle((x, y - half, x + 2 * half, y + half), self.px(3), _BADGE)
+        self.write(x + half, y, letter, 13, WHITE, bold=True, anchor="mm")
+        return 2 * half + self.px(6)
+
+    def chip(self, letter: str, text: str, x: float, y: float, *, from_right: bool = False) -> None:
+        """Write a letter and a text on paper in a corner of a picture: its upper left or right."""
+        face = self.font(13, bold=True)
+        width, high = face.getlength(text) + self.px(34), self.px(26)
+        left = x - width - self.px(6) if from_right else x + self.px(6)
+        top = y + self.px(6)
+        self.draw.rounded_rectangle((left, top, left + width, top + high), self.px(4), WHITE, FAINT)
+        after = self.badge(letter, left + self.px(4), top + high / 2)
+        self.write(left + self.px(4) + after, top + high / 2, text, 13, bold=True, anchor="lm")
+
+    def divider(self, x: float, box: Box) -> None:
+        """Draw the wipe's line over a picture, with a handle in its middle."""
+        self.draw.line((x, box.top, x, box.bottom - 1), INK, self.px(3))
+        self.draw.line((x, box.top, x, box.bottom - 1), WHITE, self.px(1))
+        y, r = box.top + box.height / 2, self.px(11)
+        self.draw.ellipse((x - r, y - r, x + r, y + r), WHITE, INK, self.px(1.5))
+        for sign in (-1, 1):
+            tip, back = x + sign * 0.72 * r, x + sign * 0.22 * r
+            self.draw.polygon([(tip, y), (back, y - 0.42 * r), (back, y + 0.42 * r)], INK)

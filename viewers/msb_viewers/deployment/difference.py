@@ -1,0 +1,86 @@
+"""How far two pictures are apart: at each pixel, as a colour, and as one number in dB."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ERROR_SCALE = (
+    (0, 0, 4), (10, 8, 34), (29, 17, 70), (54, 16, 106), (80, 18, 124), (105, 28, 129), (130, 38, 129),
+    (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
+    (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
+)  # fmt: skip
+"""From no difference to the largest shown, evenly spaced, linear in between: the magma scale of matplotlib to
+within 3 / 255 (S. van der Walt and N. Smith, 2015). Perceptually uniform, and ordered by lightness alone, so
+that it is read the same under every kind of colour blindness."""
+TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
+"""Differences that the brightest colour can stand for."""
+
+
+def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return for each pixel (H, W) the mean over channels of the squared difference, in [0, 1].
+
+    Its mean over all pixels is what the PSNR of the two is made of.
+    """
+    away = a.astype(np.float32) - b.astype(np.float32)
+    return np.asarray(np.einsum("hwc,hwc->hw", away, away) / np.float32(3 * 255**2))
+
+
+def colorize(squared: NDArray[np.float32], top: float) -> NDArray[np.uint8]:
+    """Return the colours (H, W, 3) of differences given squared; those of `top` and more are brightest."""
+    place = np.sqrt(squared) * np.float32(255 / top)
+    return scale_colors()[np.minimum(place, 255).astype(np.uint8)]
+
+
+@cache
+def scale_colors() -> NDArray[np.uint8]:
+    """Return the scale as 256 colours (256, 3)."""
+    at = np.linspace(0, 255, len(ERROR_SCALE))
+    channels = [np.interp(np.arange(256), at, channel) for channel in zip(*ERROR_SCALE, strict=True)]
+    return np.round(np.stack(channels, axis=1)).astype(np.uint8)
+
+
+def decibels(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
+    """Return the PSNR of two pictures of one size: `msb.metrics.psnr`."""
+    from msb.metrics import psnr
+
+    return psnr(a, b)
+
+
+def decibel_text(value: float) -> str:
+    """Return a PSNR in words.
+
+    >>> decibel_text(31.26), decibel_text(math.inf)
+    ('31.26 dB', 'identical')
+    """
+    return "identical" if math.isinf(value) else f"{value:.2f} dB"
+
+
+def shrunk(squared: NDArray[np.float32], width: int, height: int) -> NDArray[Any]:
+    """Return squared differences at another size: averaged where it is smaller, repeated where larger."""
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(squared).resize((width, height), _filter(squared.shape, width, height)))
+
+
+def fitted(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Return a picture (H, W, 3) at another size: averaged where it is smaller, repeated where larger."""
+    from PIL import Image
+
+    if image.shape[:2] == (height, width):
+        return image
+    return np.asarray(Image.fromarray(image).resize((width, height), _filter(image.shape, width, height)))
+
+
+def _filter(shape: tuple[int, ...], width: int, height: int) -> Any:
+    from PIL import Image
+
+    # What is smoothed is what was computed; what is enlarged shows its pixels.
+    smaller = width < shape[1] or height < shape[0]
+    return Image.Resampling.BOX if smaller else Image.Resampling.NEAREST

@@ -1,0 +1,107 @@
+"""`--compare --html`: pictures of every path from every camera as one page, for any browser, offline."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from typing import TYPE_CHECKING, Any
+
+from msb_viewers.deployment.compose import caption_lines
+from msb_viewers.deployment.difference import ERROR_SCALE, TOPS, decibels
+from msb_viewers.deployment.shots import LABELS
+from msb_viewers.template import filled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from msb_viewers.deployment.shots import PathRenderers, Shot
+    from msb_viewers.deployment.state import CompareState
+    from msb_viewers.deployment.views import View
+
+
+def write_page(
+    state: CompareState,
+    renderers: PathRenderers,
+    views: list[View],
+    path: Path,
+    *,
+    step: Callable[[], None] = lambda: None,
+) -> None:
+    """Write a page of all `views`, drawn now; `step` is called after each of them.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`; and what `PathRenderers.shoot` raises.
+    """
+    from msb.atomic import new_file
+
+    rows = []
+    for view in views:
+        rows.append(page_view(view, renderers.shoot_all(view)))
+        step()
+    with new_file(path) as file:
+        file.write(page(state, rows))
+
+
+def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
+    """Return the page, UTF-8, of the views that `page_view` made."""
+    from msb.metrics.images import PSNR_CAP
+
+    scene = state.comparison
+    manifest = scene.asset.manifest
+    meta = {
+        "name": scene.name,
+        "subtitle": f"{manifest.method}, {manifest.face_count:,} faces, {manifest.vertex_count:,} vertices",
+        "settings": scene.settings_text(),
+        "layout": state.layout,
+        "pair": state.pair,
+        "top": state.top,
+        "tops": TOPS,
+        "scale": ERROR_SCALE,
+        "cap": PSNR_CAP,
+        "paths": [
+            {"path": path, "label": LABELS[path], "drawable": path in scene.drawable} for path in scene.paths
+        ],
+        "views": rows,
+    }
+    return filled("deployment/page.html", "deployment/page.js", meta)
+
+
+def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
+    """Return what the page has of one camera: pictures as data, captions, PSNRs of all pairs."""
+    found: dict[str, float | str] = {}
+    for a in sorted(shots):
+        for b in sorted(shots):
+            first, second = shots[a].image, shots[b].image
+            if a < b and first is not None and second is not None:
+                value = decibels(first, second)
+                found[f"{a} {b}"] = "identical" if math.isinf(value) else value
+    return {
+        "name": view.name,
+        "width": view.camera.width,
+        "height": view.camera.height,
+        "decibels": found,
+        "shots": {
+            path: {
+                "image": None if shot.image is None else _data(shot.image),
+                "why": shot.why,
+                "lines": caption_lines(shot, None),
+            }
+            for path, shot in shots.items()
+        },
+    }
+
+
+def _data(image: NDArray[np.uint8]) -> str:
+    """Return a picture as the address of a PNG: no pixel is changed, so the page can compare them itself."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", compress_level=6)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"

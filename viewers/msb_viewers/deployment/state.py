@@ -1,0 +1,237 @@
+"""What the deployment viewer shows and what each key does to it. No window needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+from msb.errors import UsageError, shorten
+from msb_viewers.deployment.arrange import arrange
+from msb_viewers.deployment.difference import TOPS
+from msb_viewers.deployment.shots import LABELS, MOST_REFERENCE_FACES, REFERENCE, TRUTH
+from msb_viewers.deployment.views import Surroundings, sized
+from msb_viewers.window import text_scale
+
+if TYPE_CHECKING:
+    from msb.scenes import Camera
+    from msb_viewers.deployment.arrange import Cell
+    from msb_viewers.deployment.shots import Comparison
+    from msb_viewers.deployment.views import View
+
+Layout = Literal["side", "wipe", "difference"]
+LAYOUTS: tuple[Layout, ...] = get_args(Layout)
+LAYOUT_LABELS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
+_STEP = 0.02
+"""Of the divider, in parts of the picture, for a press of an arrow key."""
+
+HELP: tuple[tuple[str, str], ...] = (
+    ("1 / 2 / 3", "side by side, wipe, difference"),
+    ("A / B", "next path for picture A, for picture B"),
+    ("N / P", "next / previous camera of the dataset"),
+    ("R", "compute the reference now, or stop it"),
+    ("+ / -", "brighten / darken the difference"),
+    ("← / →", "move the wipe's divider; or drag it"),
+    ("G", "background: as given, black, white"),
+    ("L", "captions on or off"),
+    ("S", "save a screenshot"),
+    ("Home", "back to the camera left, or first view"),
+    ("Esc", "close this help"),
+    ("Q", "close"),
+    ("drag", "turn; Shift: move; wheel: zoom"),
+    ("H", "this help"),
+)
+"""Key -> what it does, as the help shows it."""
+
+
+@dataclass(eq=False)
+class CompareState:
+    """The viewer's switches.
+
+    Attributes
+    ----------
+    comparison : Comparison
+    layout : {"side", "wipe", "difference"}
+    pair : (str, str)
+        Paths A and B, which wipe and difference show; PSNRs are against A. Equal if there is only one.
+    around : Surroundings
+        What a free camera turns around.
+    at : int or None
+        The dataset's view shown last.
+    free : Camera or None
+        The user's own camera, at any size; None while a dataset's is shown.
+    divider : float
+        Place of the wipe's divider, in parts of the picture.
+    top : float
+        Difference that the brightest colour stands for.
+    reference : bool
+        Whether the reference is to be computed when the view rests.
+    """
+
+    comparison: Comparison
+    pair: tuple[str, str]
+    around: Surroundings
+    layout: Layout = "side"
+    at: int | None = None
+    free: Camera | None = None
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    divider: float = 0.5
+    top: float = 0.25
+    reference: bool = True
+    help: bool = False
+    captions: bool = True
+    message: str = "1: side by side   2: wipe   3: difference   A / B: paths   N / P: cameras"
+
+    @classmethod
+    def first(
+        cls,
+        comparison: Comparison,
+        *,
+        layout: Layout = "side",
+        pair: str | None = None,
+        up: str | None = None,
+    ) -> CompareState:
+        """Return the state a viewer opens with; `pair` is like "reference,standard", `up` like "+z".
+
+        Raises
+        ------
+        UsageError
+            `VIEW_PATH`.
+        """
+        chosen = _default_pair(comparison) if pair is None else _parse_pair(comparison, pair)
+        at = 0 if comparison.views else None
+        around = Surroundings.of(comparison.asset, up)
+        few = comparison.asset.manifest.face_count <= MOST_REFERENCE_FACES
+        state = cls(comparison, chosen, around, layout, at, background=comparison.background, reference=few)
+        state.home()
+        if layout != "side" and chosen[0] == chosen[1]:
+            text = f"--layout {layout} takes two paths; only {chosen[0]} has a picture"
+            raise UsageError("VIEW_PATH", text, value=chosen[0])
+        return state
+
+    @property
+    def aspect(self) -> float | None:
+        """Width over height of the pictures; None if they take the shape of their place in the window."""
+        if self.at is None:
+            return None
+        camera = self.comparison.views[self.at].camera
+        return camera.width / camera.height
+
+    @property
+    def view(self) -> View | None:
+        """The dataset's view that is shown; None while the camera is the user's own."""
+        return self.comparison.views[self.at] if self.at is not None and self.free is None else None
+
+    def home(self) -> None:
+        """Go back to the dataset's camera, or to the first view."""
+        self.free = self.around.first_camera() if self.at is None else None
+
+    def picture_camera(self, size: tuple[int, int]) -> Camera:
+        """Return the camera to draw for a window of `size` pixels.
+
+        A dataset's has the dataset's size, so that figures are those of the protocol; a free one has the size
+        at which it is shown.
+        """
+        if self.view is not None:
+            return self.view.camera
+        assert self.free is not None
+        box = self.cells(size)[0].box
+        if self.aspect is None:
+            return sized(self.free, box.width, box.height)
+        box = box.fitting(self.free.width, self.free.height)
+        return self.free.resized(box.width, box.height)
+
+    def cells(self, size: tuple[int, int]) -> list[Cell]:
+        """Return where pictures go in a window of `size` pixels."""
+        paths, scale = self.comparison.paths, text_scale(size)
+        return arrange(self.layout, paths, self.pair, size, scale, captions=self.captions, aspect=self.aspect)
+
+    def set_layout(self, layout: Layout) -> None:
+        """Show paths side by side, with a wipe, or their difference."""
+        if layout != "side" and self.pair[0] == self.pair[1]:
+            self.message = f"there is only one picture, {LABELS[self.pair[0]].lower()}: nothing to compare"
+            return
+        self.layout = layout
+        a, b = (LABELS[path].lower() for path in self.pair)
+        self.message = {
+            "side": "side by side",
+            "wipe": f"wipe: A {a}, B {b}",
+            "difference": f"difference of A {a} and B {b}",
+        }[layout]
+
+    def next_path(self, side: int) -> None:
+        """Put the next path on side 0 (A) or 1 (B); what the other side shows is left out."""
+        paths = self.comparison.drawable
+        other = self.pair[1 - side]
+        choices = [path for path in paths if path != other]
+        if not choices:
+            self.message = "there is no other path to compare with"
+            return
+        now = self.pair[side]
+        chosen = choices[(choices.index(now) + 1) % len(choices)] if now in choices else choices[0]
+        self.pair = (chosen, other) if side == 0 else (other, chosen)
+        self.message = f"{'AB'[side]}: {LABELS[chosen].lower()}"
+
+    def step(self, by: int) -> bool:
+        """Go to the next or previous of the dataset's views; return whether there is one."""
+        count = len(self.comparison.views)
+        if not count:
+            self.message = "there are no cameras to step through; --cameras names a dataset"
+            return False
+        self.at = ((-1 if self.at is None and by > 0 else self.at or 0) + by) % count
+        self.free = None
+        self.message = f"camera {self.at + 1} of {count}: {self.comparison.views[self.at].name}"
+        return True
+
+    def brighten(self, by: int) -> None:
+        """Let the brightest colour stand for a smaller (+1) or larger (-1) difference."""
+        at = min(max(TOPS.index(self.top) + by, 0), len(TOPS) - 1)
+        self.top = TOPS[at]
+        self.message = f"the brightest colour is a difference of {self.top:g} and more"
+
+    def move_divider(self, by: int) -> None:
+        """Move the divider by a step to the right (+1) or left (-1)."""
+        self.divider = min(max(self.divider + by * _STEP, 0.0), 1.0)
+
+    def toggle_reference(self) -> None:
+        """Let the reference be computed when the view rests, or not."""
+        if REFERENCE not in self.comparison.drawable:
+            why = self.comparison.missing.get(REFERENCE, "it is not among the paths shown")
+            self.message = f"no reference: {why}"
+            return
+        self.reference = not self.reference
+        self.message = "reference: computed when the view rests" if self.reference else "reference: off"
+
+    def next_background(self) -> None:
+        """Go on to the next background: the one given, black, white."""
+        choices = list(dict.fromkeys([self.comparison.background, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]))
+        self.background = choices[(choices.index(self.background) + 1) % len(choices)]
+        self.message = "background: " + ", ".join(f"{value:g}" for value in self.background)
+
+    def wanted_paths(self) -> tuple[str, ...]:
+        """Return the paths whose pictures the layout shows."""
+        if self.layout == "side":
+            return self.comparison.paths
+        return tuple(path for path in self.comparison.paths if path in self.pair)
+
+
+def _default_pair(comparison: Comparison) -> tuple[str, str]:
+    """Return the truth or the method's own look, and what is furthest from it."""
+    paths = comparison.drawable
+    first = next(path for path in (TRUTH, "dedicated", REFERENCE, "standard") if path in paths)
+    rest = [path for path in ("standard", "dedicated", REFERENCE) if path in paths and path != first]
+    return first, rest[0] if rest else first
+
+
+def _parse_pair(comparison: Comparison, text: str) -> tuple[str, str]:
+    names = [name.strip() for name in text.split(",")]
+    known = comparison.drawable
+    if len(names) != 2 or names[0] == names[1]:
+        shown = shorten(text, 40)
+        raise UsageError("VIEW_PATH", f'--pair is "{shown}"; it must be two paths, like dedicated,standard')
+    for name in names:
+        if name not in known:
+            why = comparison.missing.get(name)
+            shown = shorten(name, 40)
+            text = f'--pair: "{shown}" has no picture here' + (f": {why}" if why else "")
+            raise UsageError("VIEW_PATH", f"{text}; there are {', '.join(known)}", value=name)
+    return names[0], names[1]

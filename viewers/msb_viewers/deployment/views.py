@@ -1,0 +1,190 @@
+"""Where from: a dataset's cameras with their photographs, or views around the asset."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import UsageError
+from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
+from msb_viewers.deployment.difference import fitted
+from msb_viewers.model import framing
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.scenes import Camera
+
+SIDE = 1000
+"""Pixels along each side of the camera that a free view starts from; windows scale it."""
+_NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera to compare from.
+
+    Attributes
+    ----------
+    name : str
+    camera : Camera
+        Of the size at which pictures are compared: the photograph's, where there is one.
+    photograph : Path or None
+    why : str
+        Why there is no photograph.
+    """
+
+    name: str
+    camera: Camera
+    photograph: Path | None = None
+    why: str = _NO_PHOTOGRAPH
+
+
+def dataset_views(
+    cameras: Sequence[Camera],
+    images: Path | None = None,
+    scale: float | None = None,
+    *,
+    beside: Path | None = None,
+) -> list[View]:
+    """Return a view for each camera, with its photograph if there is one.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+    images : Path, optional
+        Folder of the photographs, by the cameras' names whatever the suffix; else where the dataset says.
+    beside : Path, optional
+        Folder of the cameras' file, where photographs are looked for if the dataset does not say.
+    scale : float, optional
+        Size of the views relative to the photographs, or to the cameras where there are none.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: `images` is no folder, or holds none of the photographs.
+    SceneError
+        `CAMERA_IMAGE`: a photograph's size cannot be read.
+    """
+    if images is not None and not images.is_dir():
+        raise UsageError("USAGE", "--images: there is no such folder", file=images)
+    views = []
+    for index, camera in enumerate(cameras):
+        photograph = _photograph(camera, images, beside)
+        if photograph is not None:
+            from msb.scenes import image_size
+
+            camera = camera.resized(*image_size(photograph))
+        if scale is not None:
+            camera = camera.scaled(scale)
+        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image of its name"
+        views.append(View(camera.name or f"camera {index}", camera, photograph, why))
+    if images is not None and not any(view.photograph for view in views):
+        names = ", ".join(view.name for view in views[:3])
+        text = f"--images: it holds no image named like a camera ({names}, ...)"
+        raise UsageError("USAGE", text, file=images)
+    return views
+
+
+def _photograph(camera: Camera, images: Path | None, beside: Path | None) -> Path | None:
+    from msb.metrics import IMAGE_SUFFIXES
+
+    if images is None and camera.image_path is not None:
+        return camera.image_path if camera.image_path.is_file() else None
+    folder = images or beside
+    if folder is None or camera.name is None:
+        return None
+    suffixes = [suffix for kind in IMAGE_SUFFIXES[:3] for suffix in (kind, kind.upper())]
+    exact = folder / camera.name
+    tried = [exact, *(exact.with_suffix(s) for s in suffixes), *(Path(f"{exact}{s}") for s in suffixes)]
+    return next((path for path in tried if path.is_file() and path.suffix in suffixes), None)
+
+
+def read_photograph(view: View, background: tuple[float, float, float]) -> NDArray[np.uint8]:
+    """Return the photograph of a view (H, W, 3), at the size of its camera; transparency over `background`.
+
+    Raises
+    ------
+    InputError, MetricError
+        As `msb.metrics.read_image`.
+    """
+    from msb.metrics import read_image
+    from msb.render.images import to_bytes
+
+    image = read_image(str(view.photograph), background=background)
+    if image.dtype != np.uint8:
+        image = to_bytes(image)
+    return fitted(image, view.camera.width, view.camera.height)
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Where an asset is, and how large: what a free view turns around.
+
+    Attributes
+    ----------
+    center : (3,) float64
+    radius : float
+        Of the sphere to look at; a few far vertices may lie outside.
+    up : str
+        "+y" and the like.
+    """
+
+    center: NDArray[np.float64]
+    radius: float
+    up: str
+
+    @classmethod
+    def of(cls, asset: Asset, up: str | None = None) -> Surroundings:
+        """Return those of an asset; `up` is used instead of the asset's own axis."""
+        positions, indices = asset.buffers["positions"], asset.buffers["indices"]
+        used = np.zeros(len(positions), bool)
+        used[indices.reshape(-1)] = True
+        center, radius, _ = framing(positions, used & np.isfinite(positions).all(axis=1))
+        axis = asset.manifest.coordinate_frame.up
+        unknown = "+y" if asset.manifest.method == "mesh" else "-y"  # trained scenes have COLMAP's axes
+        return cls(center, radius, up or (axis if axis != "unknown" else unknown))
+
+    def first_pose(self) -> Pose:
+        """Return the first view: all of the asset, from the same side as in the topology viewer."""
+        pose = default_pose(self.up, 1.0)
+        return Pose(self.center + self.radius * pose.eye, self.center, pose.up)
+
+    def first_camera(self) -> Camera:
+        """Return a square camera at the first view; `sized` gives it a window's shape."""
+        from msb.scenes import Camera
+
+        pose = self.first_pose()
+        return Camera.look_at(pose.eye, pose.target, up=pose.up, width=SIDE, height=SIDE, fov_y=FOV_Y)
+
+    def turntable(self, count: int, width: int, height: int) -> list[View]:
+        """Return views from all sides."""
+        from msb.scenes import turntable
+
+        distance = self.first_pose().distance
+        narrow: dict[str, Any] = {"width": width, "height": height, "elevation": ELEVATION}
+        narrow["fov_y"] = 2 * math.atan(math.tan(FOV_Y / 2) * height / min(width, height))
+        cameras = turntable(self.center, distance, up=up_vector(self.up), count=count, **narrow)
+        return [View(f"view {index + 1}", camera, None, "") for index, camera in enumerate(cameras)]
+
+
+def sized(camera: Camera, width: int, height: int) -> Camera:
+    """Return a camera of another shape at the same place: what its shorter side saw, it sees."""
+    factor = min(width, height) / min(camera.width, camera.height)
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx * factor,
+        fy=camera.fy * factor,
+        cx=width / 2,
+        cy=height / 2,
+        source_size=None,
+    )

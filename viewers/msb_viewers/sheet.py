@@ -1,0 +1,184 @@
+"""Text as pictures: sheets of lines, lists and paragraphs that any viewer lays over its window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.palette import INK, Color
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import NDArray
+    from PIL.ImageDraw import ImageDraw as Draw
+    from PIL.ImageFont import FreeTypeFont, ImageFont
+
+FAINT: Color = (120, 122, 128)
+PAPER = (255, 255, 255, 246)
+EDGE = (190, 192, 196, 255)
+LEGEND_WIDTH, ROW, PAD = 322, 25, 12
+"""Width of a legend, height of a row, free border: pixels at scale 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A picture, and what a click on it means.
+
+    Attributes
+    ----------
+    image : (H, W, 4) uint8
+        Row 0 at the top.
+    targets : tuple of (top, bottom, action)
+        Rows of pixels and what they stand for: a layer's kind, "components" or "help".
+    """
+
+    image: NDArray[np.uint8]
+    targets: tuple[tuple[int, int, str], ...] = ()
+
+    def hit(self, x: float, y: float) -> str | None:
+        """Return the action of the row at x, y pixels from the top left corner, if there is one."""
+        height, width = self.image.shape[:2]
+        if not (0 <= x < width and 0 <= y < height):
+            return None
+        return next((action for top, bottom, action in self.targets if top <= y < bottom), "")
+
+
+@lru_cache(maxsize=32)
+def font(size: int, *, bold: bool = False) -> FreeTypeFont | ImageFont:
+    """Return DejaVu Sans, which comes with matplotlib, or else Pillow's own font."""
+    from PIL import ImageFont
+
+    spec = find_spec("matplotlib")
+    if spec is not None and spec.origin:
+        folder = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
+        path = folder / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
+        if path.exists():
+            return ImageFont.truetype(str(path), size)
+    return ImageFont.load_default(size)
+
+
+class Sheet:
+    """A picture that grows downwards: drawn once to find its height, once for good."""
+
+    def __init__(self, width: int, height: int, scale: float) -> None:
+        from PIL import Image, ImageDraw
+
+        self.scale, self.width = scale, width
+        self.picture = Image.new("RGBA", (width, height), (0, 0, 0, 0))
+        self.draw: Draw = ImageDraw.Draw(self.picture)
+        self.y = self.px(PAD)
+        self.targets: list[tuple[int, int, str]] = []
+
+    def px(self, value: float) -> int:
+        return max(round(value * self.scale), 1)
+
+    def font(self, size: float, *, bold: bool = False) -> Any:
+        return font(max(round(size * self.scale), 7), bold=bold)
+
+    def text(self, x: float, text: str, size: float = 13, color: Color = INK, **options: Any) -> None:
+        """Write on the middle of the present row; a negative x is from the right."""
+        anchor = "lm" if x >= 0 else "rm"
+        place = self.px(x) if x >= 0 else self.width - self.px(-x)
+        middle = self.y + self.px(ROW) / 2
+        self.draw.text((place, middle), text, color, self.font(size, **options), anchor=anchor)
+
+    def paragraph(self, text: str, size: float = 12, color: Color = INK, **options: Any) -> None:
+        """Write wrapped text and go on below it."""
+        face = self.font(size, **options)
+        for line in wrapped(text, face, self.width - 2 * self.px(PAD)):
+            self.draw.text((self.px(PAD), self.y), line, color, face)
+            self.y += self.px(size * 1.35)
+
+
+def wrapped(text: str, face: Any, width: float) -> list[str]:
+    """Return `text` in lines at most `width` pixels wide; a word that is wider is cut short."""
+    lines: list[str] = []
+    line = ""
+    for word in text.split():
+        fitted = shortened(word, face, width)
+        longer = f"{line} {fitted}".strip()
+        if line and face.getlength(longer) > width:
+            lines.append(line)
+            longer = fitted
+        line = longer
+    return [*lines, line] if line else lines
+
+
+def shortened(text: str, face: Any, width: float) -> str:
+    """Return `text`, with dots in its middle if it is wider than `width` pixels."""
+    if face.getlength(text) <= width:
+        return text
+    keep = len(text) - 1
+    while keep > 2:
+        keep -= 1
+        half = keep // 2
+        short = f"{text[: keep - half]}...{text[len(text) - half :]}"
+        if face.getlength(short) <= width:
+            return short
+    return text[:1]
+
+
+def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
+    """Return the list of keys and what each does."""
+
+    def write(sheet: Sheet) -> None:
+        sheet.paragraph("Keys and mouse", 15, bold=True)
+        sheet.y += sheet.px(6)
+        for keys, what in rows:
+            sheet.text(12, keys, 12.5, bold=True)
+            sheet.text(90, what, 12.5)
+            sheet.y += sheet.px(22)
+        sheet.y += sheet.px(8)
+
+    return grown(write, 400, scale)
+
+
+def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
+    """Return one line of text, as wide as it needs, at most `width` pixels; then it is cut in the middle."""
+    face = font(max(round(13 * scale), 8))
+    shown = shortened(text, face, width - 24 * scale)
+    wide = min(int(face.getlength(shown) + 24 * scale), width) / scale
+
+    def write(sheet: Sheet) -> None:
+        sheet.y = 0
+        sheet.text(12, shown)
+        sheet.y += sheet.px(ROW)
+
+    return grown(write, wide, scale)
+
+
+def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], scale: float = 1.0) -> Panel:
+    """Return a title, a text, and lines with a swatch of their colour: what the fan inspector says."""
+
+    def write(sheet: Sheet) -> None:
+        sheet.paragraph(title, 13, bold=True)
+        sheet.paragraph(text, 12)
+        sheet.y += sheet.px(3)
+        for line, color in lines:
+            left = 12
+            if color is not None:
+                top = sheet.y + sheet.px(6)
+                box = (sheet.px(12), top, sheet.px(24), top + sheet.px(12))
+                sheet.draw.rectangle(box, color, INK)
+                left = 32
+            sheet.text(left, line, 12)
+            sheet.y += sheet.px(20)
+        sheet.y += sheet.px(6)
+
+    return grown(write, LEGEND_WIDTH, scale)
+
+
+def grown(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
+    """Return what `write` writes on a sheet `width` wide at scale 1, as high as it needs."""
+    trial = Sheet(round(width * scale), 4, scale)
+    write(trial)
+    sheet = Sheet(round(width * scale), trial.y + 1, scale)
+    sheet.draw.rounded_rectangle((0, 0, sheet.width - 1, trial.y), sheet.px(6), PAPER, EDGE)
+    write(sheet)
+    return Panel(np.array(sheet.picture), tuple(sheet.targets))

@@ -1,0 +1,45 @@
+"""Pages as one file: a template, what it shows as JSON, and its script; nothing else is asked for."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_MARK = re.compile(r"@([A-Z]+)@")
+
+
+def filled(template: str, script: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
+    """Return a page, UTF-8.
+
+    Parameters
+    ----------
+    template, script : str
+        Files of this package. In the template @META@, @DATA@, @SCRIPT@ and @STYLE@ are replaced; by what is
+        not looked at again, since what a file is called may look like a mark.
+    meta : mapping
+        What the script reads as `meta`.
+    data : bytes
+        ASCII without "<".
+    """
+    # "</" would end the element it stands in, whatever a file is called.
+    text = json.dumps(meta, allow_nan=False).replace("<", "\\u003c")
+    values = {
+        "META": text.encode(),
+        "DATA": data,
+        "SCRIPT": (_text("common.js") + _text(script)).encode(),
+        "STYLE": _text("common.css").encode(),
+    }
+    parts = _MARK.split(_text(template))
+    return b"".join(values[part] if index % 2 else part.encode() for index, part in enumerate(parts))
+
+
+def _text(name: str) -> str:
+    place = files("msb_viewers")
+    for part in name.split("/"):
+        place = place / part
+    return place.read_text("utf-8")
