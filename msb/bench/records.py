@@ -32,20 +32,22 @@ Amount = Annotated[float, Field(ge=0)]
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
-class _Record(BaseModel):
+class Record(BaseModel):
+    """Read strictly: no unknown key, no NaN, no text for a number."""
+
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
     )
 
 
-class Reason(_Record):
+class Reason(Record):
     """Why something is not there: an error code and its line."""
 
     code: Name
     message: str
 
 
-class Cell(_Record):
+class Cell(Record):
     """Which result this is.
 
     Attributes
@@ -72,7 +74,7 @@ class Cell(_Record):
         return self.condition if self.renderer is None else self.renderer
 
 
-class File(_Record):
+class File(Record):
     """A file or folder a result was computed from. `sha256` of a folder is that of its manifest of hashes."""
 
     path: str
@@ -80,7 +82,7 @@ class File(_Record):
     sha256: Sha256 | None = None
 
 
-class Setup(_Record):
+class Setup(Record):
     """What must be equal before two results may be compared.
 
     Attributes
@@ -105,7 +107,7 @@ class Setup(_Record):
     render_masked_by_gt_alpha: bool = False
 
 
-class ImageQuality(_Record):
+class ImageQuality(Record):
     """One test image. `psnr` is None where the images are equal, which `psnr_infinite` says."""
 
     name: Name
@@ -121,7 +123,7 @@ class ImageQuality(_Record):
     """Of the ground truth as it was compared, relative to the record; None where that is not kept."""
 
 
-class Quality(_Record):
+class Quality(Record):
     """Means over the test images, unweighted, and every image. Infinite PSNRs count `psnr_inf_count`."""
 
     psnr: float | None
@@ -134,7 +136,7 @@ class Quality(_Record):
     """Full identity of every metric (`msb.metrics.identity`)."""
 
 
-class Timing(_Record):
+class Timing(Record):
     """Of a run that wrote and read back nothing. Milliseconds; percentiles over all timed frames."""
 
     frames: Annotated[int, Field(gt=0)]
@@ -152,7 +154,7 @@ class Timing(_Record):
     """ "Device ms" are GPU ms only where this is "gpu"."""
 
 
-class Memory(_Record):
+class Memory(Record):
     """Bytes on the device at the peak of a frame, by what they are for. No driver's own memory is in it."""
 
     geometry: Count
@@ -170,7 +172,7 @@ class Memory(_Record):
         return self.geometry + self.appearance + self.scratch + self.targets
 
 
-class Training(_Record):
+class Training(Record):
     """What training cost, from the user's own record (`msb track`); never estimated."""
 
     seconds: Amount | None
@@ -178,7 +180,7 @@ class Training(_Record):
     source: str
 
 
-class RendererInfo(_Record):
+class RendererInfo(Record):
     """What made the images: "upstream" for official files, "msb_reference" for our NumPy renderer."""
 
     name: str
@@ -187,14 +189,15 @@ class RendererInfo(_Record):
     settings: dict[str, bool | int | float | str | None] = {}
 
 
-class Result(_Record):
+class Result(Record):
     """One cell's record.
 
     `status` "unsupported" prints N/A, "failed" prints --; both have a `reason`. Parts that do not apply to
-    the condition are None.
+    the condition are None. A cell is done when its images were compared, or its mesh audited; what else was
+    asked for and could not be had is in `reasons`.
     """
 
-    schema_: Literal["msb.result/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["msb.result/1"] = Field(default=SCHEMA, alias="schema")
     tool_version: str = __version__
     cell: Cell
     status: Status
@@ -204,6 +207,8 @@ class Result(_Record):
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
+    renders: File | None = None
+    """The folder of official renderings; condition non_engine only."""
     renderer: RendererInfo | None = None
     device: dict[str, Any] | None = None
     quality: Quality | None = None
@@ -214,6 +219,11 @@ class Result(_Record):
     audit: dict[str, Any] | None = None
     """As `msb-audit --json` gives it; condition exported_mesh only."""
     training: Training | None = None
+    reasons: dict[Name, Reason] = {}
+    """Part ("timing", "chamfer", "training") -> why it is not there."""
+    inputs: dict[Name, dict[Name, str]] = {}
+    """Part ("quality", "audit", "timing", "chamfer", "training") -> all that decided it, name -> hash or
+    version. Where one differs from what it would be now, `msb run` computes the part again."""
 
     def to_json(self) -> bytes:
         """Return the file's content."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -13,9 +13,10 @@ from msb.cli.output import Output, plain_table
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from msb.report.table import Table
+
 EPILOG = epilog("msb methods", "msb methods --format markdown", "msb methods --json -")
 SCHEMA = "msb.methods/1"
-Cell = bool | str | None
 TableRows = list[tuple[str, ...]]
 
 
@@ -31,7 +32,7 @@ def methods(
 ) -> None:
     """Show the methods: what their representations have, what each tier keeps, their settings.
 
-    "-" marks what the source representation does not have, N/A what a tier does not support.
+    "--" marks what the source representation does not have, N/A what a tier does not support.
     """
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
@@ -77,25 +78,19 @@ def as_data() -> dict[str, Any]:
 
 def tables() -> Iterator[tuple[str, TableRows]]:
     """Yield title and rows, the first one the header, of each table."""
-    from msb.methods import METHODS, TIERS, Native, Retained
+    from msb.methods import METHODS
+    from msb.report.tables.features import (
+        DEPTH_TEST,
+        TIER_TITLES,
+        deployment_features,
+        native_features,
+    )
 
-    native = [field.name for field in fields(Native)]
-    rows: TableRows = [("method", *(_words(name) for name in native))]
-    rows += [
-        (method.title, *(_mark(getattr(method.native, name)) for name in native))
-        for method in METHODS.values()
-        if method.native
-    ]
-    yield "What the representation has", rows
-    kept = [field.name for field in fields(Retained)]
-    for tier in TIERS[1:]:
-        rows = [("method", *(_words(name) for name in kept))]
-        for method in METHODS.values():
-            if method.paper_name:
-                found = method.retained.get(tier)
-                cells = [_mark(getattr(found, name)) if found else "N/A" for name in kept]
-                rows.append((method.title, *cells))
-        yield f"What the {tier} tier keeps of it", rows
+    yield "What the representation has", _rows(native_features())
+    for tier, heading in TIER_TITLES.items():
+        rows = _rows(deployment_features(), heading)
+        starred = f" (*: {DEPTH_TEST})" if any("*" in cell for row in rows for cell in row) else ""
+        yield f"What the {tier} tier keeps of it{starred}", rows
     rows = [("method", "tier", "why")]
     rows += [
         (method.title, tier, why) for method in METHODS.values() for tier, why in method.unsupported.items()
@@ -115,14 +110,14 @@ def tables() -> Iterator[tuple[str, TableRows]]:
     yield "Settings", rows
 
 
-def _words(name: str) -> str:
-    return "SH" if name == "sh" else name.replace("_", " ")
-
-
-def _mark(value: Cell) -> str:
-    if value is None:
-        return "-"
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+def _rows(table: Table, group: str | None = None) -> TableRows:
+    """Return the texts of a table, or of its columns under the heading `group`; a star marks a note."""
+    places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
+    rows: TableRows = [("method", *(table.columns[place].title for place in places))]
+    for row in table.rows:
+        cells = (row.cells[place] for place in places)
+        rows.append((row.labels[0], *(cell.text + "*" * len(cell.notes) for cell in cells)))
+    return rows
 
 
 def _value(value: object) -> str:

@@ -1,9 +1,95 @@
-"""The paper's own numbers, to be set beside ours."""
+"""The paper's own numbers: read from its tables as data, to be set beside ours or printed again."""
 
 from __future__ import annotations
 
 import json
+from functools import cache
 from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from msb.bench.checked import checked, read_json
+from msb.bench.gaps import Ratio, value_gaps
+from msb.methods import METHODS
+from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
+from msb.report.shown import SHOWN
+
+if TYPE_CHECKING:
+    import os
+
+    from msb.bench.gaps import Gaps
+
+PAPER_TABLES = (
+    "native_summary",
+    "native_comprehensive_results",
+    "mip360_renderer_comparison",
+    "tnt_renderer_comparison",
+    "tnt_unity_runtime_resources",
+    "mip360_unity_gpu_latency",
+    "mip360_unity_memory",
+    "mesh_connectivity",
+    "reproducibility_comparison",
+)
+"""The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.methods`."""
+
+OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
+_OUR_METRICS = {
+    "gpu_ms_p50": "p50_ms",
+    "gpu_ms_p95": "p95_ms",
+    "vram": "memory",
+    "train_peak_mem": "train_memory",
+    "train_time": "train_seconds",
+    "v_over_f": "vf_ratio",
+    "valence": "mean_valence",
+}
+"""The paper's names, where ours (DESIGN: msb-audit; `msb.bench.aggregate.METRICS`) are others."""
+
+ENGINE_FLOOR = (
+    "the paper's Standard memory is nearly the same for all methods and smaller than their meshes: what its "
+    "engine takes without them, so it is not comparable with ours, which counts every buffer"
+)
+OTHER_LPIPS = (
+    "the paper took this LPIPS from elsewhere, of images in [0, 1]: not comparable with LPIPS on [-1, 1]"
+)
+TWO_DIFFSOUPS = (
+    "the paper has two results of DiffSoup on Tanks and Temples: 17.45 / 0.645 / 0.389 in its summary, "
+    "18.90 / 0.685 / 0.352 in its reproducibility table"
+)
+
+
+class _Cell(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
+
+    dataset: Annotated[str, Field(min_length=1, max_length=200)]
+    scene: Annotated[str, Field(min_length=1, max_length=200)]
+    method: str
+    condition: str
+    metric: str
+    value: float | None
+    unit: str = "1"
+    source: str = ""
+    na: Literal["N/A", "--"] = "--"
+
+
+class _PaperTable(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
+
+    schema_: Literal["msb-paper-table/1"] = Field(alias="schema")
+    cells: tuple[_Cell, ...]
+
+
+def paper_numbers(*tables: str) -> Numbers:
+    """Return the numbers of the paper's `tables` (labels; default all) in the paper's order.
+
+    Where two tables disagree, what both say is kept under its own `Key.source`.
+    """
+    values: dict[Key, Number] = {}
+    for label in tables or PAPER_TABLES:
+        for key, number in _table(label).items():
+            values.setdefault(key, number)
+    return Numbers(values, _gaps(values), _ratios(values), of_paper=True)
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
@@ -14,7 +100,7 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
     table : str
         Label without its prefix, as in ``paper_tables/mesh_connectivity.json``.
     **where : str
-        Cell keys and the values they must have, such as ``scene="mean"``.
+        Fields of `Key` and the values they must have, such as ``scene="mean"``.
 
     Returns
     -------
@@ -26,14 +112,100 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
     >>> paper_row("mesh_connectivity", scene="mean")["mean_valence"]
     6.49
     """
-    text = resources.files("msb.report").joinpath("paper_tables", f"{table}.json").read_text("utf-8")
-    row = {}
-    for cell in json.loads(text)["cells"]:
-        if all(cell[key] == value for key, value in where.items()):
-            name = _OUR_NAMES.get(cell["metric"], cell["metric"])
-            row[name] = cell["value"] * float(cell["unit"])
-    return row
+    return {
+        key.metric: number.value
+        for key, number in _table(table).items()
+        if number.value is not None and all(getattr(key, name) == value for name, value in where.items())
+    }
 
 
-_OUR_NAMES = {"v_over_f": "vf_ratio", "valence": "mean_valence"}
-"""Where a table's metric has another name than the audit's JSON (DESIGN: msb-audit)."""
+def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
+    """Return published per-scene numbers from a file of the shape of ``paper_tables/*.json``.
+
+    The paper compares with them scene by scene but does not print them, so they are the user's to bring.
+    Their `Key.source` is "paper" where the file names none.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
+    """
+    cells = checked(_PaperTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
+    found = {}
+    for cell in cells:
+        if cell.value is not None and (cell.metric in SHOWN or cell.metric in _OUR_METRICS):
+            key, number = _entry(cell)
+            found[key._replace(source=key.source or "paper")] = number
+    return found
+
+
+@cache
+def _table(label: str) -> dict[Key, Number]:
+    text = resources.files("msb.report").joinpath("paper_tables", f"{label}.json").read_text("utf-8")
+    table: Any = _PaperTable.model_validate_json(json.dumps(json.loads(text)))
+    return {key: _noted(key, number) for key, number in map(_entry, table.cells)}
+
+
+def _entry(cell: _Cell) -> tuple[Key, Number]:
+    metric = _OUR_METRICS.get(cell.metric, cell.metric)
+    method = OUR_METHODS.get(cell.method, cell.method)
+    key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
+    scale = 1e6 if cell.unit == "1e6" else SHOWN[metric].scale
+    return key, Number(None if cell.value is None else cell.value * scale, cell.na)
+
+
+def _noted(key: Key, number: Number) -> Number:
+    """Return `number` with what is known to be wrong with it (spec: "Inconsistencies of the seed")."""
+    note = None
+    if key.metric == "memory" and key.column == "standard":
+        note = ENGINE_FLOOR
+    elif key.metric == "lpips" and key.method in ("three_dgs", "two_dgs") and key.column == "non_engine":
+        note = OTHER_LPIPS
+    elif (key.dataset, key.method, key.column) == ("tanksandtemples", "diffsoup", "non_engine"):
+        note = TWO_DIFFSOUPS if key.metric in QUALITY and key.source in ("", "meshsplatbench") else None
+    return number if note is None or number.value is None else Number(number.value, notes=(note,))
+
+
+def _means(values: dict[Key, Number], column: str, metric: str) -> dict[tuple[str, str], float]:
+    return {
+        (key.dataset, key.method): number.value
+        for key, number in values.items()
+        if (key.scene, key.column, key.metric, key.source) == (MEAN, column, metric, "")
+        and number.value is not None
+    }
+
+
+def _gaps(values: dict[Key, Number]) -> dict[GapKey, Gaps]:
+    found: dict[GapKey, Gaps] = {}
+    for metric in QUALITY:
+        sides = [_means(values, column, metric) for column in ("non_engine", "dedicated", "standard")]
+        for where in dict.fromkeys((*sides[0], *sides[1], *sides[2])):
+            dataset, method = where
+            gaps = value_gaps(metric, *(side.get(where) for side in sides))
+            if any(gap.value is not None for gap in (gaps.adapt, gaps.port, gaps.deploy)):
+                found[GapKey(dataset, MEAN, method, metric)] = gaps
+    return found
+
+
+def _ratios(values: dict[Key, Number]) -> dict[RatioKey, Ratio]:
+    found = {}
+    for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
+        over, under = _means(values, above, "fps"), _means(values, below, "fps")
+        for dataset, method in over:
+            if (dataset, method) in under:
+                ratio = over[dataset, method] / under[dataset, method]
+                scenes = _scene_ratios(values, dataset, method, above, below)
+                found[RatioKey(dataset, method, above, below)] = Ratio(ratio, None, scenes, len(scenes))
+    return found
+
+
+def _scene_ratios(
+    values: dict[Key, Number], dataset: str, method: str, above: str, below: str
+) -> dict[str, float]:
+    scenes = {}
+    for key, number in values.items():
+        if key[:1] + key[2:] == (dataset, method, above, "fps", "") and key.scene != MEAN:
+            other = values.get(key._replace(column=below))
+            if number.value is not None and other is not None and other.value:
+                scenes[key.scene] = number.value / other.value
+    return scenes

@@ -6,11 +6,10 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
-import numpy as np
-
 from msb.errors import MeshError
-from msb.topology.analysis import Analysis, Offending, analyse
 from msb.topology.arrays import mesh_arrays
+from msb.topology.dispatch import find
+from msb.topology.verdict import judge
 from msb.topology.weld import Weld, parse_weld, weld_vertices
 
 if TYPE_CHECKING:
@@ -19,37 +18,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from msb.topology.analysis import Analysis
+    from msb.topology.findings import Counts, Findings
+
 SCHEMA = "msb.audit/1"
-SAMPLES = 3
-"""Offending elements shown of each kind: enough to go and look, few enough to read."""
-
-
-@dataclass(frozen=True)
-class Counts:
-    """Integers. `msb-audit --explain NAME` prints the definition of each (docs/definitions.md)."""
-
-    vertices: int
-    referenced_vertices: int
-    unreferenced_vertices: int
-    faces: int
-    repeated_index_faces: int
-    zero_area_faces: int
-    nonfinite_faces: int
-    duplicate_faces: int
-    edges: int
-    boundary_edges: int
-    manifold_edges: int
-    nonmanifold_edges: int
-    max_edge_faces: int
-    nonmanifold_vertices: int
-    multifan_vertices: int
-    nonmanifold_edge_endpoints: int
-    inconsistent_winding_edges: int
-    boundary_loops: int
-    open_boundary_chains: int
-    components: int
-    components_manifold_edges: int
-    largest_component_faces: int
 
 
 @dataclass(frozen=True)
@@ -111,6 +83,8 @@ class Audit:
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
         Stage -> milliseconds.
+    computed_by : str
+        NumPy, or OpenCL and on which device; the results are the same.
     """
 
     topology: Literal["triangle_soup", "indexed_mesh"]
@@ -121,6 +95,7 @@ class Audit:
     winding_consistent: bool
     samples: dict[str, tuple[Sample, ...]]
     timings_ms: dict[str, float]
+    computed_by: str
     path: str | None = None
     method: str | None = None
     welded: Welded | None = None
@@ -140,6 +115,7 @@ class Audit:
             "method": self.method,
             "topology": self.topology,
             "is_soup": self.is_soup,
+            "verdict": asdict(judge(self)),
             "counts": counts,
             "metrics": metrics,
             "variants": self.variants(),
@@ -159,6 +135,7 @@ class Audit:
             "welded": welded,
             "cross_check": self.cross_check,
             "timings_ms": self.timings_ms,
+            "computed_by": self.computed_by,
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
@@ -219,7 +196,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
     Notes
     -----
-    O((V + F) log F) time.
+    O((V + F) log F) time. Large meshes are audited by OpenCL kernels (docs/audit_speed.md).
 
     Examples
     --------
@@ -244,74 +221,54 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 def audit_arrays(
     vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None
 ) -> tuple[Audit, Analysis]:
-    """Return the audit of plain arrays together with the analysis behind it (for viewers and exports)."""
+    """Return the audit of plain arrays together with their analysis (for viewers and exports).
+
+    Of a large mesh the analysis is not made yet: its parts are when they are asked for.
+    """
     points, triangles = mesh_arrays(vertices, faces)
-    analysis = analyse(points, triangles)
-    report = summarise(analysis)
+    findings, analysis = find(points, triangles)
+    report = _report(findings, points)
     if weld is not None:
         chosen = parse_weld(weld)
-        merged = summarise(analyse(*weld_vertices(points, triangles, chosen)))
-        report = replace(report, welded=Welded(chosen, merged.counts, merged.metrics))
+        merged = find(*weld_vertices(points, triangles, chosen))[0]
+        report = replace(report, welded=Welded(chosen, merged.counts, _metrics(merged)))
     return report, analysis
 
 
-def summarise(analysis: Analysis) -> Audit:
-    """Return the audit's numbers from an analysis."""
-    found = analysis.offending
-    counts = _counts(analysis, found)
-    degree = np.bincount(analysis.mesh.edge_vertices.reshape(-1), minlength=counts.vertices)
-    histogram = np.bincount(degree)
+def _report(findings: Findings, points: NDArray[Any]) -> Audit:
+    counts = findings.counts
     return Audit(
-        topology="triangle_soup" if analysis.soup else "indexed_mesh",
-        is_soup=analysis.soup
+        topology="indexed_mesh" if findings.shares_vertices else "triangle_soup",
+        is_soup=not findings.shares_vertices
         and counts.faces > 0
         and counts.vertices == counts.referenced_vertices == 3 * counts.faces,
         counts=counts,
-        metrics=_metrics(analysis, counts),
-        valence_histogram={int(k): int(histogram[k]) for k in np.flatnonzero(histogram)},
+        metrics=_metrics(findings),
+        valence_histogram=findings.valence_histogram,
         winding_consistent=counts.inconsistent_winding_edges == 0,
-        samples=_samples(analysis, found),
-        timings_ms=dict(analysis.timings_ms),
+        samples={
+            kind: tuple(_sample(points, element, vertices) for element, vertices in first)
+            for kind, first in findings.first.items()
+        },
+        timings_ms=dict(findings.timings_ms),
+        computed_by=findings.computed_by,
     )
 
 
-def _counts(analysis: Analysis, found: Offending) -> Counts:
-    mesh, components = analysis.mesh, analysis.components
-    listed = {
-        kind: len(ids) for group in (found.edges, found.vertices, found.faces) for kind, ids in group.items()
-    }
-    largest = components.largest()
-    return Counts(
-        vertices=mesh.vertex_count,
-        referenced_vertices=mesh.vertex_count - listed["unreferenced_vertices"],
-        faces=mesh.face_count,
-        edges=mesh.edge_count,
-        manifold_edges=int(np.count_nonzero(mesh.multiplicity == 2)),
-        max_edge_faces=int(mesh.multiplicity.max(initial=0)),
-        boundary_loops=analysis.boundary.loops,
-        open_boundary_chains=analysis.boundary.open_chains,
-        components=components.count,
-        components_manifold_edges=analysis.two_face_components,
-        largest_component_faces=0 if largest is None else int(components.sizes[largest]),
-        **listed,
-    )
-
-
-def _metrics(analysis: Analysis, counts: Counts) -> Metrics:
-    largest = analysis.components.largest()
-    total = float(analysis.area.sum())
-    area = 0.0 if largest is None else float(analysis.components.areas[largest])
+def _metrics(findings: Findings) -> Metrics:
+    counts, area = findings.counts, findings.largest_component_area
+    empty = counts.components == 0
     return Metrics(
         vf_ratio=_ratio(counts.vertices, counts.faces),
         mean_valence=_ratio(2 * counts.edges, counts.vertices),
         boundary_edge_ratio=_ratio(counts.boundary_edges, counts.edges),
         nonmanifold_edge_ratio=_ratio(counts.nonmanifold_edges, counts.edges),
         nonmanifold_vertex_ratio=_ratio(counts.nonmanifold_vertices, counts.vertices),
-        lcc_face_ratio=None if largest is None else _ratio(counts.largest_component_faces, counts.faces),
-        lcc_area_ratio=None if largest is None else _ratio(area, total),
+        lcc_face_ratio=None if empty else _ratio(counts.largest_component_faces, counts.faces),
+        lcc_area_ratio=None if empty else _ratio(area, findings.total_area),
         components=counts.components,
         euler_characteristic=counts.vertices - counts.edges + counts.faces,
-        total_area=total,
+        total_area=findings.total_area,
         largest_component_area=area,
     )
 
@@ -320,24 +277,9 @@ def _ratio(part: float, whole: float) -> float | None:
     return part / whole if whole else None
 
 
-def _samples(analysis: Analysis, found: Offending) -> dict[str, tuple[Sample, ...]]:
-    mesh = analysis.mesh
-    groups = [
-        *((kind, ids[:SAMPLES], mesh.edge_vertices) for kind, ids in found.edges.items()),
-        *((kind, ids[:SAMPLES], None) for kind, ids in found.vertices.items()),
-        *((kind, ids[:SAMPLES], mesh.faces) for kind, ids in found.faces.items()),
-    ]
-    return {
-        kind: tuple(
-            _sample(analysis.vertices, int(i), np.array([i]) if table is None else table[i]) for i in ids
-        )
-        for kind, ids, table in groups
-    }
-
-
-def _sample(points: NDArray[Any], element: int, vertices: NDArray[Any]) -> Sample:
-    places = tuple((float(x), float(y), float(z)) for x, y, z in points[vertices])
-    return Sample(element, tuple(map(int, vertices)), places)
+def _sample(points: NDArray[Any], element: int, vertices: tuple[int, ...]) -> Sample:
+    places = tuple((float(x), float(y), float(z)) for x, y, z in points[list(vertices)])
+    return Sample(element, vertices, places)
 
 
 def _finite(value: float) -> float | None:

@@ -53,9 +53,11 @@ def test_a_tier_is_supported_with_passes_or_refused_with_a_reason(method: Method
 
 def test_command_prints_every_cell(msb: Msb) -> None:
     text = msb("methods", "--format", "markdown").out
-    assert "| Triangle-Splatting | Method-aware | SH | yes | yes | yes | yes |" in text
-    assert "| MeshSplatting | Method-aware | SH | yes | yes | - | yes |" in text
-    assert "| DiffSoup | N/A | N/A | N/A | N/A | N/A | N/A |" in text
+    assert "| Triangle-Splatting | Method-aware | yes | yes | yes | yes | SH |" in text
+    assert "| MeshSplatting | Method-aware | yes | yes | -- | yes | SH |" in text
+    assert "| DiffSoup | Method-aware | yes | yes | -- | yes* | MLP |" in text
+    assert "| DiffSoup | N/A | N/A |" in text
+    assert "| 3DGS | N/A | N/A | N/A | N/A | N/A | N/A |" in text
     assert "| 2DTS | no | yes | no | yes | no | yes |" in text
     data = msb("methods", "--json", "-").json
     assert data["methods"]["two_dts"]["paper_name"] == "2dts"

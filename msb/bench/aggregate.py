@@ -1,0 +1,145 @@
+"""From records to numbers: what a metric is of a record, means over scenes, groups of scenes.
+
+Values are unrounded and in the records' units (bytes, seconds, milliseconds); tables round them.
+Rules: docs/protocol.md. `None` is always "there is no such number", never zero.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from msb.scenes.datasets.catalog import DATASETS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from msb.bench.records import Result
+
+Better = Literal["higher", "lower"]
+
+
+class Metric(NamedTuple):
+    """Where a number stands in a record, and which way is better (None: neither)."""
+
+    better: Better | None
+    get: Callable[[Result], float | None]
+
+
+def _quality(name: str) -> Callable[[Result], float | None]:
+    return lambda result: None if result.quality is None else getattr(result.quality, name)
+
+
+def _timing(name: str) -> Callable[[Result], float | None]:
+    return lambda result: None if result.timing is None else getattr(result.timing, name)
+
+
+def _training(name: str) -> Callable[[Result], float | None]:
+    return lambda result: None if result.training is None else getattr(result.training, name)
+
+
+def _audit(name: str) -> Callable[[Result], float | None]:
+    return lambda result: None if result.audit is None else result.audit["metrics"].get(name)
+
+
+METRICS: dict[str, Metric] = {
+    "psnr": Metric("higher", _quality("psnr")),
+    "ssim": Metric("higher", _quality("ssim")),
+    "lpips": Metric("lower", _quality("lpips")),
+    "fps": Metric("higher", _timing("fps")),
+    "p50_ms": Metric("lower", _timing("p50_ms")),
+    "p95_ms": Metric("lower", _timing("p95_ms")),
+    "memory": Metric("lower", lambda result: None if result.memory is None else result.memory.total),
+    "asset_size": Metric("lower", lambda result: None if result.asset is None else result.asset.bytes),
+    "train_seconds": Metric("lower", _training("seconds")),
+    "train_memory": Metric("lower", _training("peak_memory_bytes")),
+    "chamfer": Metric("lower", lambda result: None if result.chamfer is None else result.chamfer["overall"]),
+    "vf_ratio": Metric(None, _audit("vf_ratio")),
+    "mean_valence": Metric(None, _audit("mean_valence")),
+    "boundary_edge_ratio": Metric(None, _audit("boundary_edge_ratio")),
+    "nonmanifold_edge_ratio": Metric("lower", _audit("nonmanifold_edge_ratio")),
+    "nonmanifold_vertex_ratio": Metric("lower", _audit("nonmanifold_vertex_ratio")),
+    "lcc_face_ratio": Metric("higher", _audit("lcc_face_ratio")),
+    "lcc_area_ratio": Metric("higher", _audit("lcc_area_ratio")),
+    "components": Metric("lower", _audit("components")),
+}
+"""Every number of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes."""
+
+SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
+"""Dataset -> the scenes whose mean is the dataset's."""
+TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
+"""Dataset -> its name in tables, in their order."""
+
+
+@dataclass(frozen=True)
+class Mean:
+    """An unweighted mean over scenes.
+
+    Attributes
+    ----------
+    value : float, optional
+        None if no scene has a value.
+    present, expected : int
+        Scenes with a value, and scenes there should be: a table prints "(7/9)" where they differ.
+    """
+
+    value: float | None
+    present: int
+    expected: int
+
+    @property
+    def partial(self) -> bool:
+        """Whether a scene is missing."""
+        return self.present < self.expected
+
+
+def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
+    """Return the scenes a mean of `dataset` is over: the published set, if one of those present is of it.
+
+    Other captures, also those that borrow a dataset's rules, are over the scenes present.
+    """
+    found = tuple(dict.fromkeys(present))
+    published = SCENES.get(dataset, ())
+    return published if not found or any(scene in published for scene in found) else found
+
+
+def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
+    """Return name of a mean ("indoor_mean", "outdoor_mean") -> its scenes, besides the mean of all."""
+    found: dict[str, list[str]] = {}
+    for scene, group in DATASETS[dataset].scenes.items() if dataset in DATASETS else ():
+        if group:
+            found.setdefault(f"{group}_mean", []).append(scene)
+    return {name: tuple(scenes) for name, scenes in found.items()}
+
+
+def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean:
+    """Return the mean of scene values: every scene weighs 1, whatever its number of images or frames.
+
+    Parameters
+    ----------
+    values : mapping of str to float, optional
+        Scene -> value; None and absent are the same. Scenes not in `scenes` do not count.
+    scenes : iterable of str
+        Those it should be over. A mean of P95s is thus the mean of the scenes' percentiles, and never the
+        percentile of all frames; a mean of all Mip-NeRF 360 is over nine scenes, not over two groups.
+    """
+    wanted = tuple(scenes)
+    found = [value for scene in wanted if (value := values.get(scene)) is not None]
+    return Mean(math.fsum(found) / len(found) if found else None, len(found), len(wanted))
+
+
+def dataset_mean(metric: str, results: Mapping[str, Result], scenes: Iterable[str]) -> Mean:
+    """Return the mean of `metric` (a key of `METRICS`) over the records of scenes (scene -> record)."""
+    get = METRICS[metric].get
+    return mean_over({scene: get(result) for scene, result in results.items()}, scenes)
+
+
+def pooled_fps(results: Iterable[Result]) -> float | None:
+    """Return all timed frames over the time they took, of the records that have timings.
+
+    Not the tables' mean, which is that of the scenes' rates: here a slow scene weighs more.
+    """
+    timed = [result.timing for result in results if result.timing is not None]
+    seconds = math.fsum(timing.seconds for timing in timed)
+    return sum(timing.frames for timing in timed) / seconds if seconds else None

@@ -1,0 +1,287 @@
+"""Deployment gaps and slowdowns, from records: what is lost from path to path (paper: "Multi-Modal Audit").
+
+With a metric's orientation s (+1 where higher is better) the signed losses are a = s (Q_ne - Q_ded),
+p = s (Q_ded - Q_std) and d = s (Q_ne - Q_std), positive where something is lost. The paper's gaps are their
+absolute values, each from its own definition. The paper also states deploy = adapt + port; that holds only
+where Dedicated lies between the other two (`Gaps.monotone`); `Gaps.triangle_excess` is what it misses by.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from msb.bench.aggregate import METRICS, mean_over
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from msb.bench.records import Result
+
+    Conditions = Mapping[str, Result]
+
+GapName = Literal["adapt", "port", "deploy"]
+PAIRS: dict[GapName, tuple[str, str]] = {
+    "adapt": ("non_engine", "dedicated"),
+    "port": ("dedicated", "standard"),
+    "deploy": ("non_engine", "standard"),
+}
+"""Gap -> from which condition to which."""
+
+_IDENTITIES = {"psnr": "psnr", "ssim": "ssim", "lpips": "lpips_vgg"}
+_OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory"})
+
+
+@dataclass(frozen=True)
+class Gap:
+    """One gap, in the metric's unit.
+
+    Attributes
+    ----------
+    value : float, optional
+        Absolute; None with a `reason`.
+    signed : float, optional
+        The same, positive where the second condition is worse.
+    reason : str, optional
+        "unsupported", "failed", "missing" (no record), "not_measured" (no such number in it), or what makes
+        two records incomparable: "camera_mismatch" (other images or sizes), "setup_mismatch" (background,
+        ground truth), "metric_mismatch", "asset_mismatch", "device_mismatch".
+    mean_abs_scene_gap : float, optional
+        Of a dataset: the mean of the scenes' absolute gaps, which is never less than `value`.
+    scenes, expected : int
+        Scenes it is over, and scenes there should be.
+    """
+
+    value: float | None
+    signed: float | None = None
+    reason: str | None = None
+    mean_abs_scene_gap: float | None = None
+    scenes: int = 1
+    expected: int = 1
+
+    @property
+    def partial(self) -> bool:
+        """Whether a scene is missing."""
+        return self.scenes < self.expected
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """The three gaps of a metric.
+
+    Attributes
+    ----------
+    monotone : bool, optional
+        Dedicated lies between the other two, or equals one; None where a gap is missing, or where they are
+        not over the same scenes.
+    triangle_excess : float, optional
+        adapt + port - deploy: 0 where monotone, else 2 min(adapt, port).
+    """
+
+    metric: str
+    adapt: Gap
+    port: Gap
+    deploy: Gap
+    monotone: bool | None
+    triangle_excess: float | None
+
+    def __getitem__(self, name: GapName) -> Gap:
+        return {"adapt": self.adapt, "port": self.port, "deploy": self.deploy}[name]
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Of two rates: of the means over the same scenes, and in each scene.
+
+    Attributes
+    ----------
+    value : float, optional
+        None with a `reason`, as in `Gap`.
+    per_scene : mapping of str to float
+    expected : int
+        Scenes there should be.
+    """
+
+    value: float | None
+    reason: str | None = None
+    per_scene: Mapping[str, float] = field(default_factory=dict)
+    expected: int = 1
+
+    @property
+    def partial(self) -> bool:
+        """Whether a scene is missing."""
+        return len(self.per_scene) < self.expected
+
+
+def value_gaps(
+    metric: str, non_engine: float | None, dedicated: float | None, standard: float | None
+) -> Gaps:
+    """Return the gaps between three values of `metric`, a key of `msb.bench.aggregate.METRICS`.
+
+    Raises
+    ------
+    ValueError
+        The metric has no better or worse.
+    """
+    values = {"non_engine": non_engine, "dedicated": dedicated, "standard": standard}
+    return _together(metric, {name: _gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()})
+
+
+def scene_gaps(metric: str, results: Conditions) -> Gaps:
+    """Return the gaps of one method on one scene.
+
+    Parameters
+    ----------
+    metric : str
+        A key of `METRICS` that has a better and a worse.
+    results : mapping of str to Result
+        Condition -> record. To see what another engine loses, give its record as "standard".
+    """
+    return dataset_gaps(metric, {"": results}, [""])
+
+
+def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
+    """Return the gaps of one method on a dataset: those of the means, as the paper has them.
+
+    Parameters
+    ----------
+    metric : str
+    results : mapping of str to mapping
+        Scene -> condition -> record.
+    scenes : iterable of str
+        Those there should be. Each gap is over the scenes in which both its conditions can be compared.
+    """
+    wanted = tuple(scenes)
+    covered: dict[GapName, tuple[str, ...]] = {}
+    found: dict[GapName, Gap] = {}
+    for name, pair in PAIRS.items():
+        values, reasons = _comparable(metric, results, wanted, *pair)
+        covered[name] = tuple(values)
+        if not values:
+            found[name] = Gap(None, reason=_commonest(reasons), scenes=0, expected=len(wanted))
+            continue
+        means = (math.fsum(both[side] for both in values.values()) / len(values) for side in (0, 1))
+        gap = _gap(metric, *means)
+        each = [abs(first - second) for first, second in values.values()]
+        found[name] = Gap(gap.value, gap.signed, None, math.fsum(each) / len(each), len(each), len(wanted))
+    return _together(metric, found, same_scenes=len(set(covered.values())) == 1)
+
+
+def slowdown(
+    results: Mapping[str, Conditions],
+    scenes: Iterable[str],
+    numerator: str = "standard",
+    denominator: str = "dedicated",
+) -> Ratio:
+    """Return the ratio of frame rates of two conditions, by default the paper's "slowdown" of Dedicated.
+
+    Parameters
+    ----------
+    results : mapping of str to mapping
+        Scene -> condition -> record.
+    scenes : iterable of str
+    numerator, denominator : str
+        Conditions; ("dedicated", "non_engine") says whether an engine beats the research renderer.
+    """
+    wanted = tuple(scenes)
+    values, reasons = _comparable("fps", results, wanted, numerator, denominator)
+    if not values:
+        return Ratio(None, _commonest(reasons), {}, len(wanted))
+    means = [mean_over({s: both[side] for s, both in values.items()}, values).value for side in (0, 1)]
+    per_scene = {scene: above / below for scene, (above, below) in values.items() if below}
+    above, below = means
+    return Ratio(above / below if above is not None and below else None, None, per_scene, len(wanted))
+
+
+def incomparable(metric: str, first: Result | None, second: Result | None) -> str | None:
+    """Return why the values of `metric` in two records must not be compared, or None if they may.
+
+    They must have the same images and sizes, ground truth, background and definition of the metric (versions
+    of libraries apart, which the records tell), the same asset if both have one, and for speed and memory
+    the same device.
+    """
+    for result in (first, second):
+        if result is None:
+            return "missing"
+        if result.status != "done":
+            return result.status
+        if METRICS[metric].get(result) is None:
+            return "not_measured"
+    assert first is not None
+    assert second is not None
+    if first.asset and second.asset and first.asset.sha256 != second.asset.sha256:
+        return "asset_mismatch"
+    if metric in _OF_A_DEVICE and _device(first) != _device(second):
+        return "device_mismatch"
+    if first.quality is None or second.quality is None:
+        return None
+    if _images(first) != _images(second):
+        return "camera_mismatch"
+    if first.setup != second.setup:
+        other = first.setup and second.setup
+        convention = other and first.setup.camera_convention != second.setup.camera_convention  # type: ignore[union-attr]
+        return "camera_mismatch" if convention else "setup_mismatch"
+    if metric in _IDENTITIES and _identity(first, metric) != _identity(second, metric):
+        return "metric_mismatch"
+    return None
+
+
+def _comparable(
+    metric: str, results: Mapping[str, Conditions], scenes: tuple[str, ...], first: str, second: str
+) -> tuple[dict[str, tuple[float, float]], list[str]]:
+    """Return scene -> the two values, where they may be compared, and why not elsewhere."""
+    get = METRICS[metric].get
+    values: dict[str, tuple[float, float]] = {}
+    reasons = []
+    for scene in scenes:
+        pair = [results.get(scene, {}).get(condition) for condition in (first, second)]
+        why = incomparable(metric, *pair)
+        if why is not None:
+            reasons.append(why)
+            continue
+        a, b = (get(result) for result in pair if result is not None)
+        if a is not None and b is not None:
+            values[scene] = (a, b)
+    return values, reasons
+
+
+def _gap(metric: str, first: float | None, second: float | None) -> Gap:
+    better = METRICS[metric].better
+    if better is None:
+        raise ValueError(f"{metric} has no better and no worse, so there is no gap")
+    if first is None or second is None:
+        return Gap(None, reason="not_measured", scenes=0)
+    loss = first - second if better == "higher" else second - first
+    return Gap(abs(first - second), loss, None, abs(first - second))
+
+
+def _together(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = True) -> Gaps:
+    adapt, port, deploy = gaps["adapt"], gaps["port"], gaps["deploy"]
+    monotone: bool | None = None
+    excess: float | None = None
+    if same_scenes and adapt.signed is not None and port.signed is not None and deploy.value is not None:
+        monotone = adapt.signed * port.signed >= 0
+        # Where it is 0 by definition, rounding must not make it anything else.
+        excess = 0.0 if monotone else abs(adapt.signed) + abs(port.signed) - deploy.value
+    return Gaps(metric, adapt, port, deploy, monotone, excess)
+
+
+def _commonest(reasons: list[str]) -> str:
+    return max(dict.fromkeys(reasons), key=reasons.count) if reasons else "missing"
+
+
+def _images(result: Result) -> frozenset[tuple[str, int, int]]:
+    assert result.quality is not None
+    return frozenset((image.name, image.width, image.height) for image in result.quality.images)
+
+
+def _identity(result: Result, metric: str) -> dict[str, object] | None:
+    assert result.quality is not None
+    name = _IDENTITIES[metric]
+    found = next((one for one in result.quality.metrics if one.get("name") == name), None)
+    return None if found is None else {key: value for key, value in found.items() if key != "libraries"}
+
+
+def _device(result: Result) -> object:
+    return None if result.device is None else result.device.get("device", result.device)

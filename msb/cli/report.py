@@ -1,0 +1,245 @@
+"""`msb report`: tables, figures, findings and pages from result records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+
+import typer
+
+from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output
+from msb.errors import InputError, MsbError, UsageError, shorten
+
+if TYPE_CHECKING:
+    from msb.bench.records import Result
+    from msb.report.build import Report
+    from msb.report.results import Place
+    from msb.report.writers import Format
+
+EPILOG = epilog(
+    "msb report --paper",
+    "msb report --paper --table mip360_renderer_comparison",
+    "msb report --paper -o out/paper --format html,tex",
+)
+_FOLDER = "report"
+_MOST_FACES = 300_000
+"""Drawing the diagnostic of a larger mesh takes longer than all the rest; --topology all draws it."""
+
+
+def report(
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="RESULTS...", help="Folders that msb run wrote; of the same cell, the last counts."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Write here instead of to RESULTS/report."),
+    ] = None,
+    formats: Annotated[
+        str, typer.Option("--format", metavar="LIST", help="Of md, tex, csv, json, html; all of them.")
+    ] = "md,tex,csv,json,html",
+    table: Annotated[
+        str | None, typer.Option(metavar="LABEL", help="Print one table as Markdown, write nothing.")
+    ] = None,
+    paper: Annotated[
+        bool, typer.Option("--paper", help="The paper's own tables instead of results; printed without -o.")
+    ] = False,
+    views: Annotated[
+        list[str] | None,
+        typer.Option("--view", metavar="SCENE/IMAGE", help="Also show this test view. May be given again."),
+    ] = None,
+    published: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="JSON of published per-scene values to compare with."),
+    ] = None,
+    topology: Annotated[
+        Literal["auto", "all", "none"],
+        typer.Option(help="Draw meshes' diagnostics: of small ones, all, none (extra: view)."),
+    ] = "auto",
+    allow_mixed: Annotated[
+        bool, typer.Option("--allow-mixed", help="Take results that must not be compared, and say so.")
+    ] = False,
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Make tables, figures, findings and pages from results, with the paper's numbers beside ours.
+
+    Writes report.md, report.json, tables in every format, index.html, and a page per asset that says what it
+    can be used for. Pages hold all they show and need no network. Nothing is computed again: what the records
+    do not have is N/A or --, with the reason.
+    """
+    output = Output(json_file, quiet, verbose, force)
+    output.check_free(json_file)
+    wanted = _formats(formats)
+    if paper == bool(folders):
+        raise UsageError("USAGE", "give folders of results, or --paper")
+    target = out if out is not None or paper else cast("list[Path]", folders)[0] / _FOLDER
+    if table is None and target is not None:
+        output.check_free(target)
+        _check_target(target, folders or [])
+    pictures = table is None and target is not None
+    made = _make(folders or [], published, views or [], allow_mixed, pictures, output)
+    if table is not None:
+        output.write_json(_table(made, table).to_dict())
+        _print(made, table, output)
+        return
+    if target is None:
+        output.write_json(made.to_dict())
+        for label in made.tables:
+            _print(made, label, output)
+        return
+    figures = {} if "html" not in wanted else _topology(made, topology, output)
+    written = _write(made, wanted, figures, target, output)
+    output.write_json({**made.to_dict(), "files": written})
+    _summarise(made, target, output)
+
+
+def _check_target(target: Path, folders: list[Path]) -> None:
+    """Refuse to replace a folder that is no report: all in it would be lost."""
+    if not target.exists():
+        return
+    inside = any(folder.resolve().is_relative_to(target.resolve()) for folder in folders)
+    empty = target.is_dir() and not any(target.iterdir())
+    if inside or not (
+        empty or any((target / name).is_file() for name in ("index.html", "report.md", "report.json"))
+    ):
+        text = "it is no report, and --force would replace all of it; give another folder with -o"
+        raise UsageError("OUTPUT_EXISTS", text, file=target)
+
+
+def _formats(text: str) -> list[Format]:
+    from msb.report.pages import FORMATS
+
+    wanted = [part.strip() for part in text.split(",")]
+    for part in wanted:
+        if part not in FORMATS:
+            raise UsageError("USAGE", f'--format: "{shorten(part, 40)}" is none of {", ".join(FORMATS)}')
+    return cast("list[Format]", wanted)
+
+
+def _make(
+    folders: list[Path],
+    published: Path | None,
+    views: list[str],
+    allow_mixed: bool,
+    pictures: bool,
+    output: Output,
+) -> Report:
+    from msb.report.build import build_report, paper_report
+    from msb.report.paper import published_numbers
+    from msb.report.results import read_results
+
+    if not folders:
+        return paper_report(pictures=pictures)
+    with output.progress("reading results"):
+        found = read_results(*folders, allow_mixed=allow_mixed)
+        numbers = None if published is None else published_numbers(published)
+    with output.progress(f"making tables and figures of {len(found)} results"):
+        return build_report(found, published=numbers, chosen=views, pictures=pictures)
+
+
+def _table(made: Report, label: str) -> Any:
+    if label not in made.tables:
+        labels = ", ".join(made.tables)
+        raise UsageError("TABLE_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
+    return made.tables[label]
+
+
+def _print(made: Report, label: str, output: Output) -> None:
+    from msb.report.writers import markdown
+
+    if output.prints_text:
+        typer.echo(markdown(_table(made, label)))
+
+
+def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
+    """Return the diagnostic figure, a PNG, of each audited asset that is there and can be drawn."""
+    if made.results is None or which == "none":
+        return {}
+    found: dict[Place, bytes] = {}
+    audited = [
+        loaded
+        for loaded in made.results
+        if loaded.result.audit is not None
+        and loaded.result.asset is not None
+        and Path(loaded.result.asset.path).exists()
+        and (which == "all" or (loaded.result.audit["counts"].get("faces") or 0) <= _MOST_FACES)
+    ]
+    if not audited:
+        return {}
+    try:
+        from msb.cli.view import need_viewers
+
+        need_viewers()
+        from msb_viewers.gl import GlProbe
+
+        GlProbe.start().check()
+    except UsageError as error:
+        output.note(f"no topology figures: {error}")
+        return {}
+    with output.counted("drawing topology figures", len(audited)) as step:
+        for loaded in audited:
+            try:
+                found[loaded.place] = _draw(loaded.result)
+            except MsbError as error:
+                output.note(f"no topology figure: {error}")
+            step()
+    return found
+
+
+def _draw(result: Result) -> bytes:
+    import io
+
+    from msb.topology import audit_arrays
+    from msb_viewers.figure import compose, panel_images
+    from msb_viewers.model import build_model
+    from msb_viewers.source import read_source
+
+    assert result.asset is not None
+    assert result.audit is not None
+    path = Path(result.asset.path)
+    source = read_source(path)
+    audit, analysis = audit_arrays(source.vertices, source.faces)
+    if any(result.audit["counts"].get(key) != count for key, count in vars(audit.counts).items()):
+        raise InputError(
+            "RECORD_INVALID", "it is not the mesh that was audited: it has changed since", file=path
+        )
+    model = build_model(source, audit, analysis)
+    file = io.BytesIO()
+    compose(model, panel_images(model)).savefig(file, format="png", dpi=90, metadata={"Software": None})
+    return file.getvalue()
+
+
+def _write(
+    made: Report, wanted: list[Format], figures: dict[Place, bytes], target: Path, output: Output
+) -> list[str]:
+    from msb.atomic import new_folder
+    from msb.report.pages import report_files
+
+    with output.progress(f"writing {target.name}"):
+        files = report_files(made, formats=wanted, topology=figures, folder=target)
+        with new_folder(target) as folder:
+            for name, data in files.items():
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(data)
+    return sorted(files)
+
+
+def _summarise(made: Report, target: Path, output: Output) -> None:
+    if not output.prints_text:
+        return
+    if not output.quiet:
+        typer.echo(made.summary)
+        for note in made.notes:
+            typer.echo(f"! {note}")
+        for finding in made.findings:
+            typer.echo(f"- {finding.sentence}")
+    page = target / "index.html"
+    typer.echo(str(page if page.exists() else target))

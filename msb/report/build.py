@@ -1,0 +1,350 @@
+"""The report as data: sections with tables, charts and pictures, the findings, and a verdict per asset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from msb._version import __version__
+from msb.bench.aggregate import SCENES
+from msb.errors import UsageError, shorten
+from msb.report import tables
+from msb.report.collect import collect
+from msb.report.figures import figures
+from msb.report.findings import find
+from msb.report.numbers import dataset_title
+from msb.report.paper import PAPER_TABLES, paper_numbers
+from msb.report.pictures import view_names, views
+from msb.report.results import Place
+from msb.report.verdict import judge
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from msb.report.figures import Figure
+    from msb.report.findings import Finding
+    from msb.report.numbers import Key, Number, Numbers
+    from msb.report.pictures import View
+    from msb.report.results import ResultSet
+    from msb.report.table import Table
+    from msb.report.verdict import Verdict
+
+SCHEMA = "msb.report/1"
+OTHER_SCENES = (
+    "{}: no scene is one of the published set, so means are over those there are and the paper's "
+    "numbers are not beside them"
+)
+FEW_SCENES = ("tanksandtemples",)
+"""Datasets of which the paper has all scenes side by side instead of below each other."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report. `name` is its anchor."""
+
+    name: str
+    title: str
+    intro: str
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    views: tuple[View, ...] = ()
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing in it."""
+        return not (self.tables or self.figures or self.views)
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that is to be said.
+
+    Attributes
+    ----------
+    title, summary : str
+    sections : tuple of Section
+    findings : tuple of Finding
+    notes : tuple of str
+        What to know before reading: mixed results, failed cells.
+    numbers : Numbers
+        Behind the tables.
+    results : ResultSet, optional
+        Behind the numbers; None for the paper's own tables.
+    verdicts : tuple of Verdict
+    """
+
+    title: str
+    summary: str
+    sections: tuple[Section, ...]
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+    numbers: Numbers
+    results: ResultSet | None = None
+    verdicts: tuple[Verdict, ...] = field(default=())
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """Label -> table, in the order of the sections."""
+        return {table.label: table for section in self.sections for table in section.tables}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON data (schema msb.report/1), numbers as full doubles."""
+        return {
+            "schema": SCHEMA,
+            "tool_version": __version__,
+            "title": self.title,
+            "summary": self.summary,
+            "findings": [finding.to_dict() for finding in self.findings],
+            "notes": list(self.notes),
+            "verdicts": [
+                {**verdict.place._asdict(), "statements": [one.to_dict() for one in verdict.statements]}
+                for verdict in self.verdicts
+            ],
+            "tables": [table.to_dict() for table in self.tables.values()],
+        }
+
+
+def build_report(
+    results: ResultSet,
+    *,
+    published: Mapping[Key, Number] | None = None,
+    chosen: Sequence[str] = (),
+    pictures: bool = True,
+) -> Report:
+    """Return the report on `results`, the paper's numbers beside ours.
+
+    Parameters
+    ----------
+    results : ResultSet
+    published : mapping of Key to Number, optional
+        More published numbers (`published_numbers`).
+    chosen : sequence of str
+        Views to show, "SCENE/IMAGE", besides those with the largest and a typical loss.
+    pictures : bool
+        Whether charts and renderings are wanted.
+
+    Raises
+    ------
+    UsageError
+        USAGE: there is no view of a name in `chosen`.
+    """
+    _check_chosen(results, chosen)
+    numbers, paper = collect(results), paper_numbers()
+    if published:
+        paper = replace(paper, values={**paper.values, **published})
+    others = [dataset for dataset in numbers.datasets() if _has_other_scenes(numbers, dataset)]
+    paper = _without(paper, others)
+    places: dict[str, list[Place]] = {dataset: [] for dataset in numbers.datasets()}
+    for dataset, own in places.items():
+        own += [
+            place
+            for method in numbers.methods(dataset)
+            for scene in numbers.scenes(dataset)
+            if (place := Place(dataset, scene, method)) in results.places
+        ]
+    charts = figures(numbers, paper) if pictures else []
+    shown = tuple(
+        view for own in places.values() for view in (views(results, own, chosen) if pictures else ())
+    )
+    verdicts = tuple(
+        judge(place, {name: loaded.result for name, loaded in results.places[place].items()}, numbers)
+        for own in places.values()
+        for place in own
+    )
+    return Report(
+        "MeshSplatBench report",
+        _summary(results, numbers),
+        _sections(numbers, paper, charts, shown),
+        tuple(find(numbers)),
+        (
+            *results.notes,
+            *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others else []),
+            *_failures(results),
+        ),
+        numbers,
+        results,
+        verdicts,
+    )
+
+
+def paper_report(*, pictures: bool = True) -> Report:
+    """Return the paper's own tables, made of its numbers by the builders that make ours."""
+    made: dict[str, Callable[[Numbers, str], Table]] = {
+        "native_summary": lambda n, label: tables.native_summary(n, label=label),
+        "native_comprehensive_results": lambda n, label: tables.native_summary(n, label=label),
+        "mip360_renderer_comparison": lambda n, label: tables.renderer_comparison(
+            n, "mipnerf360", label=label
+        ),
+        "tnt_renderer_comparison": lambda n, label: tables.scene_comparison(
+            n, "tanksandtemples", label=label
+        ),
+        "tnt_unity_runtime_resources": lambda n, label: tables.runtime_resources(
+            n, "tanksandtemples", label=label
+        ),
+        "mip360_unity_gpu_latency": lambda n, label: tables.latency(n, "mipnerf360", label=label),
+        "mip360_unity_memory": lambda n, label: tables.memory(n, "mipnerf360", label=label),
+        "mesh_connectivity": lambda n, label: tables.mesh_connectivity(n, "mipnerf360", label=label),
+        "reproducibility_comparison": lambda n, label: tables.reproducibility(
+            n, label=label, sources=("paper", "public", "meshsplatbench")
+        ),
+    }
+    own = [made[label](paper_numbers(label), label) for label in PAPER_TABLES]
+    own += [tables.native_features(), tables.deployment_features()]
+    numbers = paper_numbers()
+    derived = [tables.gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
+    sections = (
+        Section(
+            "tables",
+            "The paper's tables",
+            "Printed from the paper's numbers by the writer of ours.",
+            tuple(own),
+        ),
+        Section(
+            "derived",
+            "What follows from them",
+            "Gaps and ratios the paper states in prose, from the means it prints.",
+            (*derived, tables.slowdown_table(numbers)),
+            tuple(figures(numbers)) if pictures else (),
+        ),
+    )
+    # A finding may point at a table that the paper has under another name.
+    labels = {"renderer_comparison-mipnerf360": "mip360_renderer_comparison",
+              "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
+              "mesh_connectivity-mipnerf360": "mesh_connectivity"}  # fmt: skip
+    found = [replace(finding, table=labels.get(finding.table, finding.table)) for finding in find(numbers)]
+    summary = "The tables of the MeshSplatBench paper, from its own numbers; nothing here was measured."
+    return Report("The paper's tables", summary, sections, tuple(found), (), numbers)
+
+
+def _sections(
+    numbers: Numbers, paper: Numbers, charts: Iterable[Figure], shown: tuple[View, ...]
+) -> tuple[Section, ...]:
+    datasets = numbers.datasets()
+    drawn = [dataset for dataset in datasets if numbers.columns(dataset)]
+    deployed = [d for d in drawn if any(column != "non_engine" for column in numbers.columns(d))]
+    few = [dataset for dataset in deployed if dataset in FEW_SCENES]
+    audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
+    known = any(key.source for key in paper.values if key.dataset in datasets)
+    charts = tuple(charts)
+
+    def of(*names: str) -> tuple[Figure, ...]:
+        return tuple(figure for figure in charts if figure.name.startswith(names))
+
+    quality: list[Table] = [tables.renderer_comparison(numbers, dataset, paper) for dataset in drawn]
+    quality += [tables.scene_comparison(numbers, dataset, paper) for dataset in few]
+    runtime: list[Table] = [tables.slowdown_table(numbers, paper)] if deployed else []
+    runtime += [tables.runtime_resources(numbers, dataset, paper) for dataset in few]
+    for dataset in deployed:
+        if dataset not in few:
+            runtime += [tables.latency(numbers, dataset, paper), tables.memory(numbers, dataset, paper)]
+    published: list[Table] = []
+    if known:
+        published = [
+            tables.reproducibility(numbers, paper),
+            tables.reproducibility_statistics(numbers, paper),
+        ]
+    sections = (
+        Section(
+            "deployment",
+            "From path to path",
+            "What each engine path makes of the same models, and what is lost on the way.",
+            tuple(quality),
+            of("deployment_gap"),
+        ),
+        Section(
+            "gaps",
+            "Deployment gaps",
+            "How much quality each step costs.",
+            tuple(tables.gaps_table(numbers, dataset, paper) for dataset in deployed),
+        ),
+        Section("looks", "What it looks like", "The same test view on every path.", views=shown),
+        Section(
+            "native",
+            "With their own renderers",
+            "The methods before any deployment.",
+            (tables.native_summary(numbers, paper),)
+            if any("non_engine" in numbers.columns(d) for d in drawn)
+            else (),
+        ),
+        Section("runtime", "Speed and memory", "What drawing costs.", tuple(runtime), of("quality_speed")),
+        Section(
+            "structure",
+            "Structure of the meshes",
+            "Whether the exported mesh is more than a set of triangles.",
+            tuple(tables.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
+        ),
+        Section(
+            "reproducibility",
+            "Against published results",
+            "How near this run comes to what was published.",
+            tuple(published),
+            of("reproducibility"),
+        ),
+        Section(
+            "features",
+            "What each path keeps",
+            "What the representations have, and what the tiers keep of it.",
+            (tables.native_features(), tables.deployment_features()),
+        ),
+        Section(
+            "scenes",
+            "Every scene",
+            "The numbers behind the means.",
+            tuple(tables.per_scene(numbers, d, column) for d in drawn for column in numbers.columns(d)),
+        ),
+    )
+    whole = (
+        replace(section, tables=tuple(table for table in section.tables if table.rows and table.columns))
+        for section in sections
+    )
+    return tuple(section for section in whole if not section.empty)
+
+
+def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
+    known = {f"{place.scene}/{image}" for place in results.places for image in view_names(results, place)}
+    for name in chosen:
+        if name not in known:
+            example = f"; {min(known)} is one" if known else ""
+            raise UsageError("USAGE", f'there is no test view "{shorten(name, 80)}"{example}')
+
+
+def _has_other_scenes(numbers: Numbers, dataset: str) -> bool:
+    """Return whether a dataset goes by a published name but has none of its scenes, as the stubs have not."""
+    published = SCENES.get(dataset, ())
+    return bool(published) and not any(scene in published for scene in numbers.scenes(dataset))
+
+
+def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
+    """Return the paper's numbers without those of `datasets`: they are of other scenes."""
+    return replace(
+        paper,
+        values={key: number for key, number in paper.values.items() if key.dataset not in datasets},
+        gaps={key: gaps for key, gaps in paper.gaps.items() if key.dataset not in datasets},
+        ratios={key: ratio for key, ratio in paper.ratios.items() if key.dataset not in datasets},
+    )
+
+
+def _summary(results: ResultSet, numbers: Numbers) -> str:
+    methods = {place.method for place in results.places}
+    scenes = {(place.dataset, place.scene) for place in results.places}
+    parts = (
+        _count(len(results), "result"),
+        _count(len(methods), "method"),
+        _count(len(scenes), "scene"),
+        _count(len(numbers.datasets()), "dataset"),
+    )
+    return f"{parts[0]} of {parts[1]} on {parts[2]} of {parts[3]}. msb {__version__}."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _failures(results: ResultSet) -> list[str]:
+    found = []
+    for loaded in results:
+        cell, reason = loaded.result.cell, loaded.result.reason
+        if loaded.result.status == "failed":
+            why = f": {reason.code}: {reason.message}" if reason else ""
+            found.append(f"failed: {cell.dataset}/{cell.scene}/{cell.method}/{cell.column}{why}")
+    return found

@@ -1,0 +1,233 @@
+"""From records to numbers: every metric of every cell, means over scenes, gaps; and why one is missing."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
+from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
+from msb.bench.records import CONDITIONS
+from msb.methods import METHODS
+from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
+from msb.report.results import Place
+from msb.report.table import NOT_SUPPORTED, NOT_THERE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from msb.bench.gaps import Gaps, Ratio
+    from msb.bench.records import Result
+    from msb.report.results import ResultSet
+
+_RATES = ("fps", "p50_ms", "p95_ms")
+_IMAGES = (*QUALITY, *_RATES, "memory", "asset_size")
+_OF_ASSET = ("train_memory", "train_seconds", "chamfer")
+"""Of the trained model, whatever condition's record holds them; shown with the Non-Engine results."""
+_AUDIT = tuple(METRICS)[list(METRICS).index("vf_ratio") :]
+_PARTS = {
+    **dict.fromkeys(QUALITY, "quality"),
+    **dict.fromkeys((*_RATES, "memory"), "timing"),
+    **dict.fromkeys(("train_memory", "train_seconds"), "training"),
+    "chamfer": "chamfer",
+}
+"""Metric -> the part of `Result.reasons` that says why it is not there."""
+
+NOT_RUN = "not run"
+REFERENCE = "rendered by our reference renderer, not by the method's own code"
+RESIZED = "against photographs resized here, not shipped in this size"
+
+
+def collect(results: ResultSet) -> Numbers:
+    """Return the numbers of `results`: datasets, methods and scenes in the paper's order, then others."""
+    records: dict[Place, dict[str, Result]] = {
+        place: {column: loaded.result for column, loaded in columns.items()}
+        for place, columns in results.places.items()
+    }
+    values: dict[Key, Number] = {}
+    gaps: dict[GapKey, Gaps] = {}
+    ratios: dict[RatioKey, Ratio] = {}
+    for dataset in _ordered({place.dataset for place in records}, SCENES):
+        scenes = _ordered({p.scene for p in records if p.dataset == dataset}, SCENES.get(dataset, ()))
+        for method in _ordered({p.method for p in records if p.dataset == dataset}, METHODS):
+            of_scenes = {scene: records.get(Place(dataset, scene, method), {}) for scene in scenes}
+            columns = _columns(records, dataset, method)
+            for column in columns:
+                _add_column(values, dataset, method, column, of_scenes)
+            _add_gaps(gaps, dataset, method, columns, of_scenes)
+            for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
+                expected = expected_scenes(dataset, scenes)
+                ratios[RatioKey(dataset, method, above, below)] = slowdown(of_scenes, expected, above, below)
+    return Numbers(_noted_sizes(values, records), gaps, ratios)
+
+
+def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
+    """Return `names`, those of `first` in its order, then the others: scan2 before scan10."""
+    order = list(first)
+
+    def rank(name: str) -> tuple[int, list[Any]]:
+        parts = [(int(p), "") if p.isdecimal() else (-1, p) for p in re.split(r"(\d+)", name)]
+        return (order.index(name) if name in order else len(order), parts)
+
+    return sorted(names, key=rank)
+
+
+def _columns(records: Mapping[Place, Mapping[str, Result]], dataset: str, method: str) -> list[str]:
+    """Return the columns a method has records in, and the dataset's others in which it is not supported."""
+    of_dataset: dict[str, None] = {}
+    own: set[str] = set()
+    for place, columns in records.items():
+        if place.dataset == dataset:
+            of_dataset.update(dict.fromkeys(columns))
+            own |= set(columns) if place.method == method else set()
+    shown = [c for c in of_dataset if c in own or _unsupported(method, c)]
+    return _ordered(shown, CONDITIONS)
+
+
+def _unsupported(method: str, column: str) -> str | None:
+    known = METHODS.get(method)
+    if known is None or column not in ("dedicated", "standard"):
+        return None
+    return known.unsupported.get(column)  # type: ignore[call-overload,no-any-return]
+
+
+def _add_column(
+    values: dict[Key, Number],
+    dataset: str,
+    method: str,
+    column: str,
+    of_scenes: Mapping[str, Mapping[str, Result]],
+) -> None:
+    metrics = _AUDIT if column == "exported_mesh" else _IMAGES
+    metrics = (*metrics, *_OF_ASSET) if column == "non_engine" else metrics
+    for metric in metrics:
+        numbers = {}
+        for scene, columns in of_scenes.items():
+            result = _holder(columns, metric) if metric in _OF_ASSET else columns.get(column)
+            numbers[scene] = _number(metric, method, column, result)
+            values[Key(dataset, scene, method, column, metric)] = numbers[scene]
+        groups = {**scene_groups(dataset), MEAN: expected_scenes(dataset, of_scenes)}
+        for name, members in groups.items():
+            own = {scene: number for scene, number in numbers.items() if scene in members}
+            if own:
+                values[Key(dataset, name, method, column, metric)] = _mean(own, members)
+
+
+def _holder(columns: Mapping[str, Result], metric: str) -> Result | None:
+    """Return the record that has a number of the whole asset, else the one that says why there is none."""
+    for result in columns.values():
+        if METRICS[metric].get(result) is not None:
+            return result
+    own = [result for result in columns.values() if _PARTS[metric] in result.reasons]
+    return next(iter([*own, *columns.values()]), None)
+
+
+def _number(metric: str, method: str, column: str, result: Result | None) -> Number:
+    if result is None:
+        why = _unsupported(method, column)
+        return Number(None, NOT_THERE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
+    value = METRICS[metric].get(result)
+    if value is not None:
+        return Number(float(value), notes=tuple(_notes(metric, result)))
+    if result.status != "done":
+        mark = NOT_SUPPORTED if result.status == "unsupported" else NOT_THERE
+        reason = result.reason
+        text = None if reason is None else reason.message
+        failed = f"failed: {reason.code}: {text}" if reason else "failed"
+        return Number(None, mark, text if result.status == "unsupported" else failed)
+    return Number(None, NOT_THERE, _why_missing(metric, result))
+
+
+def _why_missing(metric: str, result: Result) -> str:
+    part = _PARTS.get(metric)
+    if part in result.reasons:
+        return result.reasons[part].message
+    if metric == "lpips" and result.quality is not None and result.quality.lpips_reason:
+        return f"LPIPS: {result.quality.lpips_reason}"
+    if metric == "chamfer" and result.cell.dataset != "dtu":
+        return "the Chamfer distance needs a reference scan, which only DTU has"
+    return {
+        "timing": "not timed",
+        "training": "no record of the training was given",
+        "chamfer": "the Chamfer distance was not measured",
+    }.get(part or "", "not measured")
+
+
+def _notes(metric: str, result: Result) -> Iterable[str]:
+    part = _PARTS.get(metric)
+    if part == "quality":
+        if result.renderer is not None and result.renderer.kind == "msb_reference":
+            yield REFERENCE
+        if result.setup is not None and result.setup.gt_resized:
+            yield RESIZED
+        if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
+            yield "images equal to the ground truth count 100 dB"
+    elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
+        yield f"measured on a {result.timing.device_kind.upper()} device{_device(result)}"
+
+
+def _device(result: Result) -> str:
+    machine = result.device or {}
+    device = machine.get("device", machine)
+    name = device.get("name") if isinstance(device, dict) else device
+    return f": {name}" if isinstance(name, str) else ""
+
+
+def _mean(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
+    mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
+    if mean.value is not None:
+        notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
+        return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
+    absent = NOT_SUPPORTED if all(n.absent == NOT_SUPPORTED for n in numbers.values()) else NOT_THERE
+    reasons = Counter(number.reason for number in numbers.values() if number.absent == absent)
+    reason = reasons.most_common(1)[0][0] if reasons else None
+    return Number(None, absent, reason, present=0, expected=mean.expected)
+
+
+def _add_gaps(
+    gaps: dict[GapKey, Gaps],
+    dataset: str,
+    method: str,
+    columns: Iterable[str],
+    of_scenes: Mapping[str, Mapping[str, Result]],
+) -> None:
+    for standard in ("standard", *(column for column in columns if column not in CONDITIONS)):
+        paths = {
+            scene: {
+                name: own[column]
+                for name, column in (("non_engine",) * 2, ("dedicated",) * 2, ("standard", standard))
+                if column in own
+            }
+            for scene, own in of_scenes.items()
+        }
+        for metric in QUALITY:
+            expected = expected_scenes(dataset, of_scenes)
+            gaps[GapKey(dataset, MEAN, method, metric, standard)] = dataset_gaps(metric, paths, expected)
+            for scene, own in paths.items():
+                gaps[GapKey(dataset, scene, method, metric, standard)] = scene_gaps(metric, own)
+
+
+def _noted_sizes(
+    values: dict[Key, Number], records: Mapping[Place, Mapping[str, Result]]
+) -> dict[Key, Number]:
+    """Note the numbers of methods that were compared on another image folder than most on their dataset."""
+    folders: dict[tuple[str, str], Counter[str]] = {}
+    own: dict[Place, str] = {}
+    for place, columns in records.items():
+        for result in columns.values():
+            if result.setup is not None:
+                folders.setdefault((place.dataset, place.scene), Counter())[result.setup.image_folder] += 1
+                own[place] = result.setup.image_folder
+    odd: dict[tuple[str, str], str] = {}
+    for (dataset, scene, method), folder in own.items():
+        usual = folders[dataset, scene].most_common(1)[0][0]
+        if folder != usual:
+            odd[dataset, method] = f"on {folder}, where the other methods are on {usual}"
+    for key, number in values.items():
+        note = odd.get((key.dataset, key.method))
+        if note is not None and key.metric in QUALITY and number.value is not None:
+            values[key] = Number(
+                number.value, present=number.present, expected=number.expected, notes=(*number.notes, note)
+            )
+    return values

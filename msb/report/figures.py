@@ -1,0 +1,248 @@
+"""The report's charts as SVG: gaps from path to path, quality against speed, differences from published ones.
+
+Colours are Okabe and Ito's, which the colour-blind can tell apart; markers, line styles and hatches say the
+same without them. Text and axes take the colour of the page they stand in.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from msb.methods import METHODS
+from msb.report.names import slug
+from msb.report.numbers import COLUMNS, MEAN, Key, dataset_title, method_title, scene_title
+from msb.report.tables.reproducibility import SOURCES, pairs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+
+    from msb.report.numbers import Numbers
+    from msb.report.tables.reproducibility import Pair
+
+PATHS = ("non_engine", "dedicated", "standard")
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#999999", "#E69F00")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
+_HATCHES = ("", "//", "xx", "..")
+_PATH_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
+_INK, _PAPER = "#010203", "#fdfcfb"
+"""Stand for the colours of the text and of the page, until it is known where the figure goes."""
+_SIZE = (4.6, 3.3)
+"""Inches: on a phone a chart is shown about this wide."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One chart. `name` is that of its file and anchor, `caption` says in words what it shows."""
+
+    name: str
+    caption: str
+    svg: str
+
+    @property
+    def inline(self) -> str:
+        """The SVG as an element of a page, in the colours of the text around it."""
+        body = self.svg[self.svg.index("<svg") :]
+        return body.replace(_INK, "currentColor").replace(_PAPER, "none")
+
+    @property
+    def alone(self) -> str:
+        """The SVG as a file, black on white."""
+        return self.svg.replace(_INK, "#1e2024").replace(_PAPER, "#ffffff")
+
+
+def figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
+    """Return every chart there are numbers for."""
+    found = []
+    for dataset in numbers.datasets():
+        found += [deployment_gap(numbers, dataset), quality_speed(numbers, dataset)]
+    if paper is not None:
+        own = [pair for pair in pairs(numbers, paper) if pair.key.metric == "psnr"]
+        found += [differences(own, dataset) for dataset in numbers.datasets()]
+    return [figure for figure in found if figure is not None]
+
+
+def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
+    """Return PSNR from Non-Engine to Dedicated to Standard, a line per method; None without two points."""
+    lines: dict[str, list[tuple[int, float]]] = {}
+    for method in numbers.methods(dataset, *PATHS):
+        values = [numbers.value(Key(dataset, MEAN, method, path, "psnr")) for path in PATHS]
+        points = [(place, value) for place, value in enumerate(values) if value is not None]
+        if points:
+            lines[method] = points
+    if all(len(points) < 2 for points in lines.values()):
+        return None
+
+    def draw(axes: Axes) -> None:
+        for method, points in lines.items():
+            axes.plot(*zip(*points, strict=True), **_style(method))
+        axes.set_xticks(range(len(PATHS)), [COLUMNS[path] for path in PATHS])
+        axes.set_xlim(-0.2, len(PATHS) - 0.8)
+        axes.set_ylabel("PSNR (dB), higher is better")
+        _legend(axes, len(lines))
+
+    caption = (
+        f"{dataset_title(dataset)}: PSNR of each method from its own renderer through the engine paths; a "
+        "line stops at the last path that supports the method."
+    )
+    return _figure(f"deployment_gap-{slug(dataset)}", dataset_title(dataset), caption, draw)
+
+
+def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
+    """Return PSNR against frames per second, a marker per path and method; None without two points."""
+    points: dict[str, list[tuple[str, float, float]]] = {}
+    for method in numbers.methods(dataset, *PATHS):
+        for path in PATHS:
+            psnr, fps = (
+                numbers.value(Key(dataset, MEAN, method, path, metric)) for metric in ("psnr", "fps")
+            )
+            if psnr is not None and fps is not None and fps > 0:
+                points.setdefault(method, []).append((path, fps, psnr))
+    if sum(map(len, points.values())) < 2:
+        return None
+
+    def draw(axes: Axes) -> None:
+        from matplotlib.lines import Line2D
+        from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+        for method, own in points.items():
+            style = _style(method)
+            axes.plot(
+                [x for _, x, _ in own], [y for _, _, y in own], **{**style, "marker": "", "linewidth": 1}
+            )
+            for path, x, y in own:
+                axes.plot([x], [y], color=style["color"], linestyle="none", markeredgecolor=_INK,
+                          markeredgewidth=0.6, marker=_PATH_MARKERS[path],
+                          markersize=10 if path == "non_engine" else 7)  # fmt: skip
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("frames per second, logarithmic")
+        axes.set_ylabel("PSNR (dB), higher is better")
+        handles = [
+            Line2D([], [], **{**_style(method), "marker": "", "label": method_title(method)})
+            for method in points
+        ]
+        handles += [
+            Line2D([], [], color="none", marker=_PATH_MARKERS[path], markerfacecolor=_INK,
+                   markeredgecolor=_INK, label=COLUMNS[path])
+            for path in PATHS if any(path == one for own in points.values() for one, _, _ in own)
+        ]  # fmt: skip
+        _legend(axes, len(handles), handles)
+
+    caption = (
+        f"{dataset_title(dataset)}: quality against speed. Up is better, right is faster; the markers are "
+        "the paths, the line styles the methods."
+    )
+    return _figure(f"quality_speed-{slug(dataset)}", dataset_title(dataset), caption, draw)
+
+
+def differences(found: Sequence[Pair], dataset: str) -> Figure | None:
+    """Return bars of ours - published PSNR, of scenes where those are published, else of the means."""
+    own = [
+        pair
+        for pair in found
+        if pair.key.dataset == dataset
+        and pair.key.column == "non_engine"
+        and pair.key.source != "meshsplatbench"
+    ]
+    scenes = [pair for pair in own if pair.key.scene != MEAN]
+    own = scenes or own
+    if not own:
+        return None
+
+    def name(pair: Pair) -> str:
+        return scene_title(pair.key.scene) if scenes else method_title(pair.key.method)
+
+    def series(pair: Pair) -> str:
+        source = SOURCES[pair.key.source].lower()
+        return f"{method_title(pair.key.method)} - {source}" if scenes else f"this run - {source}"
+
+    groups = list(dict.fromkeys(map(name, own)))
+    kinds = list(dict.fromkeys(map(series, own)))
+
+    def draw(axes: Axes) -> None:
+        width = 0.8 / len(kinds)
+        for place, kind in enumerate(kinds):
+            bars = [(groups.index(name(pair)), pair.difference) for pair in own if series(pair) == kind]
+            style: dict[str, Any] = {
+                "color": _COLORS[place % len(_COLORS)],
+                "hatch": _HATCHES[place % len(_HATCHES)],
+            }
+            at = [group + (place - (len(kinds) - 1) / 2) * width for group, _ in bars]
+            axes.bar(
+                at, [value for _, value in bars], width, label=kind, edgecolor=_INK, linewidth=0.6, **style
+            )
+        axes.axhline(0, color=_INK, linewidth=0.8)
+        long = sum(map(len, groups)) > 40
+        turned: dict[str, Any] = {"rotation": 30, "ha": "right"} if long else {}
+        axes.set_xticks(range(len(groups)), groups, **turned)
+        axes.set_ylabel("PSNR difference (dB)")
+        _legend(axes, len(kinds))
+
+    of = "per scene" if scenes else "of the means over scenes"
+    caption = f"{dataset_title(dataset)}: PSNR of this run minus published PSNR, {of}."
+    return _figure(f"reproducibility-{slug(dataset)}", dataset_title(dataset), caption, draw)
+
+
+def _style(method: str) -> dict[str, Any]:
+    known = list(METHODS)
+    place = known.index(method) if method in known else len(known) + sum(method.encode())
+    return {
+        "color": _COLORS[place % len(_COLORS)],
+        "marker": _MARKERS[place % len(_MARKERS)],
+        "linestyle": _LINES[place % len(_LINES)],
+        "markeredgecolor": _INK,
+        "markeredgewidth": 0.6,
+        "linewidth": 1.8,
+        "label": method_title(method),
+    }
+
+
+def _legend(axes: Axes, entries: int, handles: Any = None) -> None:
+    given = {"handles": axes.get_legend_handles_labels()[0] if handles is None else handles}
+    axes.figure.legend(loc="outside lower center", ncols=2 if entries > 1 else 1, frameon=False, **given)
+
+
+def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure as Canvas
+
+    settings = {
+        "svg.fonttype": "none",
+        "svg.hashsalt": "msb",  # the same numbers give the same bytes
+        "text.parse_math": False,  # a dollar sign in a scene's name is one
+        "font.family": "sans-serif",
+        "font.size": 9,
+        "axes.grid": True,
+        "grid.alpha": 0.15,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "legend.handlelength": 3.2,
+        **dict.fromkeys(
+            ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color"),
+            _INK,
+        ),
+        **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), _PAPER),
+    }
+    file = io.StringIO()
+    with rc_context(settings), warnings.catch_warnings():
+        # A browser has glyphs that the font used for measuring has not.
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)
+        canvas = Canvas(figsize=_SIZE, layout="constrained")
+        FigureCanvasSVG(canvas)
+        axes = canvas.add_subplot()
+        axes.set_title(title, fontsize=10, fontweight="bold")
+        draw(axes)
+        canvas.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+    # Identifiers would clash with those of the next figure in the same page.
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", file.getvalue())
+    return Figure(name, caption, text)

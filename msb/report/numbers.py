@@ -1,0 +1,165 @@
+"""What tables, figures and findings are made of: numbers by dataset, scene, method, column and metric.
+
+Ours come from records (`msb.report.collect`), the paper's from its tables (`msb.report.paper`); from here on
+both take the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from msb.bench.aggregate import TITLES
+from msb.bench.records import CONDITIONS
+from msb.methods import METHODS
+from msb.report.names import plain_text
+from msb.report.table import NOT_THERE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from msb.bench.gaps import Gaps, Ratio
+
+MEAN = "mean"
+MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
+"""Scenes that are means of scenes, and what rows of them are called."""
+
+COLUMNS = {
+    "non_engine": "Non-Engine",
+    "dedicated": "Dedicated",
+    "standard": "Standard",
+    "exported_mesh": "Exported mesh",
+}
+"""Condition -> its heading; engines go by their own names."""
+
+QUALITY = ("psnr", "ssim", "lpips")
+
+
+class Key(NamedTuple):
+    """Where a number stands.
+
+    Attributes
+    ----------
+    dataset, method : str
+    scene : str
+        Or a key of `MEANS`.
+    column : str
+        A condition, or the engine in the place of one.
+    metric : str
+        A key of `msb.bench.aggregate.METRICS`.
+    source : str
+        "" for measured numbers; "paper", "public" and "meshsplatbench" are the columns of the paper's
+        reproducibility table.
+    """
+
+    dataset: str
+    scene: str
+    method: str
+    column: str
+    metric: str
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number in the records' unit, or why there is none.
+
+    Attributes
+    ----------
+    value : float, optional
+    absent : str
+        "N/A" or "--" where `value` is None.
+    reason : str, optional
+        Why.
+    present, expected : int
+        Of a mean: scenes with a value, and scenes there should be.
+    notes : tuple of str
+    """
+
+    value: float | None
+    absent: str = NOT_THERE
+    reason: str | None = None
+    present: int = 1
+    expected: int = 1
+    notes: tuple[str, ...] = ()
+
+
+class GapKey(NamedTuple):
+    """Which gaps: `scene` may be "mean"; `standard` is the column in the place of the standard tier."""
+
+    dataset: str
+    scene: str
+    method: str
+    metric: str
+    standard: str = "standard"
+
+
+class RatioKey(NamedTuple):
+    """Which ratio of the frame rates of two columns, of a dataset's means."""
+
+    dataset: str
+    method: str
+    numerator: str
+    denominator: str
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """All numbers of a set of results, or of the paper (`of_paper`). Names come in the order of `values`."""
+
+    values: Mapping[Key, Number]
+    gaps: Mapping[GapKey, Gaps] = field(default_factory=dict)
+    ratios: Mapping[RatioKey, Ratio] = field(default_factory=dict)
+    of_paper: bool = False
+
+    def number(self, key: Key) -> Number:
+        """Return the number at `key`, or -- where nothing is known about it."""
+        return self.values.get(key, Number(None))
+
+    def value(self, key: Key) -> float | None:
+        """Return the value at `key`."""
+        return self.number(key).value
+
+    def datasets(self) -> list[str]:
+        """Return the datasets."""
+        return list(dict.fromkeys(key.dataset for key in self.values))
+
+    def methods(self, dataset: str, *columns: str) -> list[str]:
+        """Return the methods of a dataset; if `columns` are named, those with a value or an N/A in one."""
+        return list(
+            dict.fromkeys(key.method for key in self._of(dataset) if not columns or key.column in columns)
+        )
+
+    def scenes(self, dataset: str) -> list[str]:
+        """Return the scenes of a dataset, means apart."""
+        return list(dict.fromkeys(key.scene for key in self._of(dataset) if key.scene not in MEANS))
+
+    def columns(self, dataset: str) -> list[str]:
+        """Return the columns that hold images, conditions first, then engines."""
+        found = dict.fromkeys(key.column for key in self._of(dataset) if key.column != "exported_mesh")
+        return sorted(
+            found, key=lambda name: CONDITIONS.index(name) if name in CONDITIONS else len(CONDITIONS)
+        )
+
+    def _of(self, dataset: str) -> Iterable[Key]:
+        return (key for key in self.values if key.dataset == dataset)
+
+
+def dataset_title(dataset: str) -> str:
+    """Return a dataset's heading."""
+    return TITLES.get(dataset) or plain_text(dataset)
+
+
+def scene_title(scene: str) -> str:
+    """Return the heading of a scene, or of a mean of scenes."""
+    return MEANS.get(scene) or plain_text(scene)
+
+
+def method_title(method: str) -> str:
+    """Return a method's heading."""
+    return METHODS[method].title if method in METHODS else plain_text(method)
+
+
+def column_title(column: str) -> str:
+    """Return a column's heading; an engine is shown as one that takes the standard tier's mesh."""
+    return COLUMNS.get(column) or f"Standard, {plain_text(column)}"

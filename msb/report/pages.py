@@ -1,0 +1,204 @@
+"""The files of a report: Markdown, tables in every format, and pages that need nothing but themselves."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from msb._version import __version__
+from msb.bench.folder import Results
+from msb.report.asset_tables import asset_tables, provenance
+from msb.report.names import slug
+from msb.report.numbers import dataset_title, method_title, scene_title
+from msb.report.pictures import GT, views
+from msb.report.writers import WRITERS, markdown, markdown_text
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+    from pathlib import Path
+
+    from jinja2 import Environment
+
+    from msb.report.build import Report
+    from msb.report.pictures import View
+    from msb.report.results import Place
+    from msb.report.verdict import Verdict
+    from msb.report.writers import Format
+
+FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
+SMALL_VIDEO = 4 << 20
+"""Bytes up to which a film becomes part of the page."""
+
+
+def report_files(
+    report: Report,
+    *,
+    formats: Collection[Format] = FORMATS,
+    topology: Mapping[Place, bytes] | None = None,
+    folder: Path | None = None,
+) -> dict[str, bytes]:
+    """Return path -> content of every file of the report.
+
+    Parameters
+    ----------
+    report : Report
+    formats : collection of str
+        "md", "tex", "csv", "json", "html".
+    topology : mapping of Place to bytes, optional
+        PNG of the topology diagnostic of an asset.
+    folder : Path, optional
+        Where the files will lie: films too large for a page are linked from there.
+
+    Notes
+    -----
+    ``report.md``, ``report.json``, ``tables/LABEL.*``, ``figures/*.svg``, ``images/*.jpg``, ``index.html``
+    and ``verdict-DATASET-SCENE-METHOD.html``. The pages hold all they show.
+    """
+    files: dict[str, str | bytes] = {}
+    for suffix, writer in WRITERS.items():
+        if suffix in formats:
+            files |= {f"tables/{label}.{suffix}": writer(table) for label, table in report.tables.items()}
+    if "json" in formats:
+        files["report.json"] = (
+            json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        )
+    if "md" in formats:
+        files["report.md"] = _markdown(report)
+        for section in report.sections:
+            files |= {f"figures/{figure.name}.svg": figure.alone for figure in section.figures}
+            files |= {
+                f"images/{name}": data for view in section.views for name, data in _images(view).items()
+            }
+    if "html" in formats:
+        pages = {verdict.place: _verdict_name(verdict) for verdict in report.verdicts}
+        files["index.html"] = _template("index.html", report=report, pages=pages, grid=_grid(report))
+        for verdict in report.verdicts:
+            files[pages[verdict.place]] = _verdict_page(report, verdict, topology or {}, folder)
+    return {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+
+
+def _grid(report: Report) -> dict[str, Any]:
+    """Return the verdicts as dataset -> scene -> method -> verdict, and the methods."""
+    datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
+    methods: dict[str, None] = {}
+    for verdict in report.verdicts:
+        dataset, scene, method = verdict.place
+        datasets.setdefault(dataset, {}).setdefault(scene, {})[method] = verdict
+        methods[method] = None
+    return {"datasets": datasets, "methods": list(methods)}
+
+
+def _verdict_name(verdict: Verdict) -> str:
+    return f"verdict-{'-'.join(map(slug, verdict.place))}.html"
+
+
+def _verdict_page(
+    report: Report, verdict: Verdict, topology: Mapping[Place, bytes], folder: Path | None
+) -> str:
+    assert report.results is not None
+    place = verdict.place
+    own = report.results.places[place]
+    picture = topology.get(place)
+    records = {name: loaded.result for name, loaded in own.items()}
+    asset = next((result.asset for result in records.values() if result.asset is not None), None)
+    return _template(
+        "verdict.html",
+        report=report,
+        verdict=verdict,
+        views=views(report.results, [place]),
+        tables=asset_tables(place, records, report.numbers),
+        provenance=provenance(records),
+        topology=None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}",
+        asset=asset,
+        audited="exported_mesh" in records and records["exported_mesh"].audit is not None,
+        video=_video(report, place, folder),
+    )
+
+
+def _video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
+    """Return the film of an asset: as part of the page if it is small, else where it lies."""
+    assert report.results is not None
+    for root in report.results.roots:
+        path = Results(root).video(*place)
+        try:
+            if not path.is_file() or not path.resolve().is_relative_to(root.resolve()):
+                continue
+            if path.stat().st_size <= SMALL_VIDEO:
+                return {"data": f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}"}
+            start = folder or root
+            return {"link": os.path.relpath(path.resolve(), start.resolve()).replace(os.sep, "/")}
+        except (OSError, ValueError):  # not readable; a NUL in a name; another drive
+            continue
+    return None
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("msb.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters |= {
+        "dataset": dataset_title,
+        "method": method_title,
+        "scene": scene_title,
+        "unbroken": _unbroken,
+    }
+    environment.globals |= {"GT": GT, "version": __version__}
+    return environment
+
+
+def _unbroken(heading: str) -> str:
+    """Keep an arrow on the line of its word."""
+    return heading.replace(" ↑", "\N{NO-BREAK SPACE}↑").replace(" ↓", "\N{NO-BREAK SPACE}↓")
+
+
+def _template(name: str, **values: Any) -> str:
+    return _environment().get_template(name).render(**values)
+
+
+def _markdown(report: Report) -> str:
+    lines = [f"# {markdown_text(report.title)}", "", markdown_text(report.summary), ""]
+    lines += [f"> {markdown_text(note)}\n" for note in report.notes]
+    if report.findings:
+        lines += ["## Findings", ""]
+        lines += [f"- {markdown_text(one.sentence)} (`{one.table}`)" for one in report.findings]
+        lines.append("")
+    for section in report.sections:
+        lines += [f"## {markdown_text(section.title)}", "", markdown_text(section.intro), ""]
+        for figure in section.figures:
+            lines += [f"![{markdown_text(figure.caption)}](figures/{figure.name}.svg)", ""]
+        for view in section.views:
+            lines += [_markdown_view(view), ""]
+        for table in section.tables:
+            lines += [f'<a id="{table.label}"></a>', "", markdown(table)]
+    return "\n".join(lines)
+
+
+def _markdown_view(view: View) -> str:
+    """Return a table of pictures: a row per method."""
+    heads = list(dict.fromkeys(shot.heading for shots in view.shots.values() for shot in shots))
+    lines = [f"**{markdown_text(view.title)}**", "", f"| | {GT} | {' | '.join(map(markdown_text, heads))} |"]
+    lines.append("|---" * (len(heads) + 2) + "|")
+    for method, shots in view.shots.items():
+        by_heading = {shot.heading: shot for shot in shots}
+        cells = ["--" if view.gt is None else f"![{GT}](images/{view.gt.name})"]
+        for head in heads:
+            shot = by_heading.get(head)
+            if shot is None or shot.picture is None:
+                cells.append("--")
+            else:
+                psnr = "equal" if shot.psnr is None else f"{shot.psnr:.2f} dB"
+                cells.append(f"![{markdown_text(head)}](images/{shot.picture.name})<br>{psnr}")
+        lines.append(f"| {markdown_text(method_title(method))} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _images(view: View) -> dict[str, bytes]:
+    found = [view.gt, *(shot.picture for shots in view.shots.values() for shot in shots)]
+    return {picture.name: picture.data for picture in found if picture is not None}

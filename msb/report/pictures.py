@@ -1,0 +1,170 @@
+"""Renderings beside each other: which views to show, and their pictures as small JPEGs."""
+
+from __future__ import annotations
+
+import base64
+import io
+import statistics
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from msb.report.names import plain_text, slug
+from msb.report.numbers import column_title, dataset_title, method_title, scene_title
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from msb.bench.records import ImageQuality
+    from msb.report.results import Loaded, Place, ResultSet
+
+PATHS = ("non_engine", "dedicated", "standard")
+GT = "Ground truth"
+_WIDTH = 480
+_QUALITY = 85
+_MOST_PIXELS = 1 << 26
+_EQUAL = 100.0
+"""dB of an image equal to the ground truth (spec: mean policy)."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A JPEG: its name in the report's folder of images, and its bytes."""
+
+    name: str
+    data: bytes
+
+    @property
+    def uri(self) -> str:
+        """The picture as part of a page."""
+        return f"data:image/jpeg;base64,{base64.b64encode(self.data).decode()}"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One rendering of a view, its heading and PSNR; `picture` is None where the file is gone."""
+
+    heading: str
+    psnr: float | None
+    picture: Picture | None
+
+
+@dataclass(frozen=True)
+class View:
+    """One test view: the ground truth, and for each method what each path makes of it."""
+
+    dataset: str
+    scene: str
+    image: str
+    why: str
+    gt: Picture | None
+    shots: Mapping[str, tuple[Shot, ...]]
+    """Method -> its renderings."""
+
+    @property
+    def title(self) -> str:
+        """A heading."""
+        return (
+            f"{dataset_title(self.dataset)}, {scene_title(self.scene)}, {plain_text(self.image)}: {self.why}"
+        )
+
+
+def views(results: ResultSet, places: Sequence[Place], chosen: Sequence[str] = ()) -> list[View]:
+    """Return the views to show of `places` (of one dataset): the largest gap, a typical one, and `chosen`.
+
+    Parameters
+    ----------
+    results : ResultSet
+    places : sequence of Place
+    chosen : sequence of str
+        "SCENE/IMAGE", as records name them.
+    """
+    gaps = [(gap, place, image) for place in places for image, gap in _gaps(results, place).items()]
+    picked: dict[tuple[str, str], str] = {}
+    if gaps:
+        gap, place, image = max(gaps, key=lambda one: one[0])
+        picked[place.scene, image] = f"the largest loss, {gap:.2f} dB ({method_title(place.method)})"
+        middle = statistics.median(one[0] for one in gaps)
+        gap, place, image = min(gaps, key=lambda one: abs(one[0] - middle))
+        picked.setdefault(
+            (place.scene, image), f"a typical loss, {gap:.2f} dB ({method_title(place.method)})"
+        )
+    known = {(place.scene, image) for place in places for image in view_names(results, place)}
+    for scene, image in sorted(known):
+        if f"{scene}/{image}" in chosen:
+            picked.setdefault((scene, image), "chosen")
+    found = []
+    for (scene, image), why in picked.items():
+        own = [place for place in places if place.scene == scene]
+        view = _view(results, own, image, why)
+        if view.gt is not None or any(shot.picture for shots in view.shots.values() for shot in shots):
+            found.append(view)
+    return found
+
+
+def view_names(results: ResultSet, place: Place) -> set[str]:
+    """Return the names of the test views an asset was compared on."""
+    return {image.name for loaded in results.places[place].values() for image in _images(loaded)}
+
+
+def _gaps(results: ResultSet, place: Place) -> dict[str, float]:
+    """Return image -> PSNR lost from the first path there is to the last."""
+    own = [loaded for path in PATHS if (loaded := results.places[place].get(path)) and loaded.result.quality]
+    if len(own) < 2:
+        return {}
+    first, last = (
+        {image.name: _EQUAL if image.psnr is None else image.psnr for image in _images(loaded)}
+        for loaded in (own[0], own[-1])
+    )
+    return {name: first[name] - psnr for name, psnr in last.items() if name in first}
+
+
+def _images(loaded: Loaded) -> tuple[ImageQuality, ...]:
+    return () if loaded.result.quality is None else loaded.result.quality.images
+
+
+def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> View:
+    shots: dict[str, tuple[Shot, ...]] = {}
+    gt: Picture | None = None
+    dataset, scene = places[0].dataset, places[0].scene
+    stem = f"{slug(dataset)}-{slug(scene)}-{slug(image)}"
+    for place in places:
+        own = []
+        for column, loaded in results.places[place].items():
+            found = next((one for one in _images(loaded) if one.name == image), None)
+            if found is None:
+                continue
+            if gt is None:
+                gt = _picture(loaded.file(found.gt), found, f"{stem}-gt.jpg")
+            name = f"{stem}-{slug(place.method)}-{slug(column)}.jpg"
+            own.append(
+                (
+                    column,
+                    Shot(column_title(column), found.psnr, _picture(loaded.file(found.file), found, name)),
+                )
+            )
+        order = {path: number for number, path in enumerate(PATHS)}
+        shots[place.method] = tuple(
+            shot for _, shot in sorted(own, key=lambda one: order.get(one[0], len(order)))
+        )
+    return View(dataset, scene, image, why, gt, shots)
+
+
+def _picture(path: Path | None, image: ImageQuality, name: str) -> Picture | None:
+    """Return the picture in a file, made small; None unless it is one of the recorded size."""
+    if path is None or image.width * image.height > _MOST_PIXELS:
+        return None
+    from PIL import Image
+
+    try:
+        with Image.open(path, formats=("PNG", "JPEG")) as file:
+            if file.size != (image.width, image.height):
+                return None
+            small = file.convert("RGB")
+    except (OSError, ValueError, SyntaxError):  # Pillow's ways of saying that this is no picture
+        return None
+    if small.width > _WIDTH:
+        small = small.resize((_WIDTH, round(small.height * _WIDTH / small.width)), Image.Resampling.LANCZOS)
+    buffer = io.BytesIO()
+    small.save(buffer, "JPEG", quality=_QUALITY)
+    return Picture(name, buffer.getvalue())

@@ -1,0 +1,165 @@
+"""Result records from results folders: found, read, and held to being comparable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from msb.bench.folder import Results
+from msb.bench.records import CONDITIONS, Result, read_result
+from msb.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from msb.bench.records import Cell
+
+
+class Place(NamedTuple):
+    """Which asset on which scene."""
+
+    dataset: str
+    scene: str
+    method: str
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A record, its file, and the results folder that is of."""
+
+    result: Result
+    path: Path
+    root: Path
+
+    @property
+    def place(self) -> Place:
+        """The asset and scene it is of."""
+        return Place(self.result.cell.dataset, self.result.cell.scene, self.result.cell.method)
+
+    def file(self, name: str | None) -> Path | None:
+        """Return a file the record names relative to itself, if it is there and inside the results folder."""
+        if name is None:
+            return None
+        try:
+            path = (self.path.parent / name).resolve()
+            inside = path.is_relative_to(self.root.resolve()) and path.is_file()
+        except (OSError, ValueError):  # a NUL in the name, a name too long
+            return None
+        return path if inside else None
+
+
+@dataclass(frozen=True)
+class ResultSet:
+    """Records by asset and column, and what was said about mixing them."""
+
+    places: Mapping[Place, Mapping[str, Loaded]]
+    notes: tuple[str, ...] = ()
+
+    def __iter__(self) -> Iterator[Loaded]:
+        return (loaded for columns in self.places.values() for loaded in columns.values())
+
+    def __len__(self) -> int:
+        return sum(len(columns) for columns in self.places.values())
+
+    @property
+    def roots(self) -> list[Path]:
+        """The results folders."""
+        return list(dict.fromkeys(loaded.root for loaded in self))
+
+
+def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) -> ResultSet:
+    """Return the records below ``FOLDER/cells`` of every results folder.
+
+    Parameters
+    ----------
+    *folders : path-like
+        Of the same cell in two of them, the later one's counts.
+    allow_mixed : bool
+        Take records that differ in what must be equal, and note it, instead of refusing.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, RESULTS_EMPTY, or what reading a record raises.
+    UsageError
+        RESULTS_MIXED: the definition of a metric differs between records; or of one asset on one scene, the
+        setup, the test images or the asset's bytes.
+    """
+    found = [loaded for folder in folders for loaded in _read_folder(Path(folder))]
+    problems = list(dict.fromkeys(_problems(found)))
+    if problems and not allow_mixed:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        text = f"{problems[0]}{more}; report them apart, or give --allow-mixed"
+        raise UsageError("RESULTS_MIXED", text)
+    places: dict[Place, dict[str, Loaded]] = {}
+    found.sort(key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition))
+    for loaded in found:
+        places.setdefault(loaded.place, {})[loaded.result.cell.column] = loaded
+    return ResultSet(places, tuple(f"mixed: {problem}" for problem in problems))
+
+
+def _read_folder(root: Path) -> list[Loaded]:
+    if not root.is_dir():
+        raise InputError("FILE_NOT_FOUND", "there is no such folder of results", file=root)
+    files = Results(root).records()
+    if not files:
+        text = "there is no result in it: no cells/DATASET/SCENE/METHOD/COLUMN/result.json, as msb run writes"
+        raise InputError("RESULTS_EMPTY", text, file=root)
+    return [Loaded(_checked(read_result(path), path), path, root) for path in files]
+
+
+def _checked(result: Result, path: Path) -> Result:
+    """Hold the free-form parts of a record to what the tables take of them."""
+    needed: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
+        ("audit", result.audit, ("metrics", "counts")),
+        ("chamfer", result.chamfer, ("overall",)),
+    )
+    for name, part, keys in needed:
+        for key in keys if part is not None else ():
+            value = part.get(key, "absent")
+            numbers = value.values() if isinstance(value, dict) else [value]
+            if (name == "audit") != isinstance(value, dict) or not all(map(_is_number, numbers)):
+                raise InputError(
+                    "RECORD_INVALID", f"/{name}/{key}: no numbers", file=path, pointer=f"/{name}/{key}"
+                )
+    return result
+
+
+def _is_number(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+
+
+def _problems(found: Iterable[Loaded]) -> Iterator[str]:
+    """Yield what differs between records that stand beside each other in a table."""
+    identities: dict[str, tuple[object, Loaded]] = {}
+    of_place: dict[tuple[Place, str], tuple[object, Loaded]] = {}
+    for loaded in found:
+        result = loaded.result
+        for identity in () if result.quality is None else result.quality.metrics:
+            plain = {key: value for key, value in identity.items() if key != "libraries"}
+            first, other = identities.setdefault(str(identity.get("name")), (plain, loaded))
+            if first != plain:
+                yield f"{_name(loaded)} and {_name(other)} define {identity.get('name')} differently"
+        for what, value in _must_agree(result).items():
+            first, other = of_place.setdefault((loaded.place, what), (value, loaded))
+            if first != value:
+                yield f"{_name(loaded)} and {_name(other)} differ in {what}"
+
+
+def _must_agree(result: Result) -> dict[str, object]:
+    found: dict[str, object] = {}
+    if result.setup is not None:
+        found["their setup (cameras, image folder, background)"] = result.setup
+    if result.asset is not None and result.asset.sha256 is not None:
+        found["the asset's bytes"] = result.asset.sha256
+    if result.quality is not None:
+        images = frozenset((image.name, image.width, image.height) for image in result.quality.images)
+        found["their test images or sizes"] = images
+    return found
+
+
+def _name(loaded: Loaded) -> str:
+    cell: Cell = loaded.result.cell
+    return f"{loaded.root.name}: {cell.dataset}/{cell.scene}/{cell.method}/{cell.column}"

@@ -1,0 +1,196 @@
+"""A table as data: what every writer writes and every page shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+SCHEMA = "msb.table/1"
+_QUALITY = ("psnr", "ssim", "lpips")
+NOT_SUPPORTED, NOT_THERE = "N/A", "--"
+"""An unsupported condition; a metric that does not apply or was not reported. Never blank, never 0."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell.
+
+    Attributes
+    ----------
+    text : str
+        As printed, without footnote marks: "28.16", "22.51 (7/9)", "N/A", "--", "yes".
+    value : float, bool or str, optional
+        What is behind it, unrounded, in `unit`; None for N/A and --.
+    metric, unit : str
+        "" where the cell is no number.
+    bold : bool
+        The best, by the rule of its table.
+    reason : str, optional
+        Why there is no value.
+    notes : tuple of str
+        Footnotes.
+    present, expected : int
+        Of a mean: scenes with a value, and scenes there should be.
+    """
+
+    text: str
+    value: float | bool | str | None = None
+    metric: str = ""
+    unit: str = ""
+    bold: bool = False
+    reason: str | None = None
+    notes: tuple[str, ...] = ()
+    present: int = 1
+    expected: int = 1
+
+    @property
+    def footnotes(self) -> tuple[str, ...]:
+        """Notes, and the reason as one of them."""
+        return self.notes if self.reason is None else (self.reason, *self.notes)
+
+    @property
+    def number(self) -> float | None:
+        """The value, if it is a number to sort by."""
+        return self.value if isinstance(self.value, float) else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the cell as JSON data."""
+        data: dict[str, Any] = {"text": self.text, "value": self.value, "bold": self.bold}
+        if self.metric:
+            data |= {"metric": self.metric, "unit": self.unit}
+        if self.reason is not None:
+            data["reason"] = self.reason
+        if self.notes:
+            data["notes"] = list(self.notes)
+        if (self.present, self.expected) != (1, 1):
+            data |= {
+                "present": self.present,
+                "expected": self.expected,
+                "partial": self.present < self.expected,
+            }
+        return data
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of values. `groups` are the headings that span it and its neighbours, outermost first."""
+
+    title: str
+    groups: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row: what it is of, under `Table.heads`, and a cell per column.
+
+    `section` is a heading above it and its neighbours; `strong` marks means; `paper` marks the paper's own
+    numbers, set under ours.
+    """
+
+    labels: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    section: str = ""
+    strong: bool = False
+    paper: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table. `label` names its files and anchors; `notes` hold for all of it."""
+
+    label: str
+    caption: str
+    heads: tuple[str, ...]
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def depth(self) -> int:
+        """Lines of headings above the columns' own titles."""
+        return max((len(column.groups) for column in self.columns), default=0)
+
+    def spans(self, level: int) -> list[tuple[str, int]]:
+        """Return the headings of one level, from left to right, each with the columns it spans."""
+        found: list[tuple[tuple[str, ...], int]] = []
+        for column in self.columns:
+            # The same heading under another one above it is another heading.
+            path = column.groups[: level + 1] if level < len(column.groups) else ()
+            if found and found[-1][0] == path:
+                found[-1] = (path, found[-1][1] + 1)
+            else:
+                found.append((path, 1))
+        return [(path[-1] if path else "", count) for path, count in found]
+
+    def blocks(self) -> list[tuple[str, list[Row]]]:
+        """Return the rows in blocks, each with its heading: its section and all labels but the last."""
+        found: list[tuple[str, list[Row]]] = []
+        for row in self.rows:
+            heading = ", ".join(filter(None, (row.section, *row.labels[:-1])))
+            if not found or found[-1][0] != heading:
+                found.append((heading, []))
+            found[-1][1].append(row)
+        return found
+
+    def sortable(self, column: int) -> bool:
+        """Return whether a column can sort the rows of each block: it holds numbers of one metric there."""
+        several = False
+        for _, rows in self.blocks():
+            cells = [row.cells[column] for row in rows if not row.paper]
+            if len({cell.metric for cell in cells}) > 1:
+                return False
+            several = several or sum(cell.number is not None for cell in cells) > 1
+        return several
+
+    def footnotes(self) -> dict[str, str]:
+        """Return footnote -> mark, "a" to "z", then "aa", in the order in which a reader meets them."""
+        texts = dict.fromkeys(note for row in self.rows for cell in row.cells for note in cell.footnotes)
+        return {note: _letters(number) for number, note in enumerate(texts)}
+
+    def with_common_notes(self) -> Table:
+        """Return the table with notes on all numbers of a metric moved from the cells to the table."""
+        cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
+        metrics = dict.fromkeys(cell.metric for cell in cells)
+        common: dict[str, str] = {}
+        for note in dict.fromkeys(note for cell in cells for note in cell.notes):
+            having = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
+            if all(note in cell.notes for cell in cells if cell.metric in having):
+                names = ", ".join(metric.upper() for metric in having if metric in _QUALITY)
+                common[note] = note if len(having) == len(metrics) or not names else f"{names}: {note}"
+        if not common:
+            return self
+
+        def lighter(cell: Cell) -> Cell:
+            return replace(cell, notes=tuple(note for note in cell.notes if note not in common))
+
+        rows = tuple(replace(row, cells=tuple(map(lighter, row.cells))) for row in self.rows)
+        return replace(self, rows=rows, notes=(*self.notes, *common.values()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the table as JSON data (schema msb.table/1), numbers as full doubles."""
+        return {
+            "schema": SCHEMA,
+            "label": self.label,
+            "caption": self.caption,
+            "heads": list(self.heads),
+            "columns": [{"title": column.title, "groups": list(column.groups)} for column in self.columns],
+            "rows": [
+                {
+                    "labels": list(row.labels),
+                    "section": row.section,
+                    "source": "paper" if row.paper else "ours",
+                    "cells": [cell.to_dict() for cell in row.cells],
+                }
+                for row in self.rows
+            ],
+            "notes": list(self.notes),
+        }
+
+
+def _letters(number: int) -> str:
+    name = ""
+    number += 1
+    while number:
+        number, rest = divmod(number - 1, 26)
+        name = chr(ord("a") + rest) + name
+    return name

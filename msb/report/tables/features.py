@@ -1,0 +1,73 @@
+"""The two feature matrices, printed from `msb.methods` and never typed in."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from msb.methods import METHODS, Native
+from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
+
+if TYPE_CHECKING:
+    from msb.methods import Method, Tier
+
+DEPTH_TEST = "depth test"
+"""DiffSoup's faces are opaque where they are at all: the depth test orders them, nothing is sorted."""
+_TITLES = {"sh": "SH", "view_dependence": "View-dep."}
+_SHOWN: dict[Tier, tuple[str, ...]] = {
+    "standard": ("support", "appearance"),
+    "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
+}
+"""What of `Retained` each tier's columns are: an opaque fallback keeps only its appearance."""
+TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
+
+
+def native_features(*, label: str = "method_attributes") -> Table:
+    """Return what each method's own representation has."""
+    names = [field.name for field in fields(Native)]
+    return Table(
+        label,
+        "What the representation and its own renderer have.",
+        ("Method",),
+        tuple(Column(_title(name)) for name in names),
+        tuple(
+            Row((method.title,), tuple(_cell(getattr(method.native, name)) for name in names))
+            for method in METHODS.values()
+            if method.native
+        ),
+    )
+
+
+def deployment_features(*, label: str = "feature_mapping") -> Table:
+    """Return what each tier supports and keeps of each method of the paper."""
+    rows = [
+        Row((method.title,), tuple(_kept(method, tier, name) for tier in _SHOWN for name in _SHOWN[tier]))
+        for method in METHODS.values()
+        if method.paper_name
+    ]
+    return Table(
+        label,
+        "What each tier keeps. Fallback: opaque, static colours. Method-aware: the functions listed.",
+        ("Method",),
+        tuple(Column(_title(name), (TIER_TITLES[tier],)) for tier in _SHOWN for name in _SHOWN[tier]),
+        tuple(rows),
+        (f"{NOT_THERE}: the representation has no such thing", f"{NOT_SUPPORTED}: not supported"),
+    )
+
+
+def _kept(method: Method, tier: Tier, name: str) -> Cell:
+    kept = method.retained.get(tier)
+    if kept is None:
+        return Cell(NOT_SUPPORTED, reason=f"{method.title}: {method.unsupported[tier]}")
+    depth_test = name == "depth_sort" and method.native is not None and method.native.binary_opacity
+    return _cell(getattr(kept, name), (DEPTH_TEST,) if depth_test else ())
+
+
+def _cell(value: bool | str | None, notes: tuple[str, ...] = ()) -> Cell:
+    if value is None:
+        return Cell(NOT_THERE)
+    return Cell({True: "yes", False: "no"}[value] if isinstance(value, bool) else value, value, notes=notes)
+
+
+def _title(name: str) -> str:
+    return _TITLES.get(name, name.replace("_", " ").capitalize())

@@ -1,0 +1,188 @@
+"""Tables of what deployment costs: the three gaps, and frame rates against each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.bench.gaps import PAIRS
+from msb.bench.records import CONDITIONS
+from msb.report.layout import PAPER_ROW
+from msb.report.names import slug
+from msb.report.numbers import MEAN, QUALITY, GapKey, Key, RatioKey, column_title, dataset_title, method_title
+from msb.report.shown import SHOWN, title
+from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
+
+if TYPE_CHECKING:
+    from msb.bench.gaps import Gap, GapName, Gaps
+    from msb.report.numbers import Number, Numbers
+    from msb.report.results import Place
+
+REASONS = {
+    "failed": "a run failed",
+    "missing": "one of the two paths was not run",
+    "not_measured": "one of the two paths has no such number",
+    "camera_mismatch": "the two paths were not rendered from the same cameras at the same sizes",
+    "setup_mismatch": "the two paths have another background or ground truth",
+    "metric_mismatch": "the two paths were measured with different definitions of the metric",
+    "asset_mismatch": "the two paths drew different assets",
+    "device_mismatch": "the two paths ran on different devices",
+}
+"""`Gap.reason` in words; "unsupported" prints N/A."""
+_GAPS: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
+NOTES = (
+    "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard; each from "
+    "its own definition, deploy is never a sum",
+    "loss: the same with its sign, positive where something is lost",
+    "monotone: Dedicated lies between the other two",
+    "excess: adapt + port - deploy, 0 where monotone",
+)
+_COLUMNS = (
+    *(Column(name, ("Gap",)) for name in _GAPS.values()),
+    *(Column(name, ("Loss, signed",)) for name in _GAPS.values()),
+    Column("Monotone"),
+    Column("Excess"),
+)
+_RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
+
+
+def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return the gaps of every method and metric of a dataset, engines in the place of Standard included."""
+    engines = [column for column in numbers.columns(dataset) if column not in CONDITIONS]
+    rows: list[Row] = []
+    for metric in QUALITY:
+        for standard in ("standard", *engines):
+            for method in numbers.methods(dataset, "dedicated", standard):
+                key = GapKey(dataset, MEAN, method, metric, standard)
+                engine = "" if standard == "standard" else f", {standard}"
+                labels = (title(metric), f"{method_title(method)}{engine}")
+                rows.append(Row(labels, _cells(numbers, key)))
+                if paper is not None and key in paper.gaps:
+                    rows.append(Row((labels[0], PAPER_ROW), _cells(paper, key), paper=True))
+    caption = f"{dataset_title(dataset)}: deployment gaps between the means over scenes."
+    columns = (*_COLUMNS, Column("Mean scene gap"))
+    note = (
+        "mean scene gap: the mean of the scenes' absolute deploy gaps, never less than the gap of the means"
+    )
+    table = Table(
+        f"gaps-{slug(dataset)}", caption, ("Metric", "Method"), columns, tuple(rows), (*NOTES, note)
+    )
+    return table.with_common_notes()
+
+
+def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
+    """Return the gaps of one method on one scene."""
+    shown = (0, 1, 2, 6)
+    cells = {metric: _cells(numbers, GapKey(*place, metric)) for metric in QUALITY}
+    rows = tuple(
+        Row((title(metric),), tuple(own[number] for number in shown)) for metric, own in cells.items()
+    )
+    columns = tuple(_COLUMNS[number] for number in shown)
+    notes = (NOTES[0], NOTES[2])
+    table = Table("gaps", "What is lost from path to path.", ("Metric",), columns, rows, notes)
+    return table.with_common_notes()
+
+
+def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
+    """Return how many times faster Standard is than Dedicated, and Dedicated than Non-Engine."""
+    rows: list[Row] = []
+    for dataset in numbers.datasets():
+        for method in numbers.methods(dataset, "dedicated"):
+            if all(
+                numbers.value(Key(dataset, MEAN, method, c, "fps")) is None for c in ("dedicated", "standard")
+            ):
+                continue
+            labels = dataset_title(dataset), method_title(method)
+            rows.append(Row(labels, _ratio_cells(numbers, dataset, method)))
+            if paper is not None and any(key[:2] == (dataset, method) for key in paper.ratios):
+                cells = _ratio_cells(paper, dataset, method)
+                rows.append(Row((labels[0], PAPER_ROW), cells, paper=True))
+    columns = tuple(
+        Column(of, (f"{column_title(above)} / {column_title(below)}",))
+        for above, below in _RATIOS
+        for of in ("Means", "Scenes")
+    )
+    note = "ratios of frame rates, of the means over scenes and from the lowest to the highest scene"
+    table = Table(
+        "slowdown", "Frame rates against each other.", ("Dataset", "Method"), columns, tuple(rows), (note,)
+    )
+    return table.with_common_notes()
+
+
+def _cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
+    gaps = numbers.gaps.get(key)
+    found = {name: None if gaps is None else gaps[name] for name in _GAPS}
+    absent = {name: _why_absent(numbers, key, name, gap) for name, gap in found.items()}
+
+    def cell(name: GapName, value: str, form: str) -> Cell:
+        gap = found[name]
+        number = None if gap is None else getattr(gap, value)
+        if gap is None or number is None:
+            return absent[name]
+        count = f" ({gap.scenes}/{gap.expected})" if gap.partial else ""
+        text = f"{number:{form}.{SHOWN[key.metric].decimals}f}{count}"
+        notes = tuple(dict.fromkeys(note for end in _ends(numbers, key, name) for note in end.notes))
+        unit = SHOWN[key.metric].unit
+        return Cell(text, number, key.metric, unit, notes=notes, present=gap.scenes, expected=gap.expected)
+
+    return (
+        *(cell(name, "value", "") for name in _GAPS),
+        *(cell(name, "signed", "+") for name in _GAPS),
+        *_shape(
+            gaps,
+            key.metric,
+            [absent[name] for name, gap in found.items() if gap is None or gap.value is None],
+        ),
+        Cell(NOT_THERE) if numbers.of_paper else cell("deploy", "mean_abs_scene_gap", ""),
+    )
+
+
+def _shape(gaps: Gaps | None, metric: str, absent: list[Cell]) -> tuple[Cell, Cell]:
+    """Return whether the gaps add up, and by how much they do not."""
+    if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
+        other = Cell(NOT_THERE, reason="the gaps are not over the same scenes")
+        cell = min(absent, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
+        return cell, cell
+    text = f"{gaps.triangle_excess:.{SHOWN[metric].decimals}f}"
+    return (
+        Cell("yes" if gaps.monotone else "no", gaps.monotone),
+        Cell(text, gaps.triangle_excess, metric, SHOWN[metric].unit),
+    )
+
+
+def _ends(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
+    """Return the two numbers a gap is between."""
+    columns = [key.standard if end == "standard" else end for end in PAIRS[name]]
+    return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in columns]
+
+
+def _why_absent(numbers: Numbers, key: GapKey, name: GapName, gap: Gap | None) -> Cell:
+    """Return the cell of a gap that is not there: N/A where one of its ends is."""
+    return _absent(_ends(numbers, key, name), "missing" if gap is None else gap.reason, key.metric)
+
+
+def _ratio_cells(numbers: Numbers, dataset: str, method: str) -> tuple[Cell, ...]:
+    cells: list[Cell] = []
+    for pair in _RATIOS:
+        ratio = numbers.ratios.get(RatioKey(dataset, method, *pair))
+        if ratio is None or ratio.value is None:
+            ends = [numbers.number(Key(dataset, MEAN, method, column, "fps")) for column in pair]
+            cells += [_absent(ends, "missing" if ratio is None else ratio.reason, "fps")] * 2
+            continue
+        rates = ratio.per_scene.values()
+        count = f" ({len(rates)}/{ratio.expected})" if ratio.partial else ""
+        cells.append(Cell(f"{ratio.value:.2f}{count}", ratio.value, "fps", "1"))
+        if rates:
+            low, high = min(rates), max(rates)
+            cells.append(Cell(f"{low:.2f} to {high:.2f}", f"{low!r} to {high!r}"))
+        else:
+            cells.append(Cell(NOT_THERE))
+    return tuple(cells)
+
+
+def _absent(ends: list[Number], reason: str | None, metric: str) -> Cell:
+    """Return the cell of what is not there: N/A where one of the numbers it is made of is."""
+    unit = SHOWN[metric].unit
+    for end in ends:
+        if end.value is None and end.absent == NOT_SUPPORTED:
+            return Cell(NOT_SUPPORTED, None, metric, unit, reason=end.reason)
+    return Cell(NOT_THERE, None, metric, unit, reason=REASONS.get(reason or "", reason))

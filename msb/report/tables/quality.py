@@ -1,0 +1,133 @@
+"""Tables of image quality: the research renderers, and what the engines make of the same models."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.report.layout import Layout, Line, make_table
+from msb.report.names import slug
+from msb.report.numbers import MEAN, QUALITY, Key, column_title, dataset_title, method_title, scene_title
+from msb.report.shown import title
+from msb.report.table import Column
+from msb.report.tables.scenes import scene_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from msb.report.numbers import Numbers
+    from msb.report.table import Table
+
+_NATIVE = (*QUALITY, "fps", "train_memory", "train_seconds", "chamfer")
+_DEPLOYED = (*QUALITY, "fps")
+
+
+def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str = "native_summary") -> Table:
+    """Return what the methods reach with their own renderers: dataset x method. Best of a dataset bold."""
+    lines = [
+        Line(
+            (dataset_title(dataset), method_title(method)),
+            tuple(Key(dataset, MEAN, method, "non_engine", metric) for metric in _NATIVE),
+        )
+        for dataset in numbers.datasets()
+        for method in numbers.methods(dataset, "non_engine")
+    ]
+    caption = "Non-Engine results: each method with its own renderer, means over the scenes of a dataset."
+    return make_table(
+        Layout(
+            label,
+            caption,
+            ("Dataset", "Method"),
+            tuple(Column(title(metric)) for metric in _NATIVE),
+            tuple(lines),
+            best_of=lambda key: key.dataset,
+        ),
+        numbers,
+        paper,
+    )
+
+
+def renderer_comparison(
+    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
+) -> Table:
+    """Return column x metric of a dataset, a table column per method. Best of a method's renderers bold."""
+    methods = numbers.methods(dataset, *numbers.columns(dataset))
+    lines = [
+        Line(
+            (column_title(column), title(metric)),
+            tuple(Key(dataset, MEAN, method, column, metric) for method in methods),
+        )
+        for column in numbers.columns(dataset)
+        for metric in _DEPLOYED
+    ]
+    return make_table(
+        Layout(
+            label or f"renderer_comparison-{slug(dataset)}",
+            f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
+            "scenes. Bold: a method's best path.",
+            ("Path", "Metric"),
+            tuple(Column(method_title(method)) for method in methods),
+            tuple(lines),
+            best_of=lambda key: key.method,
+        ),
+        numbers,
+        paper,
+    )
+
+
+def scene_comparison(
+    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
+) -> Table:
+    """Return deployed column x method of a dataset of few scenes, a block per scene.
+
+    Best of a method's deployments in a scene bold.
+    """
+    scenes = [*numbers.scenes(dataset), MEAN]
+    columns = [column for column in numbers.columns(dataset) if column != "non_engine"]
+
+    def rival(key: Key) -> Hashable:
+        return key.method, key.scene
+
+    lines = [
+        Line(
+            (column_title(column), method_title(method)),
+            tuple(Key(dataset, scene, method, column, metric) for scene in scenes for metric in _DEPLOYED),
+        )
+        for column in columns
+        for method in numbers.methods(dataset, *columns)
+    ]
+    return make_table(
+        Layout(
+            label or f"scene_comparison-{slug(dataset)}",
+            f"{dataset_title(dataset)}: Dedicated and Standard deployment per scene. Bold: the better of a "
+            "method's deployments.",
+            ("Path", "Method"),
+            tuple(Column(title(metric), (scene_title(scene),)) for scene in scenes for metric in _DEPLOYED),
+            tuple(lines),
+            best_of=rival,
+        ),
+        numbers,
+        paper,
+    )
+
+
+def per_scene(numbers: Numbers, dataset: str, column: str) -> Table:
+    """Return every scene of a dataset in one column, a block per method. Best of the methods bold."""
+    methods = numbers.methods(dataset, column)
+    metrics = (*_DEPLOYED, "chamfer") if (dataset, column) == ("dtu", "non_engine") else _DEPLOYED
+    return make_table(
+        Layout(
+            f"scenes-{slug(dataset)}-{slug(column)}",
+            f"{dataset_title(dataset)}, {column_title(column)}: every scene. Bold: the best method.",
+            ("Scene",),
+            tuple(Column(title(metric), (method_title(method),)) for method in methods for metric in metrics),
+            scene_lines(
+                numbers,
+                dataset,
+                lambda scene: [
+                    Key(dataset, scene, method, column, metric) for method in methods for metric in metrics
+                ],
+            ),
+            best_of=lambda key: key.scene,
+        ),
+        numbers,
+    )

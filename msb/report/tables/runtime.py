@@ -1,0 +1,141 @@
+"""Tables of what drawing costs: device time and memory, per scene."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.report.layout import Layout, Line, make_table
+from msb.report.names import slug
+from msb.report.numbers import MEAN, Key, column_title, dataset_title, method_title, scene_title
+from msb.report.shown import SHOWN
+from msb.report.table import NOT_SUPPORTED, Column
+from msb.report.tables.scenes import scene_lines
+
+if TYPE_CHECKING:
+    from msb.report.numbers import Numbers
+    from msb.report.table import Table
+
+TIME_NOTE = (
+    "P50 and P95 of the device time of a frame, from its first event to its last, per scene; a mean is the "
+    "mean of the scenes' percentiles"
+)
+MEMORY_NOTE = "bytes of all buffers and images alive at the peak of a frame, without the driver's own"
+_TIMES = ("p50_ms", "p95_ms")
+
+
+def latency(
+    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
+) -> Table:
+    """Return P50 and P95 per scene of every deployment."""
+    pairs, omitted = _deployments(numbers, dataset, "p50_ms")
+    caption = f"{dataset_title(dataset)}: device time of a frame per scene, ms; lower is better."
+    return make_table(
+        Layout(
+            label or f"latency-{slug(dataset)}",
+            caption,
+            ("Scene",),
+            tuple(
+                Column(SHOWN[metric].title, (f"{column_title(column)} (ms ↓)", method_title(method)))
+                for column, method in pairs
+                for metric in _TIMES
+            ),
+            scene_lines(
+                numbers,
+                dataset,
+                lambda scene: [
+                    Key(dataset, scene, method, column, metric)
+                    for column, method in pairs
+                    for metric in _TIMES
+                ],
+            ),
+            definitions=(TIME_NOTE,),
+            notes=omitted,
+        ),
+        numbers,
+        paper,
+    )
+
+
+def memory(
+    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
+) -> Table:
+    """Return device memory per scene of every deployment."""
+    pairs, omitted = _deployments(numbers, dataset, "memory")
+    return make_table(
+        Layout(
+            label or f"memory-{slug(dataset)}",
+            f"{dataset_title(dataset)}: device memory per scene, MiB; lower is better.",
+            ("Scene",),
+            tuple(
+                Column(method_title(method), (f"{column_title(column)} (MiB ↓)",)) for column, method in pairs
+            ),
+            scene_lines(
+                numbers,
+                dataset,
+                lambda scene: [Key(dataset, scene, method, column, "memory") for column, method in pairs],
+            ),
+            definitions=(MEMORY_NOTE,),
+            notes=omitted,
+        ),
+        numbers,
+        paper,
+    )
+
+
+def runtime_resources(
+    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
+) -> Table:
+    """Return device time, memory and asset size of a dataset of few scenes, side by side."""
+    scenes = [*numbers.scenes(dataset), MEAN]
+    columns = [column for column in numbers.columns(dataset) if column != "non_engine"]
+    blocks: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
+        ("Device time of a frame (ms ↓)", _TIMES, {}),
+        ("Memory (MiB ↓)", ("memory", "asset_size"), {"memory": "Render"}),
+    )
+    places = [(scene, metric) for _, metrics, _ in blocks for scene in scenes for metric in metrics]
+    lines = [
+        Line(
+            (column_title(column), method_title(method)),
+            tuple(Key(dataset, scene, method, column, metric) for scene, metric in places),
+        )
+        for column in columns
+        for method in numbers.methods(dataset, *columns)
+    ]
+    return make_table(
+        Layout(
+            label or f"runtime_resources-{slug(dataset)}",
+            f"{dataset_title(dataset)}: device time (ms), memory while drawing and size of the asset (MiB).",
+            ("Path", "Method"),
+            tuple(
+                Column(names.get(metric, SHOWN[metric].title), (heading, scene_title(scene)))
+                for heading, metrics, names in blocks
+                for scene in scenes
+                for metric in metrics
+            ),
+            tuple(lines),
+            definitions=(
+                TIME_NOTE,
+                f"Render: {MEMORY_NOTE}; Asset: the files of the asset, the same on both tiers",
+            ),
+        ),
+        numbers,
+        paper,
+    )
+
+
+def _deployments(
+    numbers: Numbers, dataset: str, metric: str
+) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
+    """Return the (column, method) pairs shown, and a note on each that nothing can be shown of."""
+    pairs, omitted = [], []
+    for column in numbers.columns(dataset):
+        if column == "non_engine":
+            continue
+        for method in numbers.methods(dataset, column):
+            number = numbers.number(Key(dataset, MEAN, method, column, metric))
+            if number.value is None and number.absent == NOT_SUPPORTED:
+                why = f": {number.reason}" if number.reason else ""
+                omitted.append(f"{method_title(method)} is N/A under {column_title(column)}{why}")
+            else:
+                pairs.append((column, method))
+    return pairs, tuple(omitted)

@@ -1,0 +1,58 @@
+"""The table of mesh diagnostics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.report.layout import Layout, make_table
+from msb.report.names import slug
+from msb.report.numbers import Key, dataset_title, method_title
+from msb.report.shown import title
+from msb.report.table import Column
+from msb.report.tables.scenes import OUTDOOR_FIRST, scene_lines
+
+if TYPE_CHECKING:
+    from msb.report.numbers import Numbers
+    from msb.report.table import Table
+
+CONNECTIVITY = {
+    "Local reuse": ("vf_ratio", "mean_valence"),
+    "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
+    "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
+}
+"""The paper's three groups of its eight columns."""
+
+
+def mesh_connectivity(
+    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
+) -> Table:
+    """Return the audit of every exported mesh of a dataset. The mean is bold."""
+    methods = numbers.methods(dataset, "exported_mesh")
+    metrics = [metric for block in CONNECTIVITY.values() for metric in block]
+    lines = [
+        line
+        for method in methods
+        for line in scene_lines(
+            numbers,
+            dataset,
+            lambda scene, method=method: [  # type: ignore[misc]
+                Key(dataset, scene, method, "exported_mesh", metric) for metric in metrics
+            ],
+            groups=OUTDOOR_FIRST,
+            group_means=False,
+            bold_mean=True,
+            prefix=method_title(method) if len(methods) > 1 else "",
+        )
+    ]
+    who = "" if len(methods) != 1 else f" of {method_title(methods[0])}"
+    return make_table(
+        Layout(
+            label or f"mesh_connectivity-{slug(dataset)}",
+            f"{dataset_title(dataset)}: the structure of the exported meshes{who}, as stored.",
+            ("Scene",),
+            tuple(Column(title(metric), (block,)) for block, own in CONNECTIVITY.items() for metric in own),
+            tuple(lines),
+        ),
+        numbers,
+        paper,
+    )

@@ -1,0 +1,194 @@
+"""One table in every format: Markdown, LaTeX, CSV, JSON.
+
+Names in a record can come from anywhere, so each format escapes what it would otherwise obey.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from typing import TYPE_CHECKING, Literal
+
+from msb.report.names import plain_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.report.table import Cell, Row, Table
+
+Format = Literal["md", "tex", "csv", "json", "html"]
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "[": "{[}",
+    "]": "{]}",
+    "↑": r"$\uparrow$",
+    "↓": r"$\downarrow$",
+}
+r"""A bracket after ``\\`` would be its argument."""
+
+
+def markdown(table: Table) -> str:
+    """Return the table as GitHub's Markdown: headings on one line, the caption above, footnotes below."""
+    marks = table.footnotes()
+    heads = [markdown_text(head) for head in table.heads]
+    heads += [markdown_text(" ".join((*column.groups, column.title))) for column in table.columns]
+    aligned = "|" + "---|" * len(table.heads) + "---:|" * len(table.columns)
+    lines = [f"**{markdown_text(table.caption)}**", "", _markdown_line(heads), aligned]
+    section = ""
+    for row in table.rows:
+        if row.section and row.section != section:
+            blanks = [""] * (len(heads) - 1)
+            lines.append(_markdown_line([f"*{markdown_text(row.section)}*", *blanks]))
+        section = row.section
+        labels = [markdown_text(label) for label in row.labels]
+        labels[-1] = f"**{labels[-1]}**" if row.strong else f"*{labels[-1]}*" if row.paper else labels[-1]
+        lines.append(_markdown_line([*labels, *(_markdown_cell(cell, marks) for cell in row.cells)]))
+    notes = [f"- {markdown_text(note)}" for note in table.notes]
+    notes += [f"- <sup>{mark}</sup> {markdown_text(note)}" for note, mark in marks.items()]
+    return "\n".join([*lines, *([""] if notes else []), *notes]) + "\n"
+
+
+def latex(table: Table) -> str:
+    r"""Return the table as a LaTeX float; needs booktabs and graphicx, and UTF-8.
+
+    A table too wide for the page is made to fit. ``\label{tab:LABEL}`` names it.
+    """
+    marks = table.footnotes()
+    count = len(table.heads)
+    lines = [
+        r"\begin{table*}[tbp]",
+        r"\centering",
+        r"\small",
+        r"\resizebox{\ifdim\width>\textwidth\textwidth\else\width\fi}{!}{%",
+        rf"\begin{{tabular}}{{@{{}}{'l' * count}{'c' * len(table.columns)}@{{}}}}",
+        r"\toprule",
+        *_latex_headings(table),
+        r"\midrule",
+        *_latex_rows(table, marks),
+        r"\bottomrule",
+        r"\end{tabular}}",
+    ]
+    notes = [latex_text(note) for note in table.notes]
+    notes += [rf"\textsuperscript{{{mark}}} {latex_text(note)}" for note, mark in marks.items()]
+    lines += [rf"\par\smallskip{{\footnotesize {'; '.join(notes)}.\par}}"] if notes else []
+    lines += [rf"\caption{{{latex_text(table.caption)}}}", rf"\label{{tab:{table.label}}}", r"\end{table*}"]
+    return "\n".join(lines) + "\n"
+
+
+def csv_table(table: Table) -> str:
+    """Return the table as CSV, as printed, each row with "ours" or "paper". The JSON has full doubles."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    heads = [*table.heads, *(" ".join((*column.groups, column.title)) for column in table.columns)]
+    sections = any(row.section for row in table.rows)
+    writer.writerow(map(csv_text, [*(["Section"] if sections else []), *heads, "Source"]))
+    for row in table.rows:
+        start = [row.section, *row.labels] if sections else list(row.labels)
+        cells = [*start, *(cell.text for cell in row.cells), "paper" if row.paper else "ours"]
+        writer.writerow(map(csv_text, cells))
+    return file.getvalue()
+
+
+def json_table(table: Table) -> str:
+    """Return the table as JSON (schema msb.table/1)."""
+    return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+WRITERS: dict[Literal["md", "tex", "csv", "json"], Callable[[Table], str]] = {
+    "md": markdown,
+    "tex": latex,
+    "csv": csv_table,
+    "json": json_table,
+}
+"""Suffix -> writer of one table."""
+
+
+def markdown_text(text: str) -> str:
+    """Return `text` so that Markdown shows it as it is."""
+    return re.sub(r"([\\`*_\[\]<>|#~&$])", r"\\\1", plain_text(text))
+
+
+def latex_text(text: str) -> str:
+    """Return `text` so that LaTeX sets it as it is."""
+    escaped = "".join(_LATEX.get(letter, letter) for letter in plain_text(text))
+    return escaped.replace("--", "-{}-").replace("--", "-{}-")  # two hyphens would be a dash
+
+
+def csv_text(text: str) -> str:
+    """Return `text` so that no spreadsheet takes it for a formula; numbers and "--" stay."""
+    text = plain_text(text).strip()
+    harmless = re.fullmatch(r"--|[+-]?[\d.]+( \(\d+/\d+\))?", text)
+    return text if harmless or not text.startswith(("=", "+", "-", "@")) else f"'{text}"
+
+
+def _markdown_line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _markdown_cell(cell: Cell, marks: dict[str, str]) -> str:
+    text = markdown_text(cell.text)
+    text = f"**{text}**" if cell.bold else text
+    found = ",".join(marks[note] for note in cell.footnotes)
+    return f"{text}<sup>{found}</sup>" if found else text
+
+
+def _latex_headings(table: Table) -> list[str]:
+    lines = []
+    first = len(table.heads) + 1
+    for level in range(table.depth):
+        cells, rules, at = [""] * len(table.heads), [], first
+        for heading, span in table.spans(level):
+            text = rf"\textbf{{{latex_text(heading)}}}" if heading else ""
+            cells.append(rf"\multicolumn{{{span}}}{{c}}{{{text}}}")
+            rules += [rf"\cmidrule(lr){{{at}-{at + span - 1}}}"] if heading else []
+            at += span
+        lines += [" & ".join(cells) + r" \\", "".join(rules)]
+    titles = [rf"\textbf{{{latex_text(head)}}}" for head in table.heads]
+    titles += [latex_text(column.title) for column in table.columns]
+    return [*lines, " & ".join(titles) + r" \\"]
+
+
+def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
+    lines: list[str] = []
+    width = len(table.heads) + len(table.columns)
+    before: Row | None = None
+    for row in table.rows:
+        block = row.section, row.labels[:-1]
+        if before is not None and block != (before.section, before.labels[:-1]):
+            lines.append(r"\midrule")
+        if row.section and (before is None or row.section != before.section):
+            lines += [
+                rf"\multicolumn{{{width}}}{{c}}{{\textit{{{latex_text(row.section)}}}}} \\",
+                r"\midrule",
+            ]
+        repeated = before is not None and block == (before.section, before.labels[:-1])
+        labels = ["" if repeated else latex_text(label) for label in row.labels[:-1]]
+        last = latex_text(row.labels[-1])
+        labels.append(rf"\textbf{{{last}}}" if row.strong else rf"\emph{{{last}}}" if row.paper else last)
+        lines.append(" & ".join([*labels, *(_latex_cell(cell, marks) for cell in row.cells)]) + r" \\")
+        before = row
+    return lines
+
+
+def _latex_cell(cell: Cell, marks: dict[str, str]) -> str:
+    # Written as the paper writes them: a dash for what is not there, small capitals for what cannot be.
+    text = {"--": "--", "N/A": r"\textsc{N/A}"}.get(cell.text) or latex_text(cell.text)
+    text = rf"\textbf{{{text}}}" if cell.bold else text
+    found = ",".join(marks[note] for note in cell.footnotes)
+    return rf"{text}\textsuperscript{{{found}}}" if found else text

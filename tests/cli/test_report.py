@@ -1,0 +1,173 @@
+"""`msb report` as its users meet it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conftest import ROOT
+from tests.report.factory import make_result, write, write_results
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_results(tmp_path_factory.mktemp("run"), datasets=["tanksandtemples"], images=True)
+
+
+def test_report_is_written_whole_and_not_twice_without_force(msb: Msb, folder: Path) -> None:
+    done = msb("report", folder)
+    assert done.status == 0, done.err
+    assert done.out.splitlines()[0].startswith("32 results of 4 methods on 2 scenes of 1 dataset.")
+    assert done.out.splitlines()[-1] == str(folder / "report" / "index.html")
+    assert (folder / "report" / "tables" / "native_summary.tex").is_file()
+    assert (folder / "report" / "verdict-tanksandtemples-train-two_dts.html").is_file()
+    again = msb("report", folder)
+    assert (again.status, again.err.partition(":")[0]) == (2, "OUTPUT_EXISTS")
+    (folder / "report" / "old.txt").write_text("gone with the old report")
+    assert msb("report", "-f", "-q", folder).status == 0
+    assert not (folder / "report" / "old.txt").exists()
+
+
+def test_force_does_not_replace_what_is_no_report(msb: Msb, folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("years of work")
+    for target in (tmp_path / "mine", folder, folder.parent):
+        done = msb("report", "-f", "-o", target, folder)
+        assert (done.status, done.err.partition(":")[0]) == (2, "OUTPUT_EXISTS")
+    assert (tmp_path / "mine" / "thesis.tex").exists()
+    assert (folder / "cells").is_dir()
+
+
+def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
+    done = msb("report", "--table", "renderer_comparison-tanksandtemples", folder)
+    assert done.status == 0
+    assert done.out.startswith("**Tanks and Temples: ")
+    assert "| Standard | PSNR ↑ |" in done.out
+    data = msb("report", "--table", "slowdown", "--json", "-", folder).json
+    assert data["schema"] == "msb.table/1"
+    wrong = msb("report", "--table", "nonsense", folder)
+    assert (wrong.status, wrong.out) == (2, "")
+    view = msb("report", "--table", "slowdown", "--view", "train/none.png", folder)
+    assert view.status == 2
+    assert view.err == 'USAGE: there is no test view "train/none.png"; train/a/0001.png is one\n'
+    assert wrong.err.startswith('TABLE_UNKNOWN: there is no table "nonsense"; there are renderer_comparison')
+
+
+def test_json_is_one_document_with_the_files(msb: Msb, folder: Path, tmp_path: Path) -> None:
+    data = msb("report", "--json", "-", "--format", "csv", "-o", tmp_path / "out", folder).json
+    assert data["schema"] == "msb.report/1"
+    assert data["files"] == sorted(f"tables/{table['label']}.csv" for table in data["tables"])
+    assert {verdict["scene"] for verdict in data["verdicts"]} == {"train", "truck"}
+
+
+def test_papers_tables_are_printed_or_written(msb: Msb, tmp_path: Path) -> None:
+    printed = msb("report", "--paper").out
+    assert (
+        "| Mip-NeRF 360 | 2DTS | **28.16** | **0.841** | **0.215** | 70 | **10069** | 46.1 | -- |" in printed
+    )
+    assert printed.count("\n**") == 13
+    done = msb("report", "--paper", "-o", tmp_path / "paper", "--format", "tex")
+    assert done.status == 0
+    assert len(list((tmp_path / "paper" / "tables").iterdir())) == 14
+
+
+@pytest.mark.parametrize(
+    ("args", "code"),
+    [
+        (["--paper", "x"], "USAGE"),
+        ([], "USAGE"),
+        (["--format", "pdf", "--paper"], "USAGE"),
+        (["nowhere"], "FILE_NOT_FOUND"),
+        (["docs"], "RESULTS_EMPTY"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(msb: Msb, args: list[str], code: str) -> None:
+    done = msb("report", *args)
+    assert done.status == (2 if code == "USAGE" else 3)
+    assert done.err.startswith(f"{code}: ")
+    assert len(done.err.splitlines()) == 1
+
+
+def test_mixed_results_are_refused_unless_allowed(msb: Msb, tmp_path: Path) -> None:
+    write(tmp_path, make_result("capture", "desk", "two_dts", "non_engine"))
+    made = make_result("capture", "desk", "two_dts", "dedicated")
+    assert made.setup is not None
+    write(
+        tmp_path, made.model_copy(update={"setup": made.setup.model_copy(update={"image_folder": "images"})})
+    )
+    refused = msb("report", tmp_path)
+    assert (refused.status, refused.err.partition(":")[0]) == (2, "RESULTS_MIXED")
+    assert not (tmp_path / "report").exists()
+    taken = msb("report", "--allow-mixed", "--topology", "none", tmp_path)
+    assert taken.status == 0
+    assert "! mixed: " in taken.out
+    assert "mixed: " in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyvista", reason="extra view is not installed")
+    import msb as library
+    from msb.bench.records import File
+
+    about = File(path=str(demo_asset), bytes=demo_asset.stat().st_size)
+    audit = library.audit(library.load(demo_asset)).to_dict()
+    assert audit["verdict"]["level"] == "bad"
+    made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
+    write(tmp_path, made.model_copy(update={"asset": about, "audit": audit}))
+    path = os.pathsep.join((str(ROOT), str(ROOT / "viewers")))
+    done = msb("report", "--format", "html", tmp_path, PYTHONPATH=path)
+    assert done.status == 0
+    if "VIEW_NO_GL" in done.err:
+        pytest.skip("there is nothing to draw with here")
+    page = (tmp_path / "report" / "verdict-capture-desk-mesh_splatting.html").read_text()
+    assert "data:image/png;base64," in page
+    assert audit["verdict"]["sentence"][1:40] in page
+    audit["counts"]["faces"] += 1
+    write(tmp_path, made.model_copy(update={"asset": about, "audit": audit}))
+    done = msb("report", "-f", "--format", "html", tmp_path, PYTHONPATH=path)
+    assert done.status == 0
+    assert "it is not the mesh that was audited" in done.err
+    page = (tmp_path / "report" / "verdict-capture-desk-mesh_splatting.html").read_text()
+    assert "data:image/png;base64," not in page
+
+
+def test_sorting_works_in_a_browser(msb: Msb, folder: Path, tmp_path: Path) -> None:
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("there is no Chromium here")
+    assert msb("report", "-f", "-o", tmp_path / "out", "--format", "html", folder).status == 0
+    page = tmp_path / "out" / "index.html"
+    # The test's own script presses the first button of the summary and writes down the order.
+    press = """<script>
+    const table = document.querySelector('#native_summary table'), rows = () =>
+      [...table.querySelectorAll('tbody tr:not(.group):not(.paper)')]
+        .map((row) => row.cells[1].dataset.value);
+    const button = table.querySelector('thead button'); button.click(); const down = rows(); button.click();
+    const pairs = [...table.querySelectorAll('tr.paper')].every((row) =>
+      !row.previousElementSibling.classList.contains('paper'));
+    document.title = JSON.stringify([down, rows(), pairs]);
+    </script></body>"""
+    page.write_text(page.read_text().replace("</body>", press))
+    done = subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    title = done.stdout.partition("<title>")[2].partition("</title>")[0]
+    down, up, pairs = json.loads(title.replace("&quot;", '"'))
+    values = list(map(float, down))
+    assert len(values) == 4
+    assert values == sorted(values, reverse=True)
+    assert up == down[::-1]
+    assert pairs

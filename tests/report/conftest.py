@@ -1,0 +1,42 @@
+"""Results of a whole made-up benchmark, made once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.report.build import build_report
+from msb.report.collect import collect
+from msb.report.results import read_results
+from tests.report.factory import write_results
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.report.build import Report
+    from msb.report.numbers import Numbers
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a results folder with every dataset, scene, method and condition."""
+    return write_results(tmp_path_factory.mktemp("results"))
+
+
+@pytest.fixture(scope="session")
+def numbers(results: Path) -> Numbers:
+    """Return the numbers in it."""
+    return collect(read_results(results))
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a results folder of one dataset of two scenes, with its images."""
+    return write_results(tmp_path_factory.mktemp("small"), datasets=["tanksandtemples"], images=True)
+
+
+@pytest.fixture(scope="session")
+def report(small: Path) -> Report:
+    """Return the report on it."""
+    return build_report(read_results(small))

@@ -1,0 +1,153 @@
+"""Reading records: what is refused, what may not be mixed, which files a record may name."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from msb.bench.records import File
+from msb.errors import InputError, UsageError
+from msb.report.results import Place, read_results
+from tests.report.factory import METRICS, make_result, write
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HERE = Place("capture", "desk", "two_dts")
+
+
+def two(root: Path, **changes: Any) -> Path:
+    """Write two conditions of one asset, the second with parts replaced."""
+    write(root, make_result(*HERE, "non_engine"))
+    made = make_result(*HERE, "dedicated")
+    write(root, made.model_copy(update=changes))
+    return root
+
+
+def test_records_are_read_by_asset_and_column(tmp_path: Path) -> None:
+    found = read_results(two(tmp_path))
+    assert list(found.places) == [HERE]
+    assert list(found.places[HERE]) == ["non_engine", "dedicated"]
+    assert (len(found), found.notes, found.roots) == (2, (), [tmp_path])
+
+
+def test_folders_without_results_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+        read_results(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"RESULTS_EMPTY: .*cells/DATASET/SCENE/METHOD/COLUMN/result.json"):
+        read_results(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "pointer"),
+    [
+        ("audit", {"counts": {}}, "/audit/metrics"),
+        ("audit", {"counts": {}, "metrics": {"vf_ratio": "0.5"}}, "/audit/metrics"),
+        ("chamfer", {"overall": True}, "/chamfer/overall"),
+        ("chamfer", {}, "/chamfer/overall"),
+    ],
+)
+def test_free_form_parts_are_held_to_what_is_taken_of_them(
+    tmp_path: Path, part: str, value: dict[str, Any], pointer: str
+) -> None:
+    write(tmp_path, make_result(*HERE, "exported_mesh", **{part: value}))
+    with pytest.raises(InputError, match=f"RECORD_INVALID: .*{pointer}"):
+        read_results(tmp_path)
+
+
+def test_a_broken_record_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path, make_result(*HERE, "dedicated"))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "status": "fine"}))
+    with pytest.raises(InputError, match=r"RECORD_INVALID: .*result.json: /status"):
+        read_results(tmp_path)
+
+
+def other_asset() -> dict[str, Any]:
+    return {"asset": File(path="x", bytes=1, sha256="0" * 64)}
+
+
+def other_setup() -> dict[str, Any]:
+    setup = make_result(*HERE, "dedicated").setup
+    assert setup is not None
+    return {"setup": setup.model_copy(update={"background": (1.0, 1.0, 1.0)})}
+
+
+def other_metric() -> dict[str, Any]:
+    quality = make_result(*HERE, "dedicated").quality
+    assert quality is not None
+    changed = ({**METRICS[0], "data_range": 255.0}, METRICS[1])
+    return {"quality": quality.model_copy(update={"metrics": changed})}
+
+
+def other_images() -> dict[str, Any]:
+    quality = make_result(*HERE, "dedicated").quality
+    assert quality is not None
+    return {"quality": quality.model_copy(update={"images": quality.images[1:]})}
+
+
+MIXED = [
+    (other_asset, "differ in the asset's bytes"),
+    (other_setup, "differ in their setup"),
+    (other_metric, "define psnr differently"),
+    (other_images, "differ in their test images"),
+]
+
+
+@pytest.mark.parametrize(("changes", "why"), MIXED)
+def test_what_must_not_be_compared_is_refused(tmp_path: Path, changes: Any, why: str) -> None:
+    two(tmp_path, **changes())
+    with pytest.raises(UsageError, match=f"RESULTS_MIXED: .*{why}.*--allow-mixed"):
+        read_results(tmp_path)
+    found = read_results(tmp_path, allow_mixed=True)
+    assert len(found.notes) == 1
+    assert why in found.notes[0]
+
+
+def test_libraries_may_differ_and_methods_may_have_their_own_setup(tmp_path: Path) -> None:
+    quality = make_result(*HERE, "dedicated").quality
+    assert quality is not None
+    libraries = ({**METRICS[0], "libraries": {"numpy": "1"}}, METRICS[1])
+    two(tmp_path, quality=quality.model_copy(update={"metrics": libraries}))
+    made = make_result("capture", "desk", "diffsoup", "dedicated")
+    write(tmp_path, made.model_copy(update=other_setup()))
+    assert read_results(tmp_path).notes == ()
+
+
+def test_of_the_same_cell_in_two_folders_the_later_counts(tmp_path: Path) -> None:
+    for name, seconds in (("old", 1.0), ("new", 2.0)):
+        made = make_result(*HERE, "dedicated")
+        write(tmp_path / name, made.model_copy(update={"seconds": seconds}))
+    found = read_results(tmp_path / "old", tmp_path / "new")
+    assert found.places[HERE]["dedicated"].result.seconds == 2.0
+    assert len(found) == 1
+    made = make_result(*HERE, "dedicated")
+    write(tmp_path / "new", made.model_copy(update=other_asset()))
+    with pytest.raises(UsageError, match="RESULTS_MIXED: new: capture/desk/two_dts/dedicated and old"):
+        read_results(tmp_path / "old", tmp_path / "new")
+
+
+def test_files_outside_the_results_folder_are_not_read(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(b"secret")
+    root = tmp_path / "results"
+    loaded = read_results(two(root)).places[HERE]["dedicated"]
+    inside = loaded.path.parent / "images" / "x.png"
+    inside.parent.mkdir()
+    inside.write_bytes(b"x")
+    assert loaded.file("images/x.png") == inside.resolve()
+    (inside.parent / "link.png").symlink_to(secret)
+    outside = os.path.relpath(secret, loaded.path.parent)
+    for name in (
+        outside,
+        str(secret),
+        "images/link.png",
+        "images/absent.png",
+        "images",
+        "a\0b",
+        "x" * 5000,
+        None,
+    ):
+        assert loaded.file(name) is None

@@ -1,0 +1,300 @@
+"""Our own tables: what is bold, what is N/A or -- and why, partial means, the paper's rows under ours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from msb.bench.aggregate import SCENES
+from msb.bench.records import Cell as Place
+from msb.bench.records import Reason, RendererInfo, Result
+from msb.report import tables
+from msb.report.collect import NOT_RUN, REFERENCE, collect
+from msb.report.layout import mark_best
+from msb.report.numbers import MEAN, GapKey, Key, Number, Numbers
+from msb.report.paper import paper_numbers
+from msb.report.results import read_results
+from msb.report.shown import text
+from msb.report.table import Cell, Column, Row, Table
+from tests.report.factory import make_result, quality, write, write_results
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def row_of(table: Table, *labels: str) -> Row:
+    (found,) = [row for row in table.rows if row.labels == labels and not row.paper]
+    return found
+
+
+def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> None:
+    paper, compared = paper_numbers(), 0
+    for key, published in paper.values.items():
+        if (
+            key.scene == MEAN
+            and not key.source
+            and published.value is not None
+            and key.metric != "components"
+        ):
+            ours = numbers.number(key)
+            if ours.value is not None and key.column != "exported_mesh":
+                assert ours.value == pytest.approx(published.value, rel=1e-6), key
+                assert (ours.present, ours.expected) == (len(SCENES[key.dataset]),) * 2
+                compared += 1
+    assert compared > 200
+
+
+def test_native_summary_bolds_the_best_of_a_dataset(numbers: Numbers) -> None:
+    table = tables.native_summary(numbers)
+    paper = tables.native_summary(paper_numbers("native_summary"))
+    lpips = 2
+    for ours, theirs in zip(table.rows, paper.rows, strict=True):
+        assert ours.labels == theirs.labels
+        for place, (a, b) in enumerate(zip(ours.cells, theirs.cells, strict=True)):
+            if (ours.labels[0], place) != ("DTU", lpips):
+                assert (a.text, a.bold) == (b.text, b.bold)
+            else:
+                assert (a.text, a.reason) == ("--", "LPIPS: no VGG weights (--vgg-weights FILE)")
+
+
+def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
+    table = tables.native_summary(numbers, paper_numbers())
+    first, second = table.rows[:2]
+    assert (first.paper, second.paper) == (False, True)
+    assert second.labels == ("Mip-NeRF 360", "in the paper")
+    assert table.to_dict()["rows"][1]["source"] == "paper"
+
+
+def test_ties_at_the_printed_precision_are_all_bold() -> None:
+    cells = [Cell(text("psnr", value), value, "psnr") for value in (27.124, 27.118, 27.11)]
+    marked = mark_best(cells, ["x"] * 3, alone=False)
+    assert [cell.bold for cell in marked] == [True, True, False]
+
+
+def test_lower_is_better_for_lpips_and_nothing_is_for_valence() -> None:
+    cells = [Cell("0.2", 0.2, "lpips"), Cell("0.3", 0.3, "lpips"), Cell("6", 6.0, "mean_valence")]
+    assert [cell.bold for cell in mark_best(cells, ["x"] * 3, alone=True)] == [True, False, False]
+
+
+def test_a_single_value_is_best_only_in_the_paper() -> None:
+    cells = [Cell("27.1", 27.1, "psnr"), Cell("N/A", None, "psnr")]
+    assert not any(cell.bold for cell in mark_best(cells, ["x"] * 2, alone=False))
+    assert mark_best(cells, ["x"] * 2, alone=True)[0].bold
+
+
+def test_the_best_path_of_each_method_is_bold(numbers: Numbers) -> None:
+    table = tables.renderer_comparison(numbers, "mipnerf360")
+    methods = [column.title for column in table.columns]
+    fps = row_of(table, "Dedicated", "FPS ↑").cells[methods.index("DiffSoup")]
+    assert (fps.text, fps.bold) == ("1995", True)
+    assert not row_of(table, "Dedicated", "FPS ↑").cells[methods.index("2DTS")].bold
+
+
+def partial(root: Path) -> Numbers:
+    """Return numbers of which one scene is missing, one failed, and one path is not supported."""
+    write_results(root, datasets=["mipnerf360"], methods=["two_dts", "diffsoup"])
+    (root / "cells/mipnerf360/garden/two_dts/standard/result.json").unlink()
+    failed = Result(
+        cell=Place(dataset="mipnerf360", scene="room", method="two_dts", condition="standard"),
+        status="failed",
+        reason=Reason(code="OPENCL_BUILD", message="no device"),
+        seconds=1.0,
+    )
+    write(root, failed)
+    return collect(read_results(root))
+
+
+def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
+    numbers = partial(tmp_path)
+    table = tables.renderer_comparison(numbers, "mipnerf360")
+    cell = row_of(table, "Standard", "PSNR ↑").cells[0]
+    assert cell.text.endswith(" (7/9)")
+    assert cell.to_dict()["partial"] is True
+    values = [
+        numbers.value(Key("mipnerf360", s, "two_dts", "standard", "psnr")) for s in SCENES["mipnerf360"]
+    ]
+    known = [value for value in values if value is not None]
+    assert cell.value == pytest.approx(sum(known) / 7, rel=1e-12)
+    indoor = numbers.number(Key("mipnerf360", "indoor_mean", "two_dts", "standard", "psnr"))
+    assert (indoor.present, indoor.expected) == (3, 4)
+
+
+def test_missing_failed_and_unsupported_are_told_apart(tmp_path: Path) -> None:
+    numbers = partial(tmp_path)
+    of = Key("mipnerf360", "garden", "two_dts", "standard", "psnr")
+    assert numbers.number(of) == Number(None, "--", NOT_RUN)
+    assert numbers.number(of._replace(scene="room")) == Number(None, "--", "failed: OPENCL_BUILD: no device")
+    unsupported = numbers.number(of._replace(method="diffsoup"))
+    assert unsupported.absent == "N/A"
+    assert "decoder" in str(unsupported.reason)
+    assert numbers.number(of._replace(method="diffsoup", scene=MEAN)).absent == "N/A"
+    table = tables.per_scene(numbers, "mipnerf360", "standard")
+    assert {cell.text for cell in row_of(table, "garden").cells} == {"--", "N/A"}
+    assert all(cell.reason for cell in row_of(table, "garden").cells)
+
+
+def test_no_cell_is_ever_blank(numbers: Numbers) -> None:
+    paper = paper_numbers()
+    for dataset in numbers.datasets():
+        for table in (
+            tables.native_summary(numbers, paper),
+            tables.renderer_comparison(numbers, dataset, paper),
+            tables.scene_comparison(numbers, dataset, paper),
+            tables.latency(numbers, dataset, paper),
+            tables.memory(numbers, dataset, paper),
+            tables.runtime_resources(numbers, dataset, paper),
+            tables.mesh_connectivity(numbers, dataset, paper),
+            tables.gaps_table(numbers, dataset, paper),
+            tables.slowdown_table(numbers, paper),
+            tables.per_scene(numbers, dataset, "dedicated"),
+            tables.reproducibility(numbers, paper),
+        ):
+            assert table.rows
+            for row in table.rows:
+                assert len(row.cells) == len(table.columns)
+                assert all(cell.text for cell in row.cells)
+                assert all((cell.value is None) == (cell.text in ("N/A", "--")) for cell in row.cells)
+
+
+def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
+    write_results(tmp_path, datasets=["tanksandtemples"], methods=["two_dts"])
+    for scene in SCENES["tanksandtemples"]:
+        made = make_result("tanksandtemples", scene, "two_dts", "standard")
+        cell = Place(**{**made.cell.model_dump(), "renderer": "blender_cycles"})
+        own = RendererInfo(name="blender_cycles", version="4", kind="engine")
+        write(
+            tmp_path,
+            made.model_copy(update={"cell": cell, "renderer": own, "quality": quality(cell, 11, 0.3, 0.6)}),
+        )
+    numbers = collect(read_results(tmp_path))
+    table = tables.renderer_comparison(numbers, "tanksandtemples")
+    assert row_of(table, "Standard, blender_cycles", "PSNR ↑").cells[0].text == "11.00"
+    gaps = tables.gaps_table(numbers, "tanksandtemples")
+    assert row_of(gaps, "PSNR ↑", "2DTS, blender_cycles").cells[1].text == "8.26"
+
+
+def test_not_monotone_gaps_are_flagged_with_their_excess(tmp_path: Path) -> None:
+    for condition, psnr in (("non_engine", 20.0), ("dedicated", 22.0), ("standard", 15.0)):
+        made = make_result("capture", "desk", "two_dts", condition)
+        write(tmp_path, made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, 0.5)}))
+    numbers = collect(read_results(tmp_path))
+    gaps = numbers.gaps[GapKey("capture", MEAN, "two_dts", "psnr")]
+    assert (gaps.monotone, gaps.triangle_excess) == (False, 4.0)
+    row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
+    printed = ["2.00", "7.00", "5.00", "-2.00", "+7.00", "+5.00", "no", "4.00", "5.00"]
+    assert [cell.text for cell in row.cells] == printed
+
+
+def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
+    for condition in ("non_engine", "dedicated"):
+        made = make_result("capture", "desk", "two_dts", condition)
+        setup = made.setup
+        if condition == "dedicated":
+            assert setup is not None
+            setup = setup.model_copy(update={"background": (1.0, 1.0, 1.0)})
+        write(tmp_path, made.model_copy(update={"setup": setup}))
+    numbers = collect(read_results(tmp_path, allow_mixed=True))
+    row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
+    assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
+    assert row.cells[0].reason == "the two paths have another background or ground truth"
+    assert row.cells[1].reason == "one of the two paths was not run"
+
+
+def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
+    # Scenes of [1, 1, 1, 9] and [2, 2, 2, 2] ms: P95 7.8 and 2; of all frames it would be 6.55.
+    for scene, p95 in (("train", 7.8), ("truck", 2.0)):
+        made = make_result("tanksandtemples", scene, "two_dts", "dedicated")
+        assert made.timing is not None
+        write(tmp_path, made.model_copy(update={"timing": made.timing.model_copy(update={"p95_ms": p95})}))
+    table = tables.latency(collect(read_results(tmp_path)), "tanksandtemples")
+    assert row_of(table, "Mean").cells[1].text == "4.9"
+
+
+def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
+    made = make_result("tanksandtemples", "train", "two_dts", "dedicated")
+    assert made.timing is not None
+    timing = made.timing.model_copy(update={"device_kind": "cpu"})
+    write(tmp_path, made.model_copy(update={"timing": timing}))
+    table = tables.latency(collect(read_results(tmp_path)), "tanksandtemples")
+    assert "measured on a CPU device: Made-up GPU" in table.notes
+    assert not any(
+        "CPU" in note for note in tables.memory(collect(read_results(tmp_path)), "tanksandtemples").notes
+    )
+
+
+def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:
+    made = make_result("tanksandtemples", "train", "two_dts", "non_engine")
+    own = RendererInfo(name="reference", version="1", kind="msb_reference")
+    write(tmp_path, made.model_copy(update={"renderer": own}))
+    write(tmp_path, make_result("tanksandtemples", "train", "diffsoup", "non_engine"))
+    first, second = tables.native_summary(collect(read_results(tmp_path))).rows
+    assert first.cells[0].notes == (REFERENCE,)
+    assert second.cells[0].notes == ()
+
+
+def test_another_image_folder_is_noted(tmp_path: Path) -> None:
+    for method in ("two_dts", "triangle_splatting", "diffsoup"):
+        made = make_result("mipnerf360", "room", method, "non_engine")
+        assert made.setup is not None
+        folder = "images_4" if method == "diffsoup" else "images_2"
+        write(
+            tmp_path,
+            made.model_copy(update={"setup": made.setup.model_copy(update={"image_folder": folder})}),
+        )
+    numbers = collect(read_results(tmp_path))
+    note = "on images_4, where the other methods are on images_2"
+    assert note in numbers.number(Key("mipnerf360", "room", "diffsoup", "non_engine", "psnr")).notes
+    assert note not in numbers.number(Key("mipnerf360", "room", "two_dts", "non_engine", "psnr")).notes
+
+
+def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> None:
+    paper = paper_numbers()
+    scene = Key("mipnerf360", "treehill", "triangle_splatting", "non_engine", "psnr", "paper")
+    ours = numbers.value(scene._replace(source=""))
+    assert ours is not None
+    published = replace(paper, values={**paper.values, scene: Number(ours + 0.2)})
+    table = tables.reproducibility_statistics(numbers, published)
+    row = row_of(table, "Paper", "scenes", "PSNR")
+    assert [cell.text for cell in row.cells][:3] == ["1", "0.200", "0.200"]
+    assert row.cells[4].text == "Triangle-Splatting, Mip-NeRF 360, treehill (-0.200)"
+    means = row_of(table, "Public", "means of datasets", "PSNR")
+    assert means.cells[0].text == "8"
+    assert means.cells[3].value == pytest.approx(100 * 0.93 / 18.38, rel=1e-6)
+
+
+def test_components_are_in_millions_unless_that_says_nothing() -> None:
+    assert [text("components", value) for value in (715_000, 100_000, 99_999, 3)] == [
+        "0.71 M",
+        "0.10 M",
+        "99999",
+        "3",
+    ]
+
+
+def test_notes_of_all_cells_move_to_the_table() -> None:
+    cells = tuple(Cell("1", 1.0, "psnr", notes=notes) for notes in (("both",), ("both", "one")))
+    table = Table("x", "x", ("x",), (Column("a"), Column("b")), (Row(("r",), cells),)).with_common_notes()
+    assert table.notes == ("both",)
+    assert table.footnotes() == {"one": "a"}
+    cells = (*cells, Cell("2", 2.0, "fps"))
+    columns = tuple(map(Column, "abc"))
+    table = Table("x", "x", ("x",), columns, (Row(("r",), cells),)).with_common_notes()
+    assert table.notes == ("PSNR: both",)
+
+
+def test_headings_span_their_columns() -> None:
+    columns = [("Dedicated", "2DTS"), ("Dedicated", "2DTS"), ("Dedicated", "TS"), ("Standard", "TS"), ()]
+    table = Table("x", "x", ("",), tuple(Column("c", groups) for groups in columns), ())
+    assert table.spans(0) == [("Dedicated", 3), ("Standard", 1), ("", 1)]
+    assert table.spans(1) == [("2DTS", 2), ("TS", 1), ("TS", 1), ("", 1)]
+
+
+def test_json_holds_full_doubles(numbers: Numbers) -> None:
+    data: dict[str, Any] = tables.renderer_comparison(numbers, "mipnerf360").to_dict()
+    cell = data["rows"][0]["cells"][0]
+    mean = numbers.value(Key("mipnerf360", MEAN, "two_dts", "non_engine", "psnr"))
+    assert cell["value"] == mean
+    assert cell["text"] == f"{mean:.2f}"
+    assert (cell["metric"], cell["unit"]) == ("psnr", "dB")

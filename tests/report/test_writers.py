@@ -1,0 +1,117 @@
+"""Every format from the same table; what a name may hold must not become markup, a formula or a path."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+
+import pytest
+
+from msb.report.names import slug
+from msb.report.table import Cell, Column, Row, Table
+from msb.report.writers import csv_table, csv_text, json_table, latex, latex_text, markdown, markdown_text
+from tests.report.test_paper import printed
+
+HOSTILE = (
+    "=cmd|' /C calc'!A0 <script>alert(1)</script> \\input{x} $x$ |y| [a](http://e.xy) %&_#^~{}"
+    "\x1b[31m\n\u202e"
+)
+
+
+def hostile_table() -> Table:
+    cell = Cell("1.00", 1.0, "psnr", "dB", bold=True, notes=(HOSTILE,))
+    columns = (Column(HOSTILE, (HOSTILE,)), Column("b"))
+    return Table("x", HOSTILE, ("Scene",), columns, (Row((HOSTILE,), (cell, Cell("--"))),), (HOSTILE,))
+
+
+def tables() -> list[Table]:
+    return [*printed().values(), hostile_table()]
+
+
+@pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
+def test_markdown_has_as_many_cells_in_every_line(table: Table) -> None:
+    lines = [line for line in markdown(table).splitlines() if line.startswith("|")]
+    counts = {len(re.findall(r"(?<!\\)\|", line)) for line in lines}
+    assert counts == {len(table.heads) + len(table.columns) + 1}
+
+
+@pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
+def test_latex_is_balanced_and_every_row_has_all_columns(table: Table) -> None:
+    text = latex(table)
+    plain = re.sub(r"\\[\\{}$&#%_]", "", text)
+    assert plain.count("{") == plain.count("}")
+    assert len(re.findall(r"\$", plain)) % 2 == 0
+    assert re.findall(r"\\begin\{(\w+\*?)\}", text) == re.findall(r"\\end\{(\w+\*?)\}", text)[::-1]
+    body = text.split(r"\toprule")[1].split(r"\bottomrule")[0]
+    width = len(table.heads) + len(table.columns)
+    for line in body.splitlines():
+        if not line.endswith(r"\\") or rf"\multicolumn{{{width}}}" in line:
+            continue
+        spans = sum(int(span) - 1 for span in re.findall(r"\\multicolumn\{(\d+)\}", line))
+        assert len(re.findall(r"(?<!\\)&", line)) + spans == width - 1, line
+    assert not re.search(r"(?<!\\)[%#]", body)
+    assert r"\input" not in text
+    assert "\x1b" not in text
+
+
+@pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
+def test_csv_reads_back_and_holds_no_formula(table: Table) -> None:
+    rows = list(csv.reader(io.StringIO(csv_table(table))))
+    assert len({len(row) for row in rows}) == 1
+    assert len(rows) == len(table.rows) + 1
+    for cell in (cell for row in rows for cell in row):
+        assert not cell.startswith(("=", "@", "\t", "\r"))
+        assert not cell.startswith(("+", "-")) or re.fullmatch(r"--|[+-][\d.]+( \(\d+/\d+\))?", cell)
+    printed = [cell.text for row in table.rows for cell in row.cells]
+    assert [cell for row in rows[1:] for cell in row[-len(table.columns) - 1 : -1]] == printed
+
+
+@pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
+def test_json_is_the_table(table: Table) -> None:
+    data = json.loads(json_table(table), parse_constant=lambda name: pytest.fail(name))
+    assert data == json.loads(json.dumps(table.to_dict()))
+    assert [len(row["cells"]) for row in data["rows"]] == [len(table.columns)] * len(table.rows)
+
+
+def test_markdown_escapes_what_it_would_obey() -> None:
+    text = markdown(hostile_table())
+    assert not re.search(r"(?<!\\)<script|(?<!\\)\]\(", text)
+    assert "\x1b" not in text
+    assert "\u202e" not in text
+    assert markdown_text("a|b*c_") == r"a\|b\*c\_"
+
+
+@pytest.mark.parametrize(
+    ("text", "safe"),
+    [("=1+1", "'=1+1"), ("@SUM(A1)", "'@SUM(A1)"), ("-cmd", "'-cmd"), ("+0.79", "+0.79"), ("--", "--"),
+     ("-0.30 (7/9)", "-0.30 (7/9)"), ("\t=1", "'=1"), ("plain", "plain")],
+)  # fmt: skip
+def test_csv_quotes_formulas_alone(text: str, safe: str) -> None:
+    assert csv_text(text) == safe
+
+
+def test_latex_sets_names_as_they_are() -> None:
+    assert latex_text(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"
+    assert latex_text("x--y---z") == "x-{}-y-{}-{}-z"
+
+
+def test_slugs_are_plain_and_do_not_collide() -> None:
+    names = [
+        "garden",
+        "scan24",
+        "../../etc/passwd",
+        "a b",
+        "a_b",
+        "a/b",
+        "ä",
+        "",
+        "...",
+        "x" * 300,
+        "x" * 301,
+    ]
+    slugs = [slug(name) for name in names]
+    assert slugs[:2] == ["garden", "scan24"]
+    assert len(set(slugs)) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}", found) for found in slugs)
