@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import shutil
 from pathlib import Path
@@ -79,6 +80,17 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         if os.path.lexists(target):
             _remove(aside)
+
+
+_LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
+
+
+def remove_leftovers(folder: str | os.PathLike[str]) -> None:
+    """Remove what writers that were killed left below `folder`; nobody may be writing there."""
+    for root, folders, files in os.walk(folder):
+        for name in [name for name in (*folders, *files) if _LEFTOVER.fullmatch(name)]:
+            _remove(Path(root, name))
+        folders[:] = [name for name in folders if not _LEFTOVER.fullmatch(name)]
 
 
 def _target(path: str | os.PathLike[str]) -> Path:

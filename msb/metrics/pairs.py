@@ -61,7 +61,7 @@ def pair_images(
         file, folder = (pred, gt) if folders[1] else (gt, pred)
         text = f"it is a file and {shorten(str(folder))} a folder; give two of a kind"
         raise InputError("FILE_NOT_RECOGNISED", text, file=file)
-    found, wanted = _images(pred), _images(gt)
+    found, wanted = images_below(pred), images_below(gt)
     missing = sorted(set(found) - set(wanted))
     if missing:
         text = f"{_listed(missing, pred)} not there; names must be the same but for the suffix"
@@ -83,7 +83,9 @@ def _is_folder(path: Path) -> bool:
     return path.is_dir()
 
 
-def _images(folder: Path) -> dict[str, Path]:
+def images_below(folder: Path) -> dict[str, Path]:
+    """Return name -> file of the images in `folder` and below; names and errors as of `pair_images`."""
+
     def refuse(error: OSError) -> None:
         text = f"it cannot be read: {error.strerror}"
         raise InputError("FILE_UNREADABLE", text, file=error.filename or folder) from error

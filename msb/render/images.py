@@ -15,9 +15,11 @@ from msb.atomic import new_file
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
+
+    from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
@@ -175,3 +177,25 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
     if first is not None:
         rest = {"save_all": True, "append_images": pictures, "loop": 0, "duration": round(1000 / fps)}
         first.save(file, format="GIF", **rest)
+
+
+def image_names(views: Sequence[Camera]) -> list[str]:
+    """Return a file name without suffix for each view: the camera's, complete where two would be the same."""
+    short = [_without_suffix(view.name or f"{index:05d}") for index, view in enumerate(views)]
+    names = []
+    for index, (view, name) in enumerate(zip(views, short, strict=True)):
+        alone = short.count(name) == 1
+        names.append(
+            name if alone else f"{view.name or name}" if _unique(views, view) else f"{name}_{index:05d}"
+        )
+    return names
+
+
+def _unique(views: Sequence[Camera], view: Camera) -> bool:
+    return sum(other.name == view.name for other in views) == 1
+
+
+def _without_suffix(name: str) -> str:
+    folder, slash, last = name.rpartition("/")
+    stem, dot, _ = last.rpartition(".")
+    return f"{folder}{slash}{stem if dot and stem else last}"

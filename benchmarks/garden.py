@@ -1,0 +1,111 @@
+"""The whole protocol on a real capture: `python -m benchmarks.garden SCENE`.
+
+No trained model of a capture ships with this repository: one of each method is made from the capture's SfM
+points: a small triangle at every point, oriented by its neighbours and coloured as photographed. They are
+worth what such points are worth, a sparse and spotty picture; what is shown is that a capture in its official
+layout goes through export, rendering, comparison, timing and audit, and what that takes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from data_stubs.surface import Surface
+from data_stubs.trained import write_models
+from msb.bench.protocol import parse_protocol
+from msb.bench.run import Report, run_protocol
+from msb.scenes import read_points
+
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
+NEIGHBOURS = 8
+SIZE = 1.6
+"""Distance from a triangle's middle to its corners, in mean distances to the nearest three neighbours."""
+LARGEST = 0.98
+"""Quantile of sizes above which triangles grow no more: single points far away would cover the sky."""
+
+
+def surface_of(scene: Path) -> Surface:
+    """Return a triangle for each SfM point of the COLMAP model below `scene`."""
+    points, colors = read_points(scene)
+    distance, near = cKDTree(points).query(points, k=NEIGHBOURS + 1, workers=-1)
+    # The normal is the direction in which the neighbours vary least.
+    spread = points[near] - points[near].mean(axis=1, keepdims=True)
+    axes = np.linalg.svd(spread, full_matrices=False)[2]
+    size = SIZE * distance[:, 1:4].mean(axis=1)
+    size = np.minimum(size, np.quantile(size, LARGEST))[:, None]
+    angles = np.random.default_rng(0).uniform(0, 2 * np.pi, len(points))
+    corners = np.stack(
+        [
+            points + size * (np.cos(turn)[:, None] * axes[:, 0] + np.sin(turn)[:, None] * axes[:, 1])
+            for turn in (angles + 2 * np.pi * third / 3 for third in range(3))
+        ],
+        axis=1,
+    )
+    return Surface(
+        vertices=corners.reshape(-1, 3),
+        faces=np.arange(3 * len(points)).reshape(-1, 3),
+        color=(colors / 255.0).repeat(3, axis=0),
+        gloss=np.zeros(3 * len(points)),
+        light=np.array([0.0, -1.0, 0.0]),
+    )
+
+
+def protocol_text(scene: Path, image_folder: str | None, reference: bool) -> str:
+    """Return the protocol that evaluates the models in models/ on the scene."""
+    lines = [
+        "[[datasets]]",
+        'name = "mipnerf360"',
+        f"path = {json.dumps(str(scene.parent.resolve()))}",
+        f"scenes = [{json.dumps(scene.name)}]",
+        *([f"image_folder = {json.dumps(image_folder)}"] if image_folder else []),
+    ]
+    for method in METHODS:
+        lines += ["[[methods]]", f'name = "{method}"', 'model = "models/{method}"']
+        lines += ['non_engine = "reference"'] if reference else []
+    return "\n".join(lines) + "\n"
+
+
+def show(report: Report) -> None:
+    """Print what was measured."""
+    for row in report.rows:
+        result = row.result
+        quality = result and result.quality
+        timing = result and result.timing
+        cells = [row.planned.cell.method, row.planned.cell.column]
+        cells.append("--" if not quality or quality.psnr is None else f"{quality.psnr:.2f} dB")
+        cells.append("--" if not timing else f"{timing.fps:.1f} FPS, P50 {timing.p50_ms:.1f} ms")
+        cells.append(f"{row.seconds:.1f} s")
+        reason = row.reasons.get("cell") or row.planned.reason
+        print("  ".join(f"{cell:20}" for cell in cells), "" if reason is None else reason.code)
+    print(f"{len(report.rows)} cells in {report.seconds:.0f} s")
+
+
+def main() -> int:
+    """Make the models, write the protocol, run it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path, help="folder of a capture in Mip-NeRF 360's layout")
+    parser.add_argument("-o", "--out", type=Path, default=Path("out/garden"))
+    parser.add_argument("--image-folder", help="where the photographs are, if not in images_4 or images_2")
+    parser.add_argument("--reference", action="store_true", help="our NumPy renderer as Non-Engine: slow")
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    start = time.perf_counter()
+    surface = surface_of(given.scene)
+    write_models(given.out / "models", surface, white=False, layout="colmap")
+    print(f"{len(surface.faces):,} triangles of each method in {time.perf_counter() - start:.0f} s")
+    text = protocol_text(given.scene, given.image_folder, given.reference)
+    (given.out / "protocol.toml").write_text(text)
+    report = run_protocol(parse_protocol(text.encode(), given.out / "protocol.toml"), jobs=given.jobs)
+    show(report)
+    return report.exit_status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,125 @@
+"""One cell computed: its parts, each of which may fail without the others, and the record written whole."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.atomic import new_file
+from msb.bench.folder import RESULT, check_run
+from msb.bench.job import MAIN, Done
+from msb.bench.parts import measure_audit, measure_chamfer, measure_timing, read_training
+from msb.bench.quality import measure_quality
+from msb.bench.records import Reason, Result, read_result
+from msb.errors import MsbError, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.bench.job import Job, Part
+
+INTERNAL = "INTERNAL"
+"""Code of a failure that is a bug of ours."""
+MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
+    "quality": measure_quality,
+    "audit": measure_audit,
+    "chamfer": measure_chamfer,
+    "training": read_training,
+    "timing": measure_timing,
+}
+"""Part -> what computes it: keys of `Result` and their values."""
+_OWN: dict[Part, tuple[str, ...]] = {
+    "quality": ("quality", "setup", "renders", "renderer", "device"),
+    "audit": ("audit",),
+    "chamfer": ("chamfer",),
+    "training": ("training",),
+    "timing": ("timing", "memory", "device"),
+}
+"""Part -> the keys of `Result` it fills."""
+
+
+def compute(job: Job) -> Done:
+    """Compute the job's parts and write the cell's record; what else is on record stays if it still holds.
+
+    Raises
+    ------
+    UsageError
+        RUN_WORKER_PATHS.
+    OutputError
+        The record cannot be written.
+    """
+    check_run(job.root, job.run)
+    start = time.perf_counter()
+    record = _kept(job)
+    if any(part in MAIN for part in job.parts):
+        # From here to the new record there is none: images and numbers of two runs must not stand together.
+        with contextlib.suppress(FileNotFoundError):
+            (job.folder / RESULT).unlink()
+    for part, inputs in job.parts.items():
+        try:
+            found = MEASURES[part](job)
+            if part == "quality" and "timing" in record["inputs"]:
+                del found["device"]  # the one on record is that of the timing, where it matters
+            record |= found
+            record["inputs"][part] = dict(inputs)
+        except Exception as error:  # even a bug of ours costs no more than one part of one cell
+            if isinstance(error, MsbError) and error.code == "RUN_WORKER_PATHS":
+                raise
+            record["reasons"][part] = reason_of(error)
+    record["seconds"] += time.perf_counter() - start
+    failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
+    result = Result(
+        cell=job.cell,
+        status="done" if failed is None else "failed",
+        reason=failed,
+        checkpoint=None if job.model is None else job.model.checkpoint,
+        asset=None if job.model is None else job.model.asset,
+        **record,
+    )
+    write_result(job.folder, result)
+    reasons = {**result.reasons, **({} if failed is None else {"cell": failed})}
+    return Done(job.cell, result.status, reasons, time.perf_counter() - start)
+
+
+def _kept(job: Job) -> dict[str, Any]:
+    """Return what of the record there is outlives this job, as arguments of `Result`."""
+    kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
+    try:
+        old = read_result(job.folder / RESULT)
+    except MsbError:
+        return kept
+    for part in MEASURES:
+        if part in job.parts:
+            continue
+        if part in old.inputs:
+            kept["inputs"][part] = dict(old.inputs[part])
+            kept |= {key: getattr(old, key) for key in _OWN[part] if getattr(old, key) is not None}
+            kept["seconds"] = old.seconds
+        elif part in old.reasons:
+            kept["reasons"][part] = old.reasons[part]
+    if old.status == "failed" and not any(part in MAIN for part in job.parts) and old.reason:
+        kept["reasons"]["quality"] = old.reason
+    return kept
+
+
+def write_result(folder: Path, result: Result) -> None:
+    """Write a cell's record, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+    """
+    with new_file(folder / RESULT) as file:
+        file.write(result.to_json())
+
+
+def reason_of(error: Exception) -> Reason:
+    """Return an error as a record holds it; what is none of ours is a bug, and says where it is."""
+    if isinstance(error, MsbError):
+        return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" in {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+    return Reason(code=INTERNAL, message=shorten(f"{type(error).__name__}{where}: {error}", 500))

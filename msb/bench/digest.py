@@ -1,0 +1,69 @@
+"""Hashes: of files and folders in full, of what decides a result in short."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.bench.records import File
+from msb.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_CHUNK = 1 << 22
+_SHORT = 16
+
+
+def digest(data: Any) -> str:
+    """Return 16 hex digits that stand for JSON data: enough to tell whether an input changed."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:_SHORT]
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE.
+    """
+    found = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                found.update(chunk)
+    except FileNotFoundError as error:
+        raise InputError("FILE_NOT_FOUND", "there is no such file", file=path) from error
+    except OSError as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
+    return found.hexdigest()
+
+
+def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
+    """Return the SHA-256 of a list of (name, hash), as ``sha256sum`` would write it, sorted by name."""
+    lines = "".join(f"{sha256}  {name}\n" for name, sha256 in sorted(hashes))
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def describe_file(path: Path) -> File:
+    """Return path, size and hash of a file, or of a folder with all below it; errors as of `file_sha256`."""
+    if not path.is_dir():
+        sha256 = file_sha256(path)
+        return File(path=str(path), bytes=path.stat().st_size, sha256=sha256)
+    files = sorted(
+        Path(root, name) for root, _, names in os.walk(path) for name in names if not name.startswith(".")
+    )
+    hashes = [(file.relative_to(path).as_posix(), file_sha256(file)) for file in files]
+    size = sum(file.stat().st_size for file in files)
+    return File(path=str(path), bytes=size, sha256=list_sha256(hashes))
+
+
+def stamp(path: Path) -> tuple[str, int, int]:
+    """Return what changes when a file does, without reading it: path, size and time of modification in ns."""
+    status = path.stat()
+    return str(path), status.st_size, status.st_mtime_ns

@@ -1,0 +1,126 @@
+"""The results folder: where everything is, and who may write there."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import secrets
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from msb.atomic import new_file, remove_leftovers
+from msb.errors import OutputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from msb.bench.records import Cell
+
+RESULT = "result.json"
+_LOCK = ".lock"
+_RUN = ".run.json"
+
+
+@dataclass(frozen=True)
+class Results:
+    """Paths below the results folder `root`; docs/protocol.md shows the tree."""
+
+    root: Path
+
+    def cell(self, cell: Cell) -> Path:
+        """Return the folder of one cell's record and images."""
+        return self.root / "cells" / cell.dataset / cell.scene / cell.method / cell.column
+
+    def record(self, cell: Cell) -> Path:
+        """Return the file of one cell's record."""
+        return self.cell(cell) / RESULT
+
+    def records(self) -> list[Path]:
+        """Return all records there are, sorted."""
+        return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
+
+    def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
+        """Return the folder of the photographs as they are compared."""
+        return self.root / "ground_truth" / dataset / scene / key
+
+    def asset(self, dataset: str, scene: str, method: str) -> Path:
+        """Return where a checkpoint's asset is put."""
+        return self.root / "assets" / dataset / scene / f"{method}.triasset"
+
+    def video(self, dataset: str, scene: str, method: str) -> Path:
+        """Return the film that shows the conditions side by side."""
+        return self.root / "videos" / dataset / scene / f"{method}.mp4"
+
+
+@contextlib.contextmanager
+def exclusive(root: Path) -> Iterator[str]:
+    """Hold the results folder for one run; yield the run's id. What killed runs left half-written is removed.
+
+    The operating system releases the lock when its holder dies, however it dies, so none can be stale.
+
+    Raises
+    ------
+    UsageError
+        RESULTS_BUSY: another run holds it, in this process, another one or on another machine.
+    OutputError
+        OUTPUT_UNWRITABLE.
+    """
+    from filelock import FileLock, Timeout
+
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(root / _LOCK, timeout=0)
+        lock.acquire()
+    except Timeout:
+        text = f"another msb run writes here{_holder(root)}; wait for it or stop it"
+        raise UsageError("RESULTS_BUSY", text, file=root) from None
+    except (OSError, NotImplementedError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be locked: {reason}", file=root) from error
+    try:
+        remove_leftovers(root)
+        run = secrets.token_hex(8)
+        about = {"run": run, "host": platform.node(), "process": os.getpid(), "since": time.ctime()}
+        with new_file(root / _RUN) as file:
+            file.write(json.dumps(about).encode())
+        yield run
+        remove_leftovers(root)  # of workers that died
+    finally:
+        with contextlib.suppress(OSError):
+            (root / _RUN).unlink()
+        lock.release()
+
+
+def check_run(root: Path, run: str) -> None:
+    """Refuse to work for a run whose results folder is not seen from here.
+
+    Raises
+    ------
+    UsageError
+        RUN_WORKER_PATHS.
+    """
+    if _about(root).get("run") != run:
+        text = (
+            f"worker {platform.node()} does not see this run's results there; all machines of a cluster "
+            "need results, scenes and models under the same paths"
+        )
+        raise UsageError("RUN_WORKER_PATHS", text, file=root)
+
+
+def _holder(root: Path) -> str:
+    about = _about(root)
+    if not about:
+        return ""
+    return f" (process {about.get('process')} on {about.get('host')} since {about.get('since')})"
+
+
+def _about(root: Path) -> dict[str, object]:
+    try:
+        found = json.loads((root / _RUN).read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,148 @@
+"""What decides each part of a cell, as hashes and versions: if one changes, the part is computed again.
+
+Library versions are in the records and not here: an update of NumPy is no reason to render everything again.
+The device decides timings only: images agree between devices, and a record names the one that drew it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from msb._version import __version__
+from msb.bench.digest import digest, file_sha256
+from msb.bench.parts import mask_files, scan_number
+from msb.bench.photographs import Views, views_of
+from msb.bench.quality import identities, lpips_network
+from msb.bench.renders import find_renders
+from msb.errors import MsbError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from msb.bench.job import Inputs, Job, Part
+    from msb.bench.photographs import SceneAt
+
+_SHORT = 16
+_CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
+
+
+class Known:
+    """What is read once for a whole plan.
+
+    Parameters
+    ----------
+    device : mapping, optional
+        The record of the OpenCL device (`msb.bench.machine`), where there is one.
+
+    Attributes
+    ----------
+    warnings : mapping of str
+        Lines about the scenes read, as keys.
+    """
+
+    def __init__(self, device: Mapping[str, Any] | None = None) -> None:
+        self.device = device
+        self.warnings: dict[str, None] = {}
+        self.views = cache(self._views)
+        self.hash = cache(_hash)
+        self.metrics = cache(_metrics)
+
+    def _views(self, at: SceneAt) -> Views:
+        scene = at.read()
+        found = (f"{one.code}: {one.file or scene.root}: {one.message}" for one in scene.warnings)
+        self.warnings |= dict.fromkeys(found)
+        return views_of(scene)
+
+
+def _hash(path: Path) -> str:
+    """Return a short hash of a file; one that cannot be read has none, and says so when it is used."""
+    try:
+        return file_sha256(path)[:_SHORT]
+    except MsbError as error:
+        return error.code
+
+
+def _metrics(weights: Path | None) -> str:
+    found = identities(None if weights is None else lpips_network(weights))
+    return digest([{key: value for key, value in one.items() if key != "libraries"} for one in found])
+
+
+def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
+    """Return what decides each part the job's cell should have, by what is there now.
+
+    Raises
+    ------
+    UsageError, InputError, MetricError
+        The weights of LPIPS cannot be used.
+    """
+    found: dict[Part, Inputs] = {}
+    condition = job.cell.condition
+    views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
+    if condition == "exported_mesh":
+        if job.model is not None:
+            found["audit"] = {"asset": _asset(job), "tool": __version__}
+        if job.cell.dataset == "dtu" and job.chamfer_data is not None:
+            found["chamfer"] = _chamfer(job, known)
+    else:
+        found["quality"] = {**views, **_images(job), "metrics": known.metrics(job.vgg_weights)}
+        if condition != "non_engine" and job.frames:
+            found["timing"] = {
+                "cameras": job.views.cameras,
+                **_images(job),
+                "device": _device(known.device),
+                "clock": f"{job.frames} frames, {job.seconds:g} s",
+            }
+    if job.training is not None and job.cell.renderer is None:
+        found["training"] = {"file": known.hash(job.training)}
+    return found
+
+
+def _asset(job: Job) -> str:
+    assert job.model is not None
+    return str(job.model.asset.sha256)[:_SHORT]
+
+
+def _images(job: Job) -> Inputs:
+    """Return what decides the cell's images, besides cameras and background."""
+    if job.renders is not None:
+        try:
+            return {"renders": str(find_renders(job.renders, job.scene.read().test).folder.sha256)[:_SHORT]}
+        except MsbError as error:  # the cell will say it again, and in full
+            return {"renders": error.code}
+    return {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": _renderer(job)}
+
+
+def _renderer(job: Job) -> str:
+    from msb.render.protocol import find_renderer
+
+    made: Any = find_renderer(job.cell.renderer or job.tier)
+    return f"{getattr(made, 'name', job.cell.column)} {getattr(made, 'version', '')}".rstrip()
+
+
+def _device(record: Mapping[str, Any] | None) -> str:
+    if record is None:
+        return "unknown"
+    return " ".join(str(record[key]) for key in ("platform", "name", "driver"))
+
+
+def _chamfer(job: Job, known: Known) -> Inputs:
+    from msb.metrics import identity
+
+    assert job.chamfer_data is not None
+    scene = job.scene.read()
+    data: list[Path] = []
+    masks: list[Path] = []
+    with contextlib.suppress(MsbError):  # the part will say it again, and in full
+        scan = scan_number(job.cell.scene)
+        data = [job.chamfer_data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
+        masks = mask_files(scene)
+    about = identity("chamfer_dtu", seed=job.chamfer_seed).to_dict()
+    return {
+        "mesh": _asset(job) if job.mesh is None else known.hash(job.mesh),
+        "scan": digest([known.hash(path) for path in data]),
+        "views": digest([known.hash(path) for path in (scene.root / "cameras.npz", *masks)]),
+        "metric": digest({key: value for key, value in about.items() if key != "libraries"}),
+    }

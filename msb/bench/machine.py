@@ -1,0 +1,50 @@
+"""What figures were measured on and with."""
+
+from __future__ import annotations
+
+import os
+import platform
+from typing import TYPE_CHECKING, Any
+
+from msb._version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def machine(
+    device: str | None = None, *, opencl: bool = True, engine: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return system, versions, and the OpenCL device that `device` selects, or what an engine draws with.
+
+    Parameters
+    ----------
+    device : str, optional
+        As for `msb.cl.open_device`.
+    opencl : bool
+        Without it there is no "device": for what runs on the host alone.
+    engine : mapping, optional
+        `Renderer.device_info` of what was measured; where there is one, no OpenCL is asked for.
+
+    Raises
+    ------
+    UsageError, DeviceError
+        As `msb.cl.open_device`.
+    """
+    from importlib.metadata import version
+
+    record: dict[str, Any] = {
+        "system": platform.platform(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "meshsplatbench": __version__,
+    }
+    if engine is not None:
+        record["device"] = dict(engine)
+    elif opencl:
+        from msb.cl.devices import choose_device
+
+        record["pyopencl"] = version("pyopencl")
+        record["device"] = choose_device(device).record.to_dict()
+    return record

@@ -1,0 +1,187 @@
+"""A scene's model as an asset: exported once, hashed once, found again by size and time of its files."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from msb.adapters.exporter import detect, finish, read_model
+from msb.adapters.locate import locate
+from msb.asset import Asset, load, save
+from msb.asset.manifest import MANIFEST_NAME
+from msb.atomic import new_file
+from msb.bench.checked import checked, read_json
+from msb.bench.digest import describe_file, digest, list_sha256, stamp
+from msb.bench.folder import Results, check_run
+from msb.bench.protocol import AUTO
+from msb.bench.records import File, Record
+from msb.errors import CheckpointError, MsbError
+
+ASSET_SUFFIX = ".triasset"
+_MAX_BYTES = 1 << 20
+_BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
+
+
+class Model(Record):
+    """An asset of the run, and what it was made from.
+
+    Attributes
+    ----------
+    method : str
+    checkpoint : File, optional
+        The model's own files; their list of hashes if there are several.
+    asset : File
+        `bytes` is the sum of the sizes of the files in the container.
+    background : (3,) floats, optional
+        Of the method's official evaluation, where the checkpoint says so.
+    stamps : tuple of (path, bytes, time)
+        Of all files, source and asset: while they are as they were, so are the hashes.
+    asked : str
+        Path and method as the protocol gives them.
+    warnings : tuple of str
+        What the export had to assume.
+    """
+
+    method: str
+    checkpoint: File | None
+    asset: File
+    background: tuple[float, float, float] | None
+    stamps: tuple[tuple[str, int, int], ...]
+    asked: str
+    warnings: tuple[str, ...] = ()
+
+    def open(self) -> Asset:
+        """Return the asset.
+
+        Raises
+        ------
+        InputError, AssetError
+        """
+        return load(self.asset.path)
+
+
+@dataclass(frozen=True)
+class ModelTask:
+    """One model to be made ready, as a worker gets it."""
+
+    root: Path
+    run: str
+    dataset: str
+    scene: str
+    method: str
+    source: Path
+
+    @property
+    def name(self) -> str:
+        """What progress shows."""
+        return f"{self.dataset} {self.scene} {self.method}"
+
+
+def known_model(results: Results, task: ModelTask) -> Model | None:
+    """Return what is on record about a model, None if there is nothing or a file changed since."""
+    try:
+        path = _record(results, task)
+        model = checked(Model, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
+        # The model is looked for again: a training may have written a later iteration.
+        current = model.asked == _asked(task) and all(
+            stamp(Path(path)) == (path, *rest) for path, *rest in model.stamps
+        )
+        return model if current and _source_file(task) in {path for path, *_ in model.stamps} else None
+    except (MsbError, OSError):
+        return None
+
+
+def prepare_model(task: ModelTask) -> Model:
+    """Return the task's model: as on record, or its checkpoint exported into the results folder.
+
+    Raises
+    ------
+    InputError, CheckpointError, MeshFileError, AssetError
+        What is wrong with the model's files.
+    Unsupported
+        `UNSUPPORTED_METHOD`.
+    UsageError
+        RUN_WORKER_PATHS.
+    """
+    results = Results(task.root)
+    check_run(task.root, task.run)
+    known = known_model(results, task)
+    if known is not None:
+        return known
+    source = task.source
+    if source.suffix.lower() == ASSET_SUFFIX:
+        asset, path, files = load(source), source, []
+        if task.method not in (AUTO, asset.manifest.method):
+            text = f"it holds a {asset.manifest.method} model; the protocol says {task.method}"
+            raise CheckpointError("CHECKPOINT_METHOD", text, file=source)
+    else:
+        read = read_model(source, method=None if task.method == AUTO else task.method)
+        asset, files = finish(read), list(read.files)
+        path = results.asset(task.dataset, task.scene, asset.manifest.method)
+        save(asset, path)
+    held = describe_file(path)
+    inside = _contents(path)
+    model = Model(
+        method=asset.manifest.method,
+        checkpoint=_checkpoint(asset, source),
+        asset=held.model_copy(update={"bytes": sum(size for _, size in inside)}),
+        background=_BACKGROUNDS.get(str(asset.manifest.appearance.get("background"))),
+        stamps=tuple(stamp(file) for file in (*files, *_files(path))),
+        asked=_asked(task),
+        warnings=tuple(f"{warning.code}: {source}: {warning.message}" for warning in asset.warnings),
+    )
+    with new_file(_record(results, task)) as file:
+        file.write(model.model_dump_json(indent=1).encode() + b"\n")
+    return model
+
+
+def method_of(source: Path) -> str:
+    """Return the method of the model at `source`, without exporting it.
+
+    Raises
+    ------
+    InputError, AssetError, CheckpointError, MeshFileError
+    """
+    return load(source).manifest.method if source.suffix.lower() == ASSET_SUFFIX else detect(source)
+
+
+def _record(results: Results, task: ModelTask) -> Path:
+    name = f"{task.method}-{digest(_asked(task))[:8]}.json"
+    return results.asset(task.dataset, task.scene, task.method).with_name(name)
+
+
+def _asked(task: ModelTask) -> str:
+    return json.dumps([str(task.source), task.method])
+
+
+def _source_file(task: ModelTask) -> str:
+    """Return the file that decides what the model is."""
+    if task.source.suffix.lower() == ASSET_SUFFIX:
+        return str(_files(task.source)[0])
+    return str(locate(task.source).file)
+
+
+def _files(asset: Path) -> list[Path]:
+    if not asset.is_dir():
+        return [asset]
+    return [asset / MANIFEST_NAME, *sorted((asset / "buffers").glob("*"))]
+
+
+def _contents(asset: Path) -> list[tuple[str, int]]:
+    """Return name and size of the files in a container of either form."""
+    if asset.is_dir():
+        return [(file.name, file.stat().st_size) for file in _files(asset)]
+    with zipfile.ZipFile(asset) as container:
+        return [(item.filename, item.file_size) for item in container.infolist()]
+
+
+def _checkpoint(asset: Asset, source: Path) -> File | None:
+    """Return the model's own files as the asset's manifest records them."""
+    files = asset.manifest.source.files
+    if not files:
+        return None
+    hashes = [(file.path, file.sha256) for file in files]
+    sha256 = hashes[0][1] if len(hashes) == 1 else list_sha256(hashes)
+    return File(path=str(source), bytes=sum(file.byte_length for file in files), sha256=sha256)

@@ -1,0 +1,101 @@
+"""How much memory processes hold on NVIDIA's GPUs."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any, Literal
+
+from msb.bench.records import Count, Record
+
+
+class Gpu(Record):
+    """One GPU of the machine, and the most memory the command held on it."""
+
+    index: Count
+    name: str
+    uuid: str
+    total_bytes: Count
+    peak_bytes: Count
+
+
+class Gpus:
+    """NVIDIA's GPUs through NVML; without the library, a driver or a GPU: the reason."""
+
+    def __init__(self) -> None:
+        self._reason: str | None = None
+        self._handles: list[Any] = []
+        self._own: dict[int, int] = {}
+        self._more: dict[int, int] = {}
+        self._peak_own = self._peak_more = 0
+        self._tells = False
+        self._nvml: Any = None
+        try:
+            import pynvml
+
+            self._nvml = pynvml
+            pynvml.nvmlInit()
+            count = pynvml.nvmlDeviceGetCount()
+            self._handles = [pynvml.nvmlDeviceGetHandleByIndex(index) for index in range(count)]
+            self._before = [pynvml.nvmlDeviceGetMemoryInfo(handle).used for handle in self._handles]
+        except ImportError:
+            self._reason = "the extra gpu is not installed (pip install 'meshsplatbench[gpu]')"
+        except Exception as error:  # NVML's own error class is made when it loads
+            self._reason = f"NVML: {error}"
+        if not self._handles and self._reason is None:
+            self._reason = "there is no NVIDIA GPU"
+
+    def look(self, pids: set[int]) -> None:
+        """Take what the processes `pids`, and the devices, hold now into the peaks."""
+        own = more = 0
+        for index, handle in enumerate(self._handles):
+            with contextlib.suppress(self._nvml.NVMLError):
+                held = self._held(handle, pids)
+                grown = max(0, self._nvml.nvmlDeviceGetMemoryInfo(handle).used - self._before[index])
+                self._own[index] = max(self._own.get(index, 0), held)
+                self._more[index] = max(self._more.get(index, 0), grown)
+                own, more = own + held, more + grown
+        self._peak_own, self._peak_more = max(self._peak_own, own), max(self._peak_more, more)
+
+    def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
+        """Return the peak of all GPUs in bytes, what it is of, and the reason where there is none."""
+        if self._reason is not None:
+            return None, None, self._reason
+        if self._tells or not self._peak_more:
+            return self._peak_own, "processes", None
+        return self._peak_more, "device", None
+
+    def devices(self) -> tuple[Gpu, ...]:
+        """Return the GPUs and the peak on each."""
+        found = []
+        peaks = self._own if self.result()[1] == "processes" else self._more
+        for index, handle in enumerate(self._handles):
+            with contextlib.suppress(Exception):
+                found.append(
+                    Gpu(
+                        index=index,
+                        name=_text(self._nvml.nvmlDeviceGetName(handle)),
+                        uuid=_text(self._nvml.nvmlDeviceGetUUID(handle)),
+                        total_bytes=self._nvml.nvmlDeviceGetMemoryInfo(handle).total,
+                        peak_bytes=peaks.get(index, 0),
+                    )
+                )
+        return tuple(found)
+
+    def _held(self, handle: Any, pids: set[int]) -> int:
+        import psutil
+
+        held: dict[int, int] = {}
+        for listed in (
+            self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),
+            self._nvml.nvmlDeviceGetGraphicsRunningProcesses(handle),
+        ):
+            for process in listed:
+                if process.usedGpuMemory is not None:
+                    held[process.pid] = max(held.get(process.pid, 0), process.usedGpuMemory)
+        # In a container NVML lists none, or the host's numbers: then it can tell no process from another.
+        self._tells = self._tells or any(pid in pids or psutil.pid_exists(pid) for pid in held)
+        return sum(size for pid, size in held.items() if pid in pids)
+
+
+def _text(value: str | bytes) -> str:
+    return value.decode() if isinstance(value, bytes) else value

@@ -1,0 +1,166 @@
+"""The parts of a cell besides its images: timing, audit, Chamfer distance, training cost."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+from msb.bench.machine import machine
+from msb.bench.memory import grouped
+from msb.bench.photographs import checked_scene
+from msb.bench.quality import open_renderer
+from msb.bench.records import Timing, Training
+from msb.errors import InputError, MetricError, Unsupported
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from msb.bench.job import Job
+    from msb.scenes.datasets import Scene
+
+
+def measure_timing(job: Job) -> dict[str, Any]:
+    """Return timing, memory and device of a cell: no file is written and no pixel read back meanwhile.
+
+    Raises
+    ------
+    Unsupported
+        UNSUPPORTED_TIER: the engine cannot draw without reading back, so its rate would be another quantity.
+    MsbError
+        Whatever is wrong with scene, asset or device.
+    """
+    from msb.bench.profile import profile
+    from msb.render.protocol import find_renderer
+
+    if job.cell.renderer and not hasattr(find_renderer(job.cell.renderer), "draw"):
+        text = f"{job.cell.renderer} cannot draw without reading its image back, so it is not timed"
+        raise Unsupported("UNSUPPORTED_TIER", text)
+    scene = checked_scene(job.scene, job.views)
+    with open_renderer(job) as renderer:
+        found = profile(renderer, scene.test, scene.background, frames=job.frames, seconds=job.seconds)
+        about = machine(job.device, engine=renderer.device_info)
+    kind = about["device"]["kind"]
+    timing = Timing(
+        frames=found.frames,
+        seconds=found.frames / found.fps,
+        fps=found.fps,
+        p50_ms=found.p50,
+        p95_ms=found.p95,
+        mean_ms=found.mean,
+        busy_p50_ms=found.busy_p50,
+        busy_p95_ms=found.busy_p95,
+        stages_ms=dict(found.stages),
+        device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
+    )
+    return {"timing": timing, "memory": grouped(found.memory), "device": about}
+
+
+def measure_audit(job: Job) -> dict[str, Any]:
+    """Return the audit of a cell's mesh, as stored.
+
+    Raises
+    ------
+    InputError, AssetError, MeshError
+    """
+    from msb.topology.audit import audit
+
+    assert job.model is not None
+    return {"audit": audit(job.model.open()).to_dict()}
+
+
+def measure_chamfer(job: Job) -> dict[str, Any]:
+    """Return the Chamfer distance of a DTU cell's mesh: culled by the masks of all views, in millimetres.
+
+    Raises
+    ------
+    InputError, SceneError, AssetError, MeshFileError, MetricError
+    """
+    from msb.metrics import chamfer_surface, cull_dtu, read_dtu_scan
+    from msb.scenes.datasets import read_matrices
+
+    assert job.chamfer_data is not None
+    scan = scan_number(job.cell.scene)
+    data = read_dtu_scan(job.chamfer_data, scan)
+    scene = checked_scene(job.scene, job.views)
+    vertices, faces, source = _mesh(job)
+    world, scale = read_matrices(scene.root / "cameras.npz")
+    culled = cull_dtu(vertices, faces, world, scale, _masks(scene))
+    found = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
+    identity = found.pop("identity")
+    return {"chamfer": {**found, "scan": scan, "metric": identity, "mesh": source}}
+
+
+def _mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
+    """Return vertices and faces to be measured, and the file they are from."""
+    from msb.meshes import read_mesh
+
+    if job.mesh is not None:
+        mesh = read_mesh(job.mesh)
+        return mesh.vertices, mesh.faces, str(job.mesh)
+    assert job.model is not None
+    buffers = job.model.open().buffers
+    return buffers["positions"], buffers["indices"], job.model.asset.path
+
+
+def scan_number(scene: str) -> int:
+    """Return the number in the name of a DTU scene.
+
+    Raises
+    ------
+    MetricError
+        METRIC_ARGUMENT.
+    """
+    match = re.fullmatch(r"scan(\d{1,3})", scene)
+    if match is None:
+        raise MetricError("METRIC_ARGUMENT", f'the scene is called "{scene}"; DTU\'s are scan1 to scan999')
+    return int(match[1])
+
+
+def mask_files(scene: Scene) -> list[Path]:
+    """Return the files with the masks of all views, in the order of the matrices in cameras.npz.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND: there are none.
+    """
+    from msb.scenes.datasets.layout import images_in
+    from msb.scenes.datasets.masks import MASKS
+
+    folder = scene.root / (MASKS if scene.mask_source == "mask_folder" else scene.image_folder)
+    files = images_in(folder)
+    if scene.mask_source is None or not files:
+        raise InputError("FILE_NOT_FOUND", "there are no masks of the views in it", file=scene.root)
+    return files
+
+
+def _masks(scene: Scene) -> Iterator[NDArray[np.uint8]]:
+    from msb.metrics.image_files import read_mask, read_pixels
+
+    for file in mask_files(scene):
+        yield read_mask(file) if scene.mask_source == "mask_folder" else read_pixels(file, ("RGBA",))[..., 3]
+
+
+def read_training(job: Job) -> dict[str, Any]:
+    """Return what training cost, from the record of `msb track`.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE, RECORD_INVALID or TRAINING_FAILED.
+    """
+    from msb.bench.track import read_track
+
+    assert job.training is not None
+    track = read_track(job.training)
+    if track.exit_status:
+        text = f"the training ended with status {track.exit_status}; what it cost is no cost of a model"
+        raise InputError("TRAINING_FAILED", text, file=job.training, value=track.exit_status)
+    found = Training(
+        seconds=track.seconds, peak_memory_bytes=track.peak_gpu_memory_bytes, source=str(job.training)
+    )
+    return {"training": found}

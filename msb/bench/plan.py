@@ -1,0 +1,322 @@
+"""What a run will do: every cell of the protocol, which parts of it are still to be computed, and why."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any, Literal
+
+from msb.bench.cell import reason_of
+from msb.bench.folder import Results
+from msb.bench.inputs import Known, inputs_of
+from msb.bench.job import MAIN, Job
+from msb.bench.models import Model, ModelTask, method_of
+from msb.bench.photographs import SceneAt
+from msb.bench.protocol import AUTO, REFERENCE, overrides
+from msb.bench.records import CONDITIONS, Cell, Reason, read_result
+from msb.errors import InputError, MsbError, UsageError
+from msb.methods import METHODS
+from msb.scenes.datasets import DATASETS, OURS, RULES, evaluation_background, find_scenes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from msb.bench.job import Inputs, Part
+    from msb.bench.protocol import DatasetTable, MethodTable, ProtocolFile
+    from msb.bench.records import Condition, Result
+    from msb.methods import Tier
+
+_TIERS: dict[Condition, Tier] = {
+    "non_engine": "reference",
+    "dedicated": "dedicated",
+    "standard": "standard",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """One method on one scene, as the protocol has it.
+
+    Attributes
+    ----------
+    dataset : DatasetTable
+    method : MethodTable
+    scene : str
+    path : Path
+        The scene's folder.
+    model : Path, optional
+    """
+
+    dataset: DatasetTable
+    method: MethodTable
+    scene: str
+    path: Path
+    model: Path | None
+
+    def task(self, root: Path, run: str) -> ModelTask | None:
+        """Return the task that makes the model ready, None where there is no model."""
+        if self.model is None:
+            return None
+        return ModelTask(root, run, self.dataset.name, self.scene, self.method.name, self.model)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One cell, and what is to become of it.
+
+    Attributes
+    ----------
+    cell : Cell
+    job : Job, optional
+        With the parts to be computed; None where there is nothing to do, or nothing can be done.
+    why : mapping of Part to str
+        For each part to be computed: "new", "failed before", "asked for", or what changed.
+    status : {"done", "pending", "failed", "unsupported"}
+        "done": everything is on record and holds. "failed" and "unsupported" have a `reason`.
+    reason : Reason, optional
+    """
+
+    cell: Cell
+    job: Job | None
+    why: Mapping[Part, str] = field(default_factory=dict)
+    status: Literal["done", "pending", "failed", "unsupported"] = "pending"
+    reason: Reason | None = None
+
+
+def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
+    """Return the pairs of method and scene that have a cell which `only` selects (`selected`).
+
+    Raises
+    ------
+    InputError, SceneError
+        A dataset's scenes are not listed, and its folder is not there or holds none.
+    UsageError
+        USAGE: nothing is selected.
+    """
+    columns = (*CONDITIONS, *file.protocol.engines)
+    found: list[Pair] = []
+    names_there: dict[str, None] = {}
+    for dataset in file.protocol.datasets:
+        root = file.resolve(dataset.path)
+        paths = [root / name for name in dataset.scenes] or find_scenes(root)
+        for path in paths:
+            for method in file.protocol.methods:
+                if method.datasets and dataset.name not in method.datasets:
+                    continue
+                names = {"dataset": dataset.name, "scene": path.name, "method": method.name}
+                names_there |= dict.fromkeys(names.values())
+                methods = METHODS if method.name == AUTO else (method.name,)
+                if _matches((dataset.name, path.name, *methods, *columns), only):
+                    model = None if method.model is None else file.resolve(method.model, **names)
+                    found.append(Pair(dataset, method, path.name, path, model))
+    if only and not found:
+        raise _nothing(only, (*names_there, *columns))
+    return found
+
+
+def _nothing(only: Sequence[str], names: Sequence[str]) -> UsageError:
+    text = f"--only {' --only '.join(only)} selects no cell; there are {', '.join(names)}"
+    return UsageError("USAGE", text)
+
+
+class Planner:
+    """Turns pairs into cells.
+
+    Parameters
+    ----------
+    file : ProtocolFile
+    run : str
+        Its id.
+    known : Known
+        What scenes, renderings and files are, read once for all cells.
+    only : sequence of str
+        Which cells, as `selected` reads them; all if empty.
+    redo : bool
+        Compute again what is done.
+    """
+
+    def __init__(
+        self, file: ProtocolFile, run: str, known: Known, only: Sequence[str] = (), *, redo: bool = False
+    ) -> None:
+        self.file, self.run, self.known, self.only, self.redo = file, run, known, tuple(only), redo
+        self.results = Results(file.results)
+
+    def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, Model | Exception]) -> list[Planned]:
+        """Return all cells that are selected, in the order of the protocol.
+
+        Parameters
+        ----------
+        pairs : sequence of Pair
+        models : mapping of Pair to Model or Exception
+            The model, or what is wrong with it. In a dry run it may be missing.
+
+        Raises
+        ------
+        InputError
+            PROTOCOL_INVALID: two models of one method on one scene.
+        UsageError
+            USAGE: nothing is selected.
+        """
+        cells: dict[tuple[str, ...], Pair] = {}
+        found = []
+        for pair in pairs:
+            for planned in self._cells(pair, models.get(pair)):
+                cell = planned.cell
+                key = (cell.dataset, cell.scene, cell.method, cell.column)
+                if key in cells:
+                    text = f"/methods: two models of {cell.method} on {cell.scene}; give each its own results"
+                    raise InputError("PROTOCOL_INVALID", text, file=self.file.path, pointer="/methods")
+                cells[key] = pair
+                if selected(cell, self.only):
+                    found.append(planned)
+        if self.only and not found:
+            raise _nothing(self.only, list(dict.fromkeys(part for key in cells for part in key)))
+        return found
+
+    def _cells(self, pair: Pair, model: Model | Exception | None) -> Iterator[Planned]:
+        name = model.method if isinstance(model, Model) else pair.method.name
+        if name == AUTO and model is None and pair.model is not None:
+            with contextlib.suppress(MsbError):
+                name = method_of(pair.model)
+        if name == AUTO:  # its model cannot be read, so there is no telling what it is
+            return
+        conditions = pair.method.conditions or self.file.protocol.conditions
+        for condition in conditions:
+            if condition == "non_engine" and pair.method.non_engine is None:
+                continue
+            if pair.model is None and condition != "non_engine" and METHODS[name].supports("standard"):
+                continue  # the protocol has official renderings of it only
+            cell = Cell(dataset=pair.dataset.name, scene=pair.scene, method=name, condition=condition)
+            yield self._one(pair, model, cell)
+            if condition == "standard":
+                for engine in self.file.protocol.engines:
+                    yield self._one(pair, model, cell.model_copy(update={"renderer": engine}))
+
+    def _one(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Planned:
+        why = self._unsupported(pair, model, cell)
+        if why is not None:
+            return Planned(cell, None, status="unsupported", reason=why)
+        imported = cell.condition == "non_engine" and pair.method.non_engine != REFERENCE
+        if isinstance(model, MsbError) and not imported:
+            return Planned(cell, None, status="failed", reason=reason_of(model))
+        if model is None and not imported:  # a dry run reads no model
+            main: Part = "audit" if cell.condition == "exported_mesh" else "quality"
+            return Planned(
+                cell, None, {main: "model changed" if self.results.record(cell).exists() else "new"}
+            )
+        try:
+            job = self._job(pair, model if isinstance(model, Model) else None, cell)
+            wanted = inputs_of(job, self.known)
+        except MsbError as error:
+            return Planned(cell, None, status="failed", reason=reason_of(error))
+        todo = self._todo(job, wanted)
+        job = Job(**{**vars(job), "parts": {part: wanted[part] for part in todo}})
+        return Planned(cell, job, todo, "pending" if todo else "done")
+
+    def _unsupported(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Reason | None:
+        tier = _TIERS.get(cell.condition)
+        if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
+            return None
+        if isinstance(model, MsbError) and model.code == "UNSUPPORTED_METHOD":
+            return reason_of(model)
+        reasons = METHODS[cell.method].unsupported
+        if tier is None:  # an exported mesh: of anything that has triangles
+            tier = "standard" if len(reasons) == len(_TIERS) else None
+        if tier is None or tier not in reasons:
+            return None
+        code = "UNSUPPORTED_STANDARD" if cell.condition == "standard" else "UNSUPPORTED_TIER"
+        return Reason(code=code, message=f"{cell.method} on tier {tier}: {reasons[tier]}")
+
+    def _job(self, pair: Pair, model: Model | None, cell: Cell) -> Job:
+        protocol, method = self.file.protocol, pair.method
+        names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
+
+        def path(template: str | None) -> Path | None:
+            return None if template is None else self.file.resolve(template, **names)
+
+        scene = self._scene(pair, model, cell.method)
+        renders = path(method.non_engine) if cell.condition == "non_engine" else None
+        chamfer = protocol.chamfer
+        return Job(
+            root=self.results.root,
+            run=self.run,
+            cell=cell,
+            scene=scene,
+            views=self.known.views(scene),
+            parts={},
+            model=model,
+            settings=overrides(method),
+            renders=None if method.non_engine == REFERENCE else renders,
+            training=path(method.training),
+            mesh=path(method.mesh),
+            device=protocol.device,
+            vgg_weights=path(protocol.metrics.vgg_weights),
+            frames=protocol.timing.frames,
+            seconds=protocol.timing.seconds,
+            chamfer_data=None if chamfer is None else path(chamfer.data),
+            chamfer_seed=0 if chamfer is None else chamfer.seed,
+        )
+
+    def _scene(self, pair: Pair, model: Model | None, method: str) -> SceneAt:
+        """Return how the method is evaluated on the scene: what it says, else its dataset, else the rules."""
+
+        def option(name: str) -> Any:
+            own = getattr(pair.method, name)
+            return getattr(pair.dataset, name) if own is None else own
+
+        dataset = pair.dataset.name
+        fixed = DATASETS[dataset].background if dataset in DATASETS else None
+        own = None if model is None else model.background
+        return SceneAt(
+            dataset=dataset,
+            name=pair.scene,
+            path=pair.path,
+            image_folder=option("image_folder"),
+            resolution=option("resolution"),
+            background=option("background") or fixed or own or evaluation_background(dataset, method),
+            camera_convention=option("camera_convention") or RULES.get(method, RULES[OURS]).convention,
+        )
+
+    def _todo(self, job: Job, wanted: Mapping[Part, Inputs]) -> dict[Part, str]:
+        """Return the parts to be computed, and why."""
+        try:
+            old: Result | None = read_result(self.results.record(job.cell))
+        except MsbError:
+            old = None
+        found: dict[Part, str] = {}
+        for part, inputs in wanted.items():
+            why = "asked for" if self.redo else _difference(part, inputs, old)
+            if why is None and part == "quality" and not (job.folder / "images").is_dir():
+                why = "images gone"
+            if why is not None:
+                found[part] = why
+        return found
+
+
+def _difference(part: Part, inputs: Inputs, old: Result | None) -> str | None:
+    """Return why a part must be computed, None if what is on record holds."""
+    if old is None:
+        return "new"
+    held = old.inputs.get(part)
+    if held is None:
+        failed = part in old.reasons or (old.status == "failed" and part in MAIN)
+        return "failed before" if failed else "new"
+    changed = [name for name in {**held, **inputs} if held.get(name) != inputs.get(name)]
+    return f"{', '.join(changed)} changed" if changed else None
+
+
+def selected(cell: Cell, only: Sequence[str]) -> bool:
+    """Return whether a cell is among those asked for.
+
+    Each text of `only` is one or more patterns (``*`` and ``?``) with slashes between; each pattern must
+    match the cell's dataset, scene, method, condition or column. One text suffices; none selects every cell.
+    """
+    return _matches((cell.dataset, cell.scene, cell.method, cell.condition, cell.column), only)
+
+
+def _matches(names: Sequence[str], only: Sequence[str]) -> bool:
+    return not only or any(
+        all(any(fnmatchcase(name, pattern) for name in names) for pattern in text.split("/")) for text in only
+    )

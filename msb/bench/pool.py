@@ -1,0 +1,224 @@
+"""Where tasks are computed: processes of this machine, or a Dask cluster, behind one interface.
+
+A task is a function of this package and plain data. What a task raises is an outcome like any other; a worker
+that dies costs at most what it was computing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+
+from msb.errors import DeviceError, UsageError, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from multiprocessing.connection import Connection
+
+_CONNECT_SECONDS = 10
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+
+class Workers(Protocol):
+    """What computes tasks, `jobs` at a time."""
+
+    @property
+    def jobs(self) -> int: ...
+
+    def executor(self) -> Executor:
+        """Return what runs tasks; a fresh one if the last one broke."""
+
+    def close(self) -> None:
+        """Let go of all workers, and stop what they still do where that is possible."""
+
+    def __enter__(self) -> Self: ...
+    def __exit__(self, *_: object) -> None: ...
+
+
+def run_all(
+    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task], *, alone: bool = False
+) -> Iterator[tuple[Task, Answer | Exception]]:
+    """Compute ``function(task)`` for all tasks; yield each with its answer or what it raised, as they end.
+
+    Parameters
+    ----------
+    workers : Workers
+    function : callable
+        Of a module, so that a worker can import it.
+    tasks : sequence
+    alone : bool
+        One after the other, so that nothing else of this run computes meanwhile: for timing.
+
+    Notes
+    -----
+    When a process dies, the pool cannot say which task it had: one of the first unfinished ones. Those are
+    then computed one at a time, and the one during which a process dies again gets RUN_WORKER_DIED; the
+    others go on as before. A Dask scheduler does the like by itself.
+
+    Raises
+    ------
+    UsageError
+        RUN_SCHEDULER: the scheduler of the cluster was lost.
+    """
+    waiting = list(tasks)
+    while waiting:
+        suspects = 1 if alone else workers.jobs
+        answers = _one_by_one(workers, function, waiting) if alone else _at_once(workers, function, waiting)
+        broken = []
+        for number, answer in answers:
+            if isinstance(answer, BrokenExecutor):
+                broken.append(number)
+            else:
+                yield waiting[number], answer
+        broken.sort()
+        for number in broken[:suspects]:
+            again: Answer | Exception = _answer(workers.executor().submit(function, waiting[number]))
+            yield waiting[number], _death() if isinstance(again, BrokenExecutor) else again
+        waiting = [waiting[number] for number in broken[suspects:]]
+
+
+def _at_once(
+    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Answer | Exception]]:
+    executor = workers.executor()
+    futures = {executor.submit(function, task): number for number, task in enumerate(tasks)}
+    try:
+        for future in as_completed(futures):
+            answer: Answer | Exception = _answer(future)
+            yield futures[future], answer
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _one_by_one(
+    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
+) -> Iterator[tuple[int, Answer | Exception]]:
+    for number, task in enumerate(tasks):
+        yield number, _answer(workers.executor().submit(function, task))
+
+
+def _answer(future: Future[Answer]) -> Answer | Exception:
+    try:
+        return future.result()
+    except Exception as error:
+        name = type(error).__name__  # Dask's, which need not be installed
+        if name == "KilledWorker":
+            return _death()
+        if name in ("CancelledError", "FutureCancelledError", "CommClosedError"):
+            text = "the connection to the scheduler was lost; what is finished is kept, start the run again"
+            raise UsageError("RUN_SCHEDULER", text) from error
+        return error
+
+
+def _death() -> DeviceError:
+    text = "the process that computed this died, twice: out of memory, or a crash of the OpenCL platform"
+    return DeviceError("RUN_WORKER_DIED", text)
+
+
+class LocalWorkers:
+    """Processes of this machine, started afresh so that none inherits an OpenCL context.
+
+    They end when this process does, however it ends: each watches a pipe whose other end only we hold.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self._pool: ProcessPoolExecutor | None = None
+        self._context = multiprocessing.get_context("spawn")
+        self._leash, self._held = self._context.Pipe(duplex=False)
+
+    def executor(self) -> Executor:
+        """Return a pool of processes."""
+        if self._pool is None or _is_broken(self._pool):
+            self._pool = ProcessPoolExecutor(
+                self.jobs, mp_context=self._context, initializer=_begin, initargs=(self._leash,)
+            )
+        return self._pool
+
+    def close(self) -> None:
+        """End all processes, whatever they do."""
+        self._held.close()
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._leash.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _is_broken(pool: ProcessPoolExecutor) -> bool:
+    try:
+        pool.submit(os.getpid).result()
+    except BrokenExecutor:
+        return True
+    return False
+
+
+def _begin(leash: Connection) -> None:
+    """Prepare a process: interrupts are the parent's business, and its end is ours."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def wait() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            leash.recv_bytes()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+class DaskWorkers:
+    """The workers of an existing Dask cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler: "tcp://HOST:PORT".
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING: dask is not installed. RUN_SCHEDULER: there is no scheduler, or it has no workers.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            import distributed
+        except ImportError as error:
+            text = "--scheduler needs the extra distributed: pip install 'meshsplatbench[distributed]'"
+            raise UsageError("EXTRA_MISSING", text) from error
+        try:
+            connect: Any = distributed.Client
+            self._client = connect(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            text = f"no Dask scheduler answers at {shorten(address, 60)}: {shorten(str(error))}"
+            raise UsageError("RUN_SCHEDULER", text) from error
+        self.jobs = len(self._client.ncores())
+        if not self.jobs:
+            self._client.close()
+            text = f"the scheduler at {shorten(address, 60)} has no workers; start some with dask worker"
+            raise UsageError("RUN_SCHEDULER", text)
+
+    def executor(self) -> Executor:
+        """Return the cluster as an executor."""
+        executor: Executor = self._client.get_executor(pure=False)
+        return executor
+
+    def close(self) -> None:
+        """Disconnect; what was not begun is dropped, the workers stay."""
+        self._client.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

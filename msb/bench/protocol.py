@@ -1,0 +1,300 @@
+"""The protocol file (TOML): which methods on which scenes, in which conditions, measured how."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from msb.bench.checked import checked, read_bytes
+from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
+from msb.bench.records import CONDITIONS, Condition
+from msb.errors import InputError, MsbError, UsageError
+from msb.methods import METHODS
+
+AUTO = "auto"
+PROTOCOL_NAME = "protocol.toml"
+REFERENCE = "reference"
+"""In the place of a folder of official renderings: our NumPy renderer."""
+_MAX_BYTES = 1 << 20
+_PLACES = ("dataset", "scene", "method")
+_NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
+"""Becomes the name of a folder below the results."""
+
+FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
+Template = Annotated[str, Field(min_length=1)]
+"""A path, relative to the protocol file, in which {dataset}, {scene} and {method} stand for themselves."""
+Unit = Annotated[float, Field(ge=0, le=1)]
+Color = tuple[Unit, Unit, Unit]
+Setting = bool | int | float | str
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, protected_namespaces=()
+    )
+
+
+class SceneOptions(_Table):
+    """What may be said of a scene by its dataset, and again, stronger, by a method.
+
+    Attributes
+    ----------
+    image_folder : str, optional
+        Below the scene: "images_4"; the dataset's if not given.
+    resolution : int, optional
+        As ``-r`` of the 3DGS family.
+    background : (3,) floats in [0, 1], optional
+    camera_convention : {"gs_fov", "full_K"}, optional
+        The camera the method was trained with; "full_K" for DiffSoup, "gs_fov" for all others.
+    """
+
+    image_folder: Annotated[str, Field(min_length=1)] | None = None
+    resolution: int | None = None
+    background: Color | None = None
+    camera_convention: Literal["gs_fov", "full_K"] | None = None
+
+
+class DatasetTable(SceneOptions):
+    """``[[datasets]]``: scenes of one dataset in one folder.
+
+    Attributes
+    ----------
+    name : str
+        "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other for a capture of your own.
+    path : str
+        The folder that holds the scenes' folders.
+    scenes : tuple of str
+        All there are, if not given.
+    """
+
+    name: FolderName
+    path: Annotated[str, Field(min_length=1)]
+    scenes: tuple[FolderName, ...] = ()
+
+
+class MethodTable(SceneOptions):
+    """``[[methods]]``: where one method's models are, and what belongs to them.
+
+    Attributes
+    ----------
+    name : str
+        As `msb methods` lists them, or "auto": what the model is found to be.
+    model : str, optional
+        Template: checkpoint, .triasset or mesh of each scene. Without one there are official renderings only.
+    datasets : tuple of str
+        Names of those it is evaluated on; all, if not given.
+    settings : mapping
+        Overrides, as ``--set`` takes them.
+    conditions : tuple of Condition, optional
+        The protocol's, if not given.
+    non_engine : str, optional
+        Template of the folder of official renderings, or "reference". Without it there is no such cell.
+    training : str, optional
+        Template of the file `msb track` wrote.
+    mesh : str, optional
+        Template of the mesh whose Chamfer distance is measured; the asset's own triangles if not given.
+    """
+
+    name: str = AUTO
+    model: Template | None = None
+    datasets: tuple[FolderName, ...] = ()
+    settings: dict[str, Setting] = {}
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
+    non_engine: Template | None = None
+    training: Template | None = None
+    mesh: Template | None = None
+
+
+class MetricsTable(_Table):
+    """``[metrics]``. `vgg_weights`: torchvision's VGG16, for LPIPS, which is "--" without it."""
+
+    vgg_weights: str | None = None
+
+
+class TimingTable(_Table):
+    """``[timing]``: the clock runs for at least so many frames and so many seconds; 0 frames: no timing."""
+
+    frames: Annotated[int, Field(ge=0)] = TIMED_FRAMES
+    seconds: Annotated[float, Field(ge=0)] = TIMED_SECONDS
+
+
+class ChamferTable(_Table):
+    """``[chamfer]``, for scenes of DTU: the official evaluation data, and the seed of the sampling."""
+
+    data: Annotated[str, Field(min_length=1)]
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class VideosTable(_Table):
+    """``[videos]``: conditions side by side along a path.
+
+    `path` "flight" goes smoothly through the test cameras; "test" shows the test views themselves, and beside
+    them the photographs and the official renderings.
+    """
+
+    path: Literal["flight", "test"] = "flight"
+    frames: Annotated[int, Field(ge=2, le=100_000)] = 120
+    fps: Annotated[int, Field(ge=1, le=240)] = 24
+
+
+class Protocol(_Table):
+    """The whole file. docs/protocol.md has it with comments."""
+
+    results: Annotated[str, Field(min_length=1)] = "results"
+    device: str | None = None
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] = CONDITIONS
+    engines: tuple[FolderName, ...] = ()
+    datasets: Annotated[tuple[DatasetTable, ...], Field(min_length=1)]
+    methods: Annotated[tuple[MethodTable, ...], Field(min_length=1)]
+    metrics: MetricsTable = MetricsTable()
+    timing: TimingTable = TimingTable()
+    chamfer: ChamferTable | None = None
+    videos: VideosTable | None = None
+
+
+@dataclass(frozen=True)
+class ProtocolFile:
+    """A protocol with the file it came from: paths in it are relative to that file's folder.
+
+    Attributes
+    ----------
+    path : Path
+    text : bytes
+        The file, for the record.
+    protocol : Protocol
+    results_instead : Path, optional
+        Where results go instead of where the file says.
+    """
+
+    path: Path
+    text: bytes
+    protocol: Protocol
+    results_instead: Path | None = None
+
+    @property
+    def results(self) -> Path:
+        """The results folder."""
+        if self.results_instead is not None:
+            return self.results_instead.absolute()
+        return self.resolve(self.protocol.results)
+
+    def resolve(self, template: str, **names: str) -> Path:
+        """Return the path that `template` means, its places filled from `names`; ".." as it reads."""
+        filled = re.sub(r"\{(\w+)\}", lambda place: names.get(place[1], place[0]), template)
+        return Path(os.path.normpath(Path(self.path.absolute().parent, Path(filled).expanduser())))
+
+
+def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
+    """Return the protocol in the TOML file `path`.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or PROTOCOL_INVALID, naming the key or the line.
+    """
+    return parse_protocol(read_bytes(path, _MAX_BYTES), path)
+
+
+def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
+    """Return the protocol that `text` is, as if it stood in the file `path`; errors as of `read_protocol`."""
+    try:
+        data: dict[str, Any] = tomllib.loads(text.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise _bad(path, f"it is not TOML: {error}") from error
+    except RecursionError:
+        raise _bad(path, "it is not TOML: nested too deeply") from None
+    protocol = checked(Protocol, data, file=path, code="PROTOCOL_INVALID")
+    _check(protocol, path)
+    return ProtocolFile(Path(path), text, protocol)
+
+
+def single_protocol(
+    model: str | os.PathLike[str], scene: str | os.PathLike[str], *, non_engine: str | None = None
+) -> ProtocolFile:
+    """Return the protocol that evaluates one model on one scene, as if it stood in the current folder.
+
+    Parameters
+    ----------
+    model, scene : path-like
+        A checkpoint, .triasset or mesh; the scene's folder.
+    non_engine : str, optional
+        A folder of official renderings, or "reference".
+
+    Raises
+    ------
+    InputError, SceneError
+        `scene` is none.
+    """
+    from msb.scenes.datasets import read_scene
+
+    # JSON's strings are TOML's.
+    lines = [
+        "[[datasets]]",
+        f"name = {json.dumps(read_scene(scene).dataset)}",
+        f"path = {json.dumps(os.path.abspath(scene))}",  # noqa: PTH100 - names as given, not where links lead
+        "",
+        "[[methods]]",
+        f"model = {json.dumps(os.path.abspath(model))}",  # noqa: PTH100
+    ]
+    if non_engine is not None:
+        given = non_engine if non_engine == REFERENCE else os.path.abspath(non_engine)  # noqa: PTH100
+        lines.append(f"non_engine = {json.dumps(given)}")
+    return parse_protocol("\n".join(lines).encode() + b"\n", PROTOCOL_NAME)
+
+
+def _check(protocol: Protocol, path: object) -> None:
+    """Refuse what types alone cannot."""
+    for number, method in enumerate(protocol.methods):
+        where = f"/methods/{number}"
+        if method.name != AUTO and method.name not in METHODS:
+            text = f'{where}/name: there is no method "{method.name}"; there are {AUTO}, {", ".join(METHODS)}'
+            raise _bad(path, text, f"{where}/name")
+        if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
+            text = f"{where}: it has no model, and no name with a folder of official renderings instead"
+            raise _bad(path, text, where)
+        for key in ("model", "non_engine", "training", "mesh"):
+            known = _PLACES if method.name != AUTO else _PLACES[:2]
+            for place in re.findall(r"\{(.*?)\}", getattr(method, key) or ""):
+                if place not in known:
+                    there = ", ".join(f"{{{name}}}" for name in known)
+                    text = f"{where}/{key}: there is no {{{place}}}; there are {there}"
+                    raise _bad(path, text, f"{where}/{key}")
+        there_are = [dataset.name for dataset in protocol.datasets]
+        for name in method.datasets:
+            if name not in there_are:
+                text = f'{where}/datasets: there is no dataset "{name}"; there are {", ".join(there_are)}'
+                raise _bad(path, text, f"{where}/datasets")
+        if method.name != AUTO:
+            _check_settings(method, where, path)
+    from msb.render.protocol import BUILT_IN, renderers
+
+    engines = [name for name in renderers() if name not in BUILT_IN]
+    for engine in protocol.engines:
+        if engine not in engines:
+            text = f'/engines: there is no engine "{engine}"; there are {", ".join(engines) or "none"}'
+            raise _bad(path, text, "/engines")
+
+
+def _check_settings(method: MethodTable, where: str, path: object) -> None:
+    from msb.asset.settings import check_overrides
+
+    try:
+        check_overrides(method.name, overrides(method))
+    except UsageError as error:
+        raise _bad(path, f"{where}/settings: {error.message}", f"{where}/settings") from None
+
+
+def overrides(method: MethodTable) -> dict[str, Any]:
+    """Return the settings of `method`; TOML has no null, so "none" switches one off, as ``--set`` does."""
+    return {name: None if value == "none" else value for name, value in method.settings.items()}
+
+
+def _bad(path: object, text: str, pointer: str | None = None) -> MsbError:
+    return InputError("PROTOCOL_INVALID", text, file=path, pointer=pointer)

@@ -1,0 +1,98 @@
+"""Official renderings, made elsewhere: which image belongs to which camera, and whether all are there."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from msb.bench.digest import file_sha256, list_sha256
+from msb.bench.records import File
+from msb.errors import InputError, MetricError, shorten
+from msb.metrics.pairs import images_below
+from msb.render.images import image_names
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from msb.scenes import Camera
+
+SUMS = "SHA256SUMS"
+"""As ``sha256sum`` writes it: if it is there, every image must be in it and as it says."""
+_NAMED = 4
+
+
+@dataclass(frozen=True)
+class Renders:
+    """A folder of official renderings.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        One for each camera, in the cameras' order.
+    matched_by : {"name", "number"}
+        "name": images are called as the photographs are; "number": 00000, 00001, ... as the 3DGS family
+        writes the test views in their order.
+    folder : File
+        `sha256` is that of the images' list of hashes.
+    """
+
+    files: tuple[Path, ...]
+    matched_by: Literal["name", "number"]
+    folder: File
+
+
+def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
+    """Return the rendering of each of the cameras, all test views of a scene.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE; RENDERS_CHANGED: a file is not what SHA256SUMS says.
+    MetricError
+        METRIC_IMAGE_NAMES: one is missing or one too many.
+    """
+    if not folder.is_dir():
+        raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)
+    found = images_below(folder)
+    names = image_names(cameras)
+    numbers = [f"{index:05d}" for index in range(len(cameras))]
+    by_number = set(found) == set(numbers) != set(names)
+    wanted = numbers if by_number else names
+    _check_names(folder, set(found), set(wanted))
+    files = tuple(found[name] for name in wanted)
+    hashes = [(file.relative_to(folder).as_posix(), file_sha256(file)) for file in files]
+    _check_sums(folder / SUMS, dict(hashes))
+    size = sum(file.stat().st_size for file in files)
+    about = File(path=str(folder), bytes=size, sha256=list_sha256(hashes))
+    return Renders(files, "number" if by_number else "name", about)
+
+
+def _check_names(folder: Path, found: set[str], wanted: set[str]) -> None:
+    for names, what in ((wanted - found, "missing"), (found - wanted, "of no test view")):
+        if names:
+            shown = ", ".join(shorten(name, 60) for name in sorted(names)[:_NAMED])
+            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+            verb = "is" if len(names) == 1 else "are"
+            text = (
+                f"{shown}{more} {verb} {what}; there must be one image for each of the {len(wanted)} "
+                "test views, called as its photograph, or 00000, 00001, ... in their order"
+            )
+            raise MetricError("METRIC_IMAGE_NAMES", text, file=folder, value=sorted(names))
+
+
+def _check_sums(path: Path, hashes: dict[str, str]) -> None:
+    try:
+        lines = path.read_text().splitlines()
+    except FileNotFoundError:
+        return
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error}", file=path) from error
+    said = {
+        match[2]: match[1].lower() for line in lines if (match := re.fullmatch(r"(\w{64}) [ *](.+)", line))
+    }
+    for name, sha256 in hashes.items():
+        if said.get(name.removeprefix("./"), said.get(f"./{name}")) != sha256:
+            what = "has another hash in it" if name in said or f"./{name}" in said else "is not in it"
+            raise InputError("RENDERS_CHANGED", f"{name} {what}", file=path, value=name)

@@ -1,0 +1,325 @@
+"""A whole run: models made ready, photographs written, cells computed, timings taken, films made.
+
+Every stage hands plain tasks to the workers and goes on whatever becomes of one of them. What is finished is
+on disk, so a run that ends at any point goes on from there when it is started again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+from msb.atomic import new_file
+from msb.bench.cell import INTERNAL, compute, reason_of, write_result
+from msb.bench.folder import Results, exclusive
+from msb.bench.inputs import Known
+from msb.bench.job import MAIN, Done
+from msb.bench.machine import machine
+from msb.bench.models import Model, known_model, prepare_model
+from msb.bench.photographs import PhotographTask, write_photographs
+from msb.bench.plan import Planned, Planner, pairs_of
+from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
+from msb.bench.protocol import AUTO, PROTOCOL_NAME
+from msb.bench.quality import lpips_network
+from msb.bench.records import Reason, Result, read_result
+from msb.bench.videos import video_tasks, write_video
+from msb.errors import CODES, EXIT_STATUS, MsbError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from contextlib import AbstractContextManager
+
+    from msb.bench.job import Job
+    from msb.bench.plan import Pair
+    from msb.bench.pool import Workers
+    from msb.bench.protocol import ProtocolFile
+
+_INTERNAL_STATUS = 70
+
+
+class Watch(Protocol):
+    """What a run tells whoever watches."""
+
+    def stage(self, title: str, total: int) -> AbstractContextManager[Callable[[str], None]]:
+        """Begin a stage of `total` tasks; the value is called with the name of each that ended."""
+
+    def note(self, text: str) -> None:
+        """Say a line."""
+
+
+class _Nobody:
+    def stage(self, _title: str, _total: int) -> AbstractContextManager[Callable[[str], None]]:
+        return contextlib.nullcontext(lambda _name: None)
+
+    def note(self, _text: str) -> None:
+        return
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one cell in this run.
+
+    Attributes
+    ----------
+    planned : Planned
+    result : Result, optional
+        The record as it is now; None in a dry run, where there is none.
+    seconds : float
+        This run spent on it.
+    reasons : mapping of str to Reason
+        What is not there: "cell", or a part.
+    """
+
+    planned: Planned
+    result: Result | None
+    seconds: float
+    reasons: Mapping[str, Reason]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What became of the whole run.
+
+    Attributes
+    ----------
+    rows : sequence of Row
+    models : mapping of str to Reason
+        Models that could not be read, and are of no known method.
+    seconds : float
+    """
+
+    rows: tuple[Row, ...]
+    models: Mapping[str, Reason]
+    seconds: float
+
+    @property
+    def exit_status(self) -> int:
+        """The highest status of all failures; what is not supported is none."""
+        codes = [reason.code for reason in self.models.values()]
+        codes += [reason.code for row in self.rows for reason in row.reasons.values()]
+        return max((status_of(code) for code in codes), default=0)
+
+
+def status_of(code: str) -> int:
+    """Return the exit status a failure with `code` ends with."""
+    if code == INTERNAL or code not in CODES:
+        return _INTERNAL_STATUS
+    kind = CODES[code].kind
+    return 0 if code.startswith("UNSUPPORTED_") else EXIT_STATUS[kind]
+
+
+def run_protocol(
+    file: ProtocolFile,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    only: Sequence[str] = (),
+    redo: bool = False,
+    dry: bool = False,
+    watch: Watch | None = None,
+) -> Report:
+    """Evaluate what `file` asks for and is not done yet.
+
+    Parameters
+    ----------
+    file : ProtocolFile
+    jobs : int
+        Processes on this machine.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers are used instead.
+    only : sequence of str
+        Which cells (`msb.bench.plan.selected`).
+    redo : bool
+        Compute what is done again.
+    dry : bool
+        Compute nothing and write nothing; the report holds the plan.
+    watch : Watch, optional
+
+    Raises
+    ------
+    UsageError
+        RESULTS_BUSY, EXTRA_MISSING, RUN_SCHEDULER, RUN_WORKER_PATHS, or USAGE: `only` selects nothing.
+    InputError, SceneError, MetricError
+        What all cells need: the datasets' folders, the weights of LPIPS.
+    DeviceError
+        There is no OpenCL device.
+    """
+    start = time.perf_counter()
+    watch = watch or _Nobody()
+    weights = file.protocol.metrics.vgg_weights
+    if weights is not None:
+        for warning in lpips_network(file.resolve(weights)).warnings:
+            watch.note(f"{warning.code}: {warning.message}")
+    if dry:
+        with contextlib.suppress(MsbError):
+            return _dry(file, only, redo, start, machine(file.protocol.device)["device"])
+        return _dry(file, only, redo, start, None)
+    with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:
+        with new_file(file.results / PROTOCOL_NAME) as copy:
+            copy.write(file.text)
+        return _Run(file, run, workers, watch).all(only, redo, start)
+
+
+def _workers(jobs: int, scheduler: str | None) -> Workers:
+    return LocalWorkers(jobs) if scheduler is None else DaskWorkers(scheduler)
+
+
+def _dry(
+    file: ProtocolFile, only: Sequence[str], redo: bool, start: float, device: Mapping[str, Any] | None
+) -> Report:
+    results = Results(file.results)
+    pairs = pairs_of(file, only)
+    models: dict[Pair, Model | Exception] = {}
+    for pair in pairs:
+        task = pair.task(file.results, "")
+        known = None if task is None else known_model(results, task)
+        if known is not None:
+            models[pair] = known
+    planned = Planner(file, "", Known(device), only, redo=redo).plan(pairs, models)
+    return Report(tuple(_row(results, one, 0.0) for one in planned), {}, time.perf_counter() - start)
+
+
+class _Run:
+    """One run: the stages in their order."""
+
+    def __init__(self, file: ProtocolFile, run: str, workers: Workers, watch: Watch) -> None:
+        self.file, self.run, self.workers, self.watch = file, run, workers, watch
+        self.results = Results(file.results)
+        self.spent: dict[str, float] = {}
+
+    def all(self, only: Sequence[str], redo: bool, start: float) -> Report:
+        """Go through all stages."""
+        pairs = pairs_of(self.file, only)
+        models = self.models(pairs)
+        known = Known(self.device())
+        planned = Planner(self.file, self.run, known, only, redo=redo).plan(pairs, models)
+        made = [model for model in models.values() if isinstance(model, Model)]
+        for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.warnings]):
+            self.watch.note(line)
+        planned = self.photographs(planned)
+        for one in planned:
+            if one.reason is not None:
+                self.record(one)
+        pending = [one.job for one in planned if one.job is not None and one.status == "pending"]
+        first = [_only(job, timing=False) for job in pending]
+        second = [_only(job, timing=True) for job in pending]
+        failed = self.cells("cells", [job for job in first if job.parts])
+        self.cells("timing", [job for job in second if job.parts and job.name not in failed], alone=True)
+        self.videos(planned)
+        rows = tuple(_row(self.results, one, self.spent.get(_name(one), 0.0)) for one in planned)
+        unknown = {
+            str(pair.model): reason_of(model)
+            for pair, model in models.items()
+            if isinstance(model, Exception) and pair.method.name == AUTO
+        }
+        return Report(rows, unknown, time.perf_counter() - start)
+
+    def models(self, pairs: Sequence[Pair]) -> dict[Pair, Model | Exception]:
+        """Make every model ready."""
+        tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
+        unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
+        found = dict(self.each("models", prepare_model, unique))
+        return {pair: found[task] for pair, task in tasks.items() if task is not None}
+
+    def device(self) -> Mapping[str, Any]:
+        """Return the OpenCL device of the workers."""
+        found = self.workers.executor().submit(machine, self.file.protocol.device).result()
+        device: Mapping[str, Any] = found["device"]
+        return device
+
+    def photographs(self, planned: list[Planned]) -> list[Planned]:
+        """Write the ground truth that is not there; a cell without it has failed."""
+        wanted = [one.job for one in planned if one.job is not None and "quality" in one.job.parts]
+        tasks = {
+            PhotographTask(self.results.root, self.run, job.scene, job.views): job.photographs
+            for job in wanted
+        }
+        unique = {task.folder: task for task in tasks if not task.folder.is_dir()}
+        broken: dict[Any, Reason] = {}
+        for task, answer in self.each("photographs", write_photographs, list(unique.values())):
+            if isinstance(answer, Exception):
+                broken[task.folder] = reason_of(answer)
+        return [
+            one
+            if one.job is None or one.job.photographs not in broken
+            else replace(one, job=None, status="failed", reason=broken[one.job.photographs])
+            for one in planned
+        ]
+
+    def cells(self, stage: str, jobs: list[Job], *, alone: bool = False) -> set[str]:
+        """Compute jobs; return the names of those whose cell failed."""
+        failed = set()
+        for job, answer in self.each(stage, compute, jobs, alone=alone):
+            if isinstance(answer, Done):
+                self.spent[job.name] = self.spent.get(job.name, 0.0) + answer.seconds
+                if answer.status == "failed":
+                    failed.add(job.name)
+            else:
+                failed.add(job.name)
+                self.lost(job, reason_of(answer))
+        return failed
+
+    def lost(self, job: Job, reason: Reason) -> None:
+        """Record a job that ended without doing so itself: its process died."""
+        main = any(part in MAIN for part in job.parts)
+        with contextlib.suppress(MsbError):
+            if not main:
+                old = read_result(self.results.record(job.cell))
+                reasons = {**old.reasons, **{str(part): reason for part in job.parts}}
+                write_result(job.folder, old.model_copy(update={"reasons": reasons}))
+                return
+        write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
+
+    def record(self, planned: Planned) -> None:
+        """Record a cell that cannot be computed."""
+        assert planned.status in ("failed", "unsupported")
+        result = Result(cell=planned.cell, status=planned.status, reason=planned.reason, seconds=0.0)
+        write_result(self.results.cell(planned.cell), result)
+
+    def videos(self, planned: list[Planned]) -> None:
+        """Make the films the protocol asks for."""
+        options = self.file.protocol.videos
+        if options is None:
+            return
+        jobs = [one.job for one in planned if one.job is not None]
+        for task, answer in self.each("videos", write_video, video_tasks(options, jobs)):
+            if isinstance(answer, Exception):
+                self.watch.note(f"{task.name}: no film: {answer}")
+
+    def each(
+        self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], *, alone: bool = False
+    ) -> Iterator[tuple[Any, Any]]:
+        """Compute tasks and yield them with their answers; what concerns the whole run is raised."""
+        if not tasks:
+            return
+        with self.watch.stage(stage, len(tasks)) as step:
+            for task, answer in run_all(self.workers, function, tasks, alone=alone):
+                if isinstance(answer, MsbError) and answer.code == "RUN_WORKER_PATHS":
+                    raise answer
+                step(task.name)
+                yield task, answer
+
+
+def _only(job: Job, *, timing: bool) -> Job:
+    parts = {part: inputs for part, inputs in job.parts.items() if (part == "timing") is timing}
+    return replace(job, parts=parts)
+
+
+def _name(planned: Planned) -> str:
+    cell = planned.cell
+    return " ".join((cell.dataset, cell.scene, cell.method, cell.column))
+
+
+def _row(results: Results, planned: Planned, seconds: float) -> Row:
+    try:
+        result: Result | None = read_result(results.record(planned.cell))
+    except MsbError:
+        result = None
+    reasons: dict[str, Reason] = {}
+    if result is not None:
+        reasons = dict(result.reasons)
+        if result.status == "failed" and result.reason is not None:
+            reasons["cell"] = result.reason
+    return Row(planned, result, seconds, reasons)

@@ -1,0 +1,212 @@
+"""What a command costs: wall time, peak memory on the GPU and on the host, of it and all it starts."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import signal
+import subprocess
+import threading
+import time
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field
+
+from msb._version import __version__
+from msb.bench.checked import checked, read_json
+from msb.bench.nvml import Gpu, Gpus
+from msb.bench.records import Amount, Count, Record
+from msb.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+INTERVAL = 0.2
+"""Seconds between two looks: a peak that is shorter can be missed."""
+_MAX_BYTES = 1 << 20
+_FORWARDED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+
+
+class Track(Record):
+    """The record of one command, schema msb.track/1.
+
+    Attributes
+    ----------
+    command : tuple of str
+    started, ended : str
+        ISO 8601, UTC.
+    seconds : float
+        Wall clock.
+    exit_status : int
+        128 + n where signal n ended it.
+    peak_gpu_memory_bytes : int, optional
+        The most all GPUs together held at one look.
+    gpu_source : {"processes", "device"}, optional
+        "processes": what NVML says the command's processes hold. "device": what the whole device held more
+        than before, where NVML cannot tell processes apart (in a container): others on it falsify that.
+    gpu_reason : str, optional
+        Why there is no figure.
+    gpus : tuple of Gpu
+    peak_host_memory_bytes : int, optional
+        The most the command and its descendants held in RAM at one look: the sum of their resident sets.
+    interval_seconds : float
+        Between two looks.
+    machine : mapping
+    tool_version : str
+    """
+
+    schema_: Literal["msb.track/1"] = Field(default="msb.track/1", alias="schema")
+    command: tuple[str, ...]
+    started: str
+    ended: str
+    seconds: Amount
+    exit_status: int
+    peak_gpu_memory_bytes: Count | None
+    gpu_source: Literal["processes", "device"] | None
+    gpu_reason: str | None
+    gpus: tuple[Gpu, ...]
+    peak_host_memory_bytes: Count | None
+    interval_seconds: Amount
+    machine: dict[str, Any]
+    tool_version: str
+
+    def to_json(self) -> bytes:
+        """Return the file's content."""
+        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
+
+
+def read_track(path: Path) -> Track:
+    """Return the record in the file `path`.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
+    """
+    return checked(Track, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
+
+
+def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
+    """Run `command` and return what it cost.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments, passed on as they are, without a shell. Standard streams are this process's
+        own; signals it gets meanwhile are passed on, too.
+    interval : float
+        Seconds between two looks at its memory.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND or FILE_UNREADABLE: there is no such program, or it cannot be run.
+    """
+    gpus = Gpus()
+    started, start = datetime.now(UTC), time.perf_counter()
+    try:
+        child = subprocess.Popen(list(command))
+    except FileNotFoundError as error:
+        raise InputError("FILE_NOT_FOUND", "there is no such program", file=command[0]) from error
+    except OSError as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be run: {error.strerror}", file=command[0]) from error
+    watch = _Watch(child.pid, gpus, interval)
+    with _forwarding(child):
+        watch.start()
+        status = child.wait()
+    seconds = time.perf_counter() - start
+    watch.stop()
+    peak, source, reason = gpus.result()
+    return Track(
+        command=tuple(command),
+        started=started.isoformat(timespec="seconds"),
+        ended=datetime.now(UTC).isoformat(timespec="seconds"),
+        seconds=seconds,
+        exit_status=status if status >= 0 else 128 - status,
+        peak_gpu_memory_bytes=peak,
+        gpu_source=source,
+        gpu_reason=reason,
+        gpus=gpus.devices(),
+        peak_host_memory_bytes=watch.peak or None,
+        interval_seconds=interval,
+        machine={"system": platform.platform(), "cores": os.cpu_count(), "host": platform.node()},
+        tool_version=__version__,
+    )
+
+
+class _Watch(threading.Thread):
+    """Look at a process and its descendants until told to stop."""
+
+    def __init__(self, pid: int, gpus: Gpus, interval: float) -> None:
+        super().__init__(daemon=True)
+        self._pid, self._gpus, self._interval = pid, gpus, interval
+        self._done = threading.Event()
+        self.peak = 0
+
+    def run(self) -> None:
+        """Look, wait, and again."""
+        while True:
+            pids = self._look()
+            self._gpus.look(pids)
+            if self._done.wait(self._interval):
+                return
+
+    def stop(self) -> None:
+        """Make an end."""
+        self._done.set()
+        self.join()
+
+    def _look(self) -> set[int]:
+        import psutil
+
+        try:
+            parent = psutil.Process(self._pid)
+            family = [parent, *parent.children(recursive=True)]
+        except psutil.Error:
+            return set()
+        resident = 0
+        for process in family:
+            with contextlib.suppress(psutil.Error):
+                resident += process.memory_info().rss
+        self.peak = max(self.peak, resident)
+        return {process.pid for process in family}
+
+
+@contextlib.contextmanager
+def _forwarding(child: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Pass signals on to `child` while the block runs; only the main thread can."""
+
+    def forward(number: int, _frame: object) -> None:
+        # An interrupt from the keyboard went to all processes of the terminal's foreground group already.
+        if number != signal.SIGINT or not _in_foreground():
+            with contextlib.suppress(OSError):
+                child.send_signal(number)
+
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in _FORWARDED:
+            number = getattr(signal, name, None)
+            if number is not None:
+                before[number] = signal.signal(number, forward)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _in_foreground() -> bool:
+    """Return whether this process belongs to the foreground group of its terminal."""
+    try:
+        terminal = os.open("/dev/tty", os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:
+        return False
+    finally:
+        os.close(terminal)

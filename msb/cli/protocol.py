@@ -1,0 +1,218 @@
+"""`msb run`: a protocol of methods, scenes and conditions, evaluated; or one asset on one scene."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from msb.cli.options import Debug, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from msb.bench.protocol import ProtocolFile
+    from msb.bench.run import Report, Row
+
+EPILOG = epilog(
+    "msb run --dry-run data_stubs/protocol.toml",
+    "msb run -o out/run --only two_dts/nerf_synthetic data_stubs/protocol.toml",
+    "msb run --scene data_stubs/scenes/nerf_synthetic/pebble -o out/one \\\n"
+    "      data_stubs/models/pebble/two_dts",
+)
+SCHEMA = "msb.run/1"
+_SHOWN = {"psnr": 2, "ssim": 3, "lpips": 3, "fps": 0}
+_HEADERS = ("PSNR", "SSIM", "LPIPS", "FPS")
+
+
+def run(
+    path: Annotated[
+        Path, typer.Argument(metavar="PROTOCOL", help="A protocol.toml; or an asset, with --scene.")
+    ],
+    scene: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Evaluate the asset PROTOCOL on this scene.")
+    ] = None,
+    non_engine: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DIR|reference", help="With --scene: official renderings, or our NumPy renderer."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Results folder, instead of the protocol's."),
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", min=1, max=1024, metavar="N", help="Processes on this machine.")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WORD[/WORD]", help="Only cells whose dataset, scene, method, condition match; again: or."
+        ),
+    ] = None,
+    redo: Annotated[bool, typer.Option("--redo", help="Compute what is done again.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", "-n", help="Only show what is done and what is not.")
+    ] = False,
+    json_file: JsonFile = None,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Evaluate methods on scenes in all conditions: images, gaps, speed, memory, audit.
+
+    Every cell (dataset, scene, method, condition) is one record. What is done is not done again: start the
+    command again after an interruption, or when models were added. A failed cell does not stop the others;
+    the exit status is the highest of theirs. msb report makes the tables.
+    """
+    from msb.bench.run import run_protocol
+
+    output = Output(json_file, quiet, verbose, force=True)
+    file = _protocol(path, scene, non_engine, out)
+    found = run_protocol(
+        file,
+        jobs=jobs,
+        scheduler=scheduler,
+        only=only or (),
+        redo=redo,
+        dry=dry_run,
+        watch=_Watch(output),
+    )
+    output.write_json(_document(file, found))
+    for name, reason in found.models.items():
+        print(f"{reason.code}: {name}: {reason.message}", file=sys.stderr)  # noqa: T201 - as errors are
+    for row in found.rows:
+        for part, reason in row.reasons.items():
+            if not reason.code.startswith("UNSUPPORTED_"):
+                what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
+                print(f"{reason.code}: {what}: {reason.message}", file=sys.stderr)  # noqa: T201
+    if output.prints_text:
+        _print(file, found, output, dry=dry_run)
+    raise typer.Exit(found.exit_status)
+
+
+def _protocol(path: Path, scene: Path | None, non_engine: str | None, out: Path | None) -> ProtocolFile:
+    from msb.bench.protocol import read_protocol, single_protocol
+
+    if scene is not None:
+        file = single_protocol(path, scene, non_engine=non_engine)
+    elif non_engine is not None:
+        raise UsageError("USAGE", "--non-engine goes with --scene; a protocol has a key of that name")
+    elif path.suffix.lower() != ".toml" and path.exists():
+        text = f'"{path.name}" is no .toml; to evaluate an asset, say on which scene: --scene DIR'
+        raise UsageError("USAGE", text)
+    else:
+        file = read_protocol(path)
+    return file if out is None else replace(file, results_instead=out)
+
+
+class _Watch:
+    """Bars for stages on a terminal; a line for each task with -v."""
+
+    def __init__(self, output: Output) -> None:
+        self.output = output
+
+    @contextlib.contextmanager
+    def stage(self, title: str, total: int) -> Iterator[Callable[[str], None]]:
+        with self.output.counted(title, total) as advance:
+
+            def step(name: str) -> None:
+                advance()
+                self.output.note(f"{title}: {name}", level=1)
+
+            yield step
+
+    def note(self, text: str) -> None:
+        self.output.note(text)
+
+
+def _name(row: Row) -> str:
+    cell = row.planned.cell
+    return f"{cell.dataset} {cell.scene} {cell.method} {cell.column}"
+
+
+def _numbers(row: Row) -> dict[str, float | None]:
+    from msb.bench.aggregate import METRICS
+
+    result = row.result
+    return {name: None if result is None else METRICS[name].get(result) for name in _SHOWN}
+
+
+def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
+    rows = [
+        {
+            **row.planned.cell.model_dump(),
+            "plan": row.planned.status,
+            "parts": dict(row.planned.why),
+            "status": None if row.result is None else row.result.status,
+            "reasons": {part: reason.model_dump() for part, reason in row.reasons.items()},
+            "seconds": row.seconds,
+            **_numbers(row),
+        }
+        for row in found.rows
+    ]
+    return {
+        "schema": SCHEMA,
+        "protocol": str(file.path),
+        "results": str(file.results),
+        "seconds": found.seconds,
+        "models": {name: reason.model_dump() for name, reason in found.models.items()},
+        "cells": rows,
+    }
+
+
+def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> None:
+    from rich.markup import escape
+
+    console = output.console()
+    states = [_state(row, dry=dry) for row in found.rows]
+    for dataset, group in groupby(
+        zip(found.rows, states, strict=True), lambda one: one[0].planned.cell.dataset
+    ):
+        if output.quiet:
+            break
+        table = plain_table("Scene", "Method", "Condition", *_HEADERS, "", right=(3, 4, 5, 6))
+        for column in table.columns[:-1]:
+            column.no_wrap = True
+        for row, state in group:
+            cell = row.planned.cell
+            cells = [_cell(value, _SHOWN[name]) for name, value in _numbers(row).items()]
+            table.add_row(escape(cell.scene), cell.method, escape(cell.column), *cells, escape(state))
+        console.print(f"[bold]{escape(dataset)}[/bold]")
+        console.print(table)
+        console.print()
+    kinds = [state.partition(":")[0] for state in states]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    console.print(f"{len(kinds)} cells: {counts}; {found.seconds:.0f} s", soft_wrap=True)
+    console.print(escape(str(file.results)), soft_wrap=True)
+
+
+def _cell(value: float | None, decimals: int) -> str:
+    return "--" if value is None else f"{value:.{decimals}f}"
+
+
+def _state(row: Row, *, dry: bool) -> str:
+    """Return in a word or two what became of a cell, or in a dry run what would."""
+    planned = row.planned
+    if planned.status == "unsupported":
+        return "N/A"
+    failed = row.reasons.get("cell") or planned.reason
+    if failed is not None and not (dry and planned.status == "pending"):
+        return f"failed: {failed.code}"
+    if planned.status == "done":
+        return "as before"
+    why = dict.fromkeys(planned.why.values())
+    told = "" if list(why) == ["new"] else f": {'; '.join(why)}"
+    return f"{'to do' if dry else 'done now'}{told}"

@@ -1,0 +1,57 @@
+"""`msb track`: what a training costs, measured while it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from msb.cli.options import Debug, Force, Quiet, Verbose, epilog
+from msb.cli.output import Output
+
+if TYPE_CHECKING:
+    from msb.bench.track import Track
+
+EPILOG = epilog(
+    "msb track -- python -c 'print(sum(range(10**6)))'",
+    "msb track -o out/track.json -- python --version",
+)
+CONTEXT = {"ignore_unknown_options": True, "allow_interspersed_args": False}
+"""What follows the command's name is the command's."""
+
+
+def track(
+    command: Annotated[list[str], typer.Argument(metavar="COMMAND...", help="What to run, as it is.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where the record goes.")] = Path(
+        "track.json"
+    ),
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
+) -> None:
+    """Run a training and record wall time, peak GPU memory and peak RAM, of it and of all it starts.
+
+    The exit status is the command's; 128 + n if signal n ended it. A protocol's key training takes the
+    record. GPU memory is NVML's (NVIDIA, extra gpu); where there is none the record says why.
+    """
+    from msb.atomic import new_file
+    from msb.bench.track import track as run
+
+    output = Output(None, quiet, verbose, force)
+    output.check_free(out)
+    found = run(command)
+    with new_file(out) as file:
+        file.write(found.to_json())
+    output.note(_summary(found, out))
+    raise typer.Exit(found.exit_status)
+
+
+def _summary(found: Track, out: Path) -> str:
+    gpu = found.peak_gpu_memory_bytes
+    parts = [f"{found.seconds / 60:.1f} min" if found.seconds >= 60 else f"{found.seconds:.1f} s"]
+    parts.append(f"GPU {found.gpu_reason}" if gpu is None else f"GPU {gpu / 2**20:,.0f} MiB")
+    if found.peak_host_memory_bytes is not None:
+        parts.append(f"RAM {found.peak_host_memory_bytes / 2**20:,.0f} MiB")
+    return f"{out}: {', '.join(parts)}"

@@ -1,0 +1,35 @@
+"""A run that ended well, shared: tests that change its results get a copy."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.bench.run import run_protocol
+from tests.bench.protocols import protocol
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.bench.protocol import ProtocolFile
+
+REFERENCE = 'non_engine = "reference"'
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
+    """A protocol of two methods on one scene that has been run."""
+    file = protocol(tmp_path_factory.mktemp("run"), each=REFERENCE)
+    found = run_protocol(file, jobs=2)
+    assert found.exit_status == 0
+    return file
+
+
+@pytest.fixture
+def again(finished: ProtocolFile, tmp_path: Path) -> ProtocolFile:
+    """The same with results of its own, which may be changed."""
+    shutil.copytree(finished.results, tmp_path / "results")
+    return replace(finished, path=tmp_path / "protocol.toml")

@@ -1,0 +1,82 @@
+"""Small protocols on the shipped scenes, and results without what depends on the clock, to compare."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from msb.bench.protocol import ProtocolFile, parse_protocol
+from msb.bench.records import Result, read_result
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.bench.run import Report
+
+STUBS = ROOT / "data_stubs"
+PEBBLE = STUBS / "models" / "pebble"
+TIMES = {"seconds", "timing", "timings_ms", "stages_ms"}
+
+
+def protocol(
+    folder: Path,
+    methods: tuple[str, ...] = ("two_dts", "diffsoup"),
+    *,
+    dataset: str = "nerf_synthetic",
+    head: str = "",
+    each: str = "",
+) -> ProtocolFile:
+    """Return a protocol in `folder`: methods on one of the scenes, timed shortly."""
+    lines = [
+        head,
+        "[timing]",
+        "frames = 2",
+        "seconds = 0.0",
+        "[[datasets]]",
+        f'name = "{dataset}"',
+        f"path = {json.dumps(str(STUBS / 'scenes' / dataset))}",
+    ]
+    for method in methods:
+        lines += [
+            "[[methods]]",
+            f'name = "{method}"',
+            f"model = {json.dumps(str(PEBBLE / '{method}'))}",
+            each,
+        ]
+    return parse_protocol("\n".join(lines).encode(), folder / "protocol.toml")
+
+
+def records(results: Path) -> dict[str, Any]:
+    """Return every record below a results folder by its path, without times and without where it lies."""
+    text = {path: path.read_text() for path in sorted(results.rglob("result.json"))}
+    return {
+        path.relative_to(results).as_posix(): _timeless(json.loads(content.replace(str(results), "RESULTS")))
+        for path, content in text.items()
+    }
+
+
+def images(results: Path) -> dict[str, bytes]:
+    """Return every image below a results folder by its path."""
+    return {
+        path.relative_to(results).as_posix(): path.read_bytes() for path in sorted(results.rglob("*.png"))
+    }
+
+
+def _timeless(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _timeless(value) for key, value in data.items() if key not in TIMES}
+    return [_timeless(value) for value in data] if isinstance(data, list) else data
+
+
+def cell(file: ProtocolFile, name: str) -> Result:
+    """Return the record METHOD/COLUMN of the scene pebble."""
+    return read_result(file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json")
+
+
+def planned(report: Report) -> dict[str, Any]:
+    """Return method/column -> state, or the parts that were computed and why."""
+    return {
+        f"{row.planned.cell.method}/{row.planned.cell.column}": dict(row.planned.why) or row.planned.status
+        for row in report.rows
+    }

@@ -1,0 +1,182 @@
+"""One cell, computed in this process: LPIPS, engines, bugs, and what an old record keeps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.bench import cell as cells
+from msb.bench import inputs, parts, quality
+from msb.bench.cell import compute
+from msb.bench.folder import Results, exclusive
+from msb.bench.inputs import Known
+from msb.bench.models import prepare_model
+from msb.bench.photographs import PhotographTask, write_photographs
+from msb.bench.plan import Planner, pairs_of
+from msb.bench.records import read_result
+from msb.metrics import identity
+from msb.render.frame import Frame
+from msb.render.protocol import renderers
+from tests.bench.protocols import protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from msb.bench.job import Done, Job
+    from msb.bench.plan import Planned
+    from msb.bench.protocol import ProtocolFile
+
+
+class Bench:
+    """The stages of a run, one cell at a time, in this process."""
+
+    def __init__(self, file: ProtocolFile, run: str) -> None:
+        self.file, self.run = file, run
+
+    def plan(self, only: str, *, redo: bool = False) -> list[Planned]:
+        pairs = pairs_of(self.file)
+        models: dict[Any, Any] = {}
+        for pair in pairs:
+            task = pair.task(self.file.results, self.run)
+            assert task is not None
+            models[pair] = prepare_model(task)
+        return Planner(self.file, self.run, Known(), [only], redo=redo).plan(pairs, models)
+
+    def job(self, only: str) -> Job:
+        (planned,) = self.plan(only, redo=True)
+        assert planned.job is not None
+        write_photographs(PhotographTask(self.file.results, self.run, planned.job.scene, planned.job.views))
+        return planned.job
+
+    def compute(self, only: str, *names: str) -> Done:
+        job = self.job(only)
+        return compute(replace(job, parts={part: job.parts[part] for part in names}))  # type: ignore[index]
+
+    def record(self, done: Done) -> Any:
+        return read_result(Results(self.file.results).record(done.cell))
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    file = protocol(tmp_path, ("mesh_splatting",))
+    with exclusive(file.results) as run:
+        yield Bench(file, run)
+
+
+class FakeNetwork:
+    """Stands for LPIPS: the mean absolute difference, so that no weights are needed."""
+
+    def __call__(self, pred: Any, gt: Any) -> float:
+        return float(np.abs(pred.astype(float) - gt).mean() / 255)
+
+    def identity(self) -> Any:
+        return identity("lpips_vgg", weights={"vgg": {"sha256": "0" * 64}})
+
+
+def test_lpips_is_measured_where_there_are_weights(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (quality, inputs):
+        monkeypatch.setattr(module, "lpips_network", lambda _path: FakeNetwork())
+    table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
+    bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
+    assert bench.job("standard").vgg_weights == tmp_path / "vgg.pth"
+    found = bench.record(bench.compute("standard", "quality")).quality
+    assert found.lpips == pytest.approx(np.mean([image.lpips for image in found.images]))
+    assert found.lpips > 0.005
+    assert found.lpips_reason is None
+    assert [one["name"] for one in found.metrics] == ["psnr", "ssim", "lpips_vgg"]
+    assert found.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
+
+
+def test_the_weights_of_lpips_decide_whether_a_cell_is_done(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.compute("standard", "quality", "timing")
+    (planned,) = bench.plan("standard")
+    assert dict(planned.why) == {}
+    for module in (quality, inputs):
+        monkeypatch.setattr(module, "lpips_network", lambda _path: FakeNetwork())
+    table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
+    bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
+    (planned,) = bench.plan("standard")
+    assert dict(planned.why) == {"quality": "metrics changed"}
+
+
+def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_job: Job) -> dict[str, Any]:
+        raise KeyError("what")
+
+    monkeypatch.setitem(cells.MEASURES, "timing", broken)
+    done = bench.compute("dedicated", "quality", "timing")
+    found = bench.record(done)
+    assert (done.status, found.status) == ("done", "done")
+    assert found.quality is not None
+    assert found.reasons["timing"].code == "INTERNAL"
+    assert "KeyError in test_cell.py:" in found.reasons["timing"].message
+    monkeypatch.setitem(cells.MEASURES, "quality", broken)
+    done = bench.compute("dedicated", "quality")
+    assert (done.status, done.reasons["cell"].code) == ("failed", "INTERNAL")
+    assert bench.record(done).quality is None
+
+
+def test_a_timing_keeps_the_images_and_the_other_way_round(bench: Bench) -> None:
+    first = bench.record(bench.compute("dedicated", "quality"))
+    second = bench.record(bench.compute("dedicated", "timing"))
+    assert second.quality == first.quality
+    assert second.setup == first.setup
+    assert second.renderer == first.renderer
+    assert second.timing is not None
+    assert second.seconds > first.seconds
+    third = bench.record(bench.compute("dedicated", "quality"))
+    assert (third.timing, third.memory, third.device) == (second.timing, second.memory, second.device)
+    assert set(third.inputs) == {"quality", "timing"}
+
+
+class Engine:
+    """An engine that sees nothing but red, and cannot draw without reading back."""
+
+    name, version = "red engine", "1.2"
+
+    def __init__(self, asset: Any, *, device: Any = None, settings: Any = None) -> None: ...
+
+    def render(self, camera: Any, background: Any) -> Frame:
+        image = np.zeros((camera.height, camera.width, 3), np.float32)
+        image[..., 0] = 1
+        plane = np.zeros(image.shape[:2], np.float32)
+        return Frame(image, plane, plane)
+
+    def memory(self) -> dict[str, int]:
+        return {}
+
+    def close(self) -> None: ...
+
+
+def test_an_engine_has_a_column_of_its_own(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    there = {**renderers(), "red": "tests.bench.test_cell:Engine"}
+    for module in ("msb.render.protocol", "msb.bench.plan"):
+        monkeypatch.setattr(f"{module}.renderers", lambda: there, raising=False)
+    bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"engines": ("red",)}))
+    done = bench.compute("red", "quality", "timing")
+    found = bench.record(done)
+    assert done.cell.column == "red"
+    assert (found.cell.condition, found.cell.renderer, found.status) == ("standard", "red", "done")
+    assert (found.renderer.kind, found.renderer.name, found.renderer.version) == (
+        "engine",
+        "red engine",
+        "1.2",
+    )
+    assert found.quality.psnr < 10
+    assert found.timing is None
+    assert found.reasons["timing"].code == "UNSUPPORTED_TIER"
+    assert "reading its image back" in found.reasons["timing"].message
+
+
+def test_chamfer_needs_a_scan(bench: Bench) -> None:
+    assert parts.scan_number("scan24") == 24
+    with pytest.raises(Exception, match="METRIC_ARGUMENT"):
+        parts.scan_number("garden")

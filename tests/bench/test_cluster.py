@@ -1,0 +1,121 @@
+"""The same run on a Dask cluster: equal results, also when a worker is killed in the middle."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.bench.folder import check_run
+from msb.bench.run import run_protocol
+from msb.errors import MsbError
+from tests.bench.protocols import images, protocol, records
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+pytest.importorskip("distributed", reason="extra distributed is not installed")
+WORKERS = 2
+
+
+class Cluster:
+    """A scheduler and workers on the loopback device, each a process."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        file = folder / "scheduler.json"
+        self.processes = [self._start("dask_scheduler", "--port", "0", "--scheduler-file", str(file))]
+        end = time.monotonic() + 60
+        while not (file.exists() and file.read_text().endswith("}")):
+            assert time.monotonic() < end, "the scheduler does not start"
+            time.sleep(0.05)
+        self.address: str = json.loads(file.read_text())["address"]
+        self.processes += [
+            self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny") for _ in range(WORKERS)
+        ]
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:  # type: ignore[no-untyped-call,unused-ignore]
+            client.wait_for_workers(WORKERS, timeout=60)
+
+    def _start(self, module: str, *options: str) -> subprocess.Popen[bytes]:
+        place = ["--host", "127.0.0.1", "--no-dashboard"]
+        return subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.{module}", *options, *place],
+            cwd=self.folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "DASK_LOGGING__DISTRIBUTED": "critical"},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def kill_worker(self) -> None:
+        self.processes[1].kill()
+
+    def stop(self) -> None:
+        for process in self.processes[::-1]:
+            process.terminate()
+        for process in self.processes:
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    made = Cluster(tmp_path)
+    yield made
+    made.stop()
+
+
+class KillsOne:
+    """Watches a run, and kills a worker when the first cell is done."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self.cluster, self.killed = cluster, threading.Event()
+
+    def stage(self, title: str, _total: int) -> AbstractContextManager[Callable[[str], None]]:
+        import contextlib
+
+        def step(_name: str) -> None:
+            if title == "cells" and not self.killed.is_set():
+                self.killed.set()
+                self.cluster.kill_worker()
+
+        return contextlib.nullcontext(step)
+
+    def note(self, _text: str) -> None: ...
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+def test_a_worker_killed_in_the_middle_costs_nothing(cluster: Cluster, tmp_path: Path) -> None:
+    here = protocol(tmp_path / "here")
+    assert run_protocol(here, jobs=2).exit_status == 0
+    there = replace(here, path=tmp_path / "there" / "protocol.toml")
+    watch = KillsOne(cluster)
+    found = run_protocol(there, scheduler=cluster.address, watch=watch)
+    assert {str(row.reasons) for row in found.rows} == {"{}"}
+    assert watch.killed.is_set()
+    assert cluster.processes[1].wait(10) != 0
+    assert found.exit_status == 0
+    assert all(row.result is not None and not row.reasons for row in found.rows)
+    assert records(there.results) == records(here.results)
+    assert images(there.results) == images(here.results)
+    again = run_protocol(there, scheduler=cluster.address)
+    assert {row.planned.status for row in again.rows} == {"done", "unsupported"}
+
+
+def test_a_worker_that_does_not_see_the_results_says_so(tmp_path: Path) -> None:
+    with pytest.raises(MsbError, match=r"RUN_WORKER_PATHS.*same paths"):
+        check_run(tmp_path, "0123")

@@ -1,0 +1,132 @@
+"""Runs that are killed, interrupted or started twice: nothing finished is lost, nothing is half there."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.bench.run import run_protocol
+from tests.bench.protocols import images, protocol, records
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from msb.bench.protocol import ProtocolFile
+
+    Start = Callable[[], subprocess.Popen[bytes]]
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
+    """A protocol that has been run without interruption."""
+    file = protocol(tmp_path_factory.mktemp("whole"))
+    assert run_protocol(file, jobs=2).exit_status == 0
+    return file
+
+
+@pytest.fixture
+def start(whole: ProtocolFile, tmp_path: Path) -> Iterator[Start]:
+    """Start a run of the same protocol, with results below `tmp_path`."""
+    started: list[subprocess.Popen[bytes]] = []
+    (tmp_path / "protocol.toml").write_bytes(whole.text)
+    # Who is started in the background inherits that interrupts are ignored.
+    code = (
+        "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from msb.cli import main\nif __name__ == '__main__':\n    main()\n"
+    )
+    script = tmp_path / "run.py"
+    script.write_text(code)
+
+    def run() -> subprocess.Popen[bytes]:
+        process = subprocess.Popen(
+            [sys.executable, str(script), "run", "-v", "-j", "2", str(tmp_path / "protocol.toml")],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+        process.wait()
+        assert process.stderr is not None
+        process.stderr.close()
+
+
+def wait_for(process: subprocess.Popen[bytes], stage: bytes) -> None:
+    """Wait until a task of the stage is reported."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith(stage):
+            return
+    pytest.fail("the run ended first")
+
+
+def test_killed_again_and_again_it_ends_as_if_it_never_had_been(
+    whole: ProtocolFile, start: Start, tmp_path: Path
+) -> None:
+    moments = random.Random(5)
+    done: set[str] = set()
+    for stage in (b"cells", b"models", b"models"):
+        process = start()
+        wait_for(process, stage)
+        time.sleep(moments.random())
+        process.kill()
+        process.wait()
+        # What a killed run leaves are whole records, and never fewer than before.
+        left = set(records(tmp_path / "results"))
+        assert done <= left
+        done = left
+    found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"))
+    assert found.exit_status == 0
+    assert any(row.planned.status == "done" for row in found.rows)
+    assert records(tmp_path / "results") == records(whole.results)
+    assert images(tmp_path / "results") == images(whole.results)
+    assert not list((tmp_path / "results").rglob("*.part"))
+
+
+def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: Start, tmp_path: Path) -> None:
+    process = start()
+    wait_for(process, b"cells")
+    process.send_signal(signal.SIGINT)
+    assert process.stderr is not None
+    rest = process.stderr.read().decode()
+    assert process.wait(30) == 130
+    assert all(line.startswith("cells: ") for line in rest.splitlines()), rest
+    found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"), dry=True)
+    left = [dict(row.planned.why) for row in found.rows if row.planned.status == "pending"]
+    assert {"timing": "new"} in left, "the images that were done stay"
+    assert {"quality": "new", "timing": "new"} in left
+
+
+def test_of_two_runs_at_once_one_refuses_and_the_other_ends_well(
+    whole: ProtocolFile, start: Start, tmp_path: Path
+) -> None:
+    first = start()
+    wait_for(first, b"cells")
+    first.send_signal(signal.SIGSTOP)  # so that it is still there, however long the other takes to start
+    second = start()
+    assert second.stderr is not None
+    said = second.stderr.read().decode()
+    first.send_signal(signal.SIGCONT)
+    assert second.wait(30) == 2
+    assert said.startswith("RESULTS_BUSY: ")
+    assert f"process {first.pid} on" in said
+    assert first.stderr is not None
+    first.stderr.read()
+    assert first.wait(120) == 0
+    assert records(tmp_path / "results") == records(whole.results)

@@ -1,0 +1,95 @@
+"""Worker processes: answers and errors come home, a death costs one task, and none outlives its parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import psutil
+import pytest
+
+from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
+from msb.errors import MsbError
+from tests.bench.workers import double, moody
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+
+
+def test_answers_errors_and_deaths(tmp_path: Path) -> None:
+    tasks = ["a", "die", "b", "raise it", f"once {tmp_path / 'seen'}", "c", "d"]
+    with LocalWorkers(2) as workers:
+        found = dict(run_all(workers, moody, tasks))
+        assert list(run_all(workers, double, [1, 2, 3], alone=True)) == [(1, 2), (2, 4), (3, 6)]
+    assert set(found) == set(tasks)
+    assert [found[name] for name in ("a", "b", "c", "d", tasks[4])] == ["a", "b", "c", "d", tasks[4]]
+    assert isinstance(found["raise it"], ValueError)
+    died = found["die"]
+    assert isinstance(died, MsbError)
+    assert died.code == "RUN_WORKER_DIED"
+
+
+def test_alone_survives_a_death_too(tmp_path: Path) -> None:
+    tasks = [f"once {tmp_path / 'seen'}", "die", "a"]
+    with LocalWorkers(1) as workers:
+        found = dict(run_all(workers, moody, tasks, alone=True))
+    assert (found[tasks[0]], found["a"]) == (tasks[0], "a")
+    assert getattr(found["die"], "code", None) == "RUN_WORKER_DIED"
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_their_parent(tmp_path: Path, number: int) -> None:
+    code = (
+        "import signal, sys\nfrom msb.bench.pool import LocalWorkers, run_all\n"
+        "from tests.bench.workers import linger\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "if __name__ == '__main__':\n    with LocalWorkers(2) as workers:\n"
+        "        list(run_all(workers, linger, [sys.argv[1]] * 2))\n"
+    )
+    script = tmp_path / "parent.py"
+    script.write_text(code)
+    seen = tmp_path / "seen"
+    seen.mkdir()
+    parent = subprocess.Popen(
+        [sys.executable, str(script), str(seen)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        _until(lambda: len(list(seen.iterdir())) == 2)
+        children = [int(path.name) for path in seen.iterdir()]
+        assert all(psutil.pid_exists(child) for child in children)
+        parent.send_signal(number)
+        parent.wait(30)
+        _until(lambda: not any(_runs(child) for child in children))
+    finally:
+        parent.kill()
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.Error:
+        return False
+
+
+def _until(condition: object, seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < end, "it takes too long"
+        time.sleep(0.05)
+
+
+def test_no_scheduler_is_one_clear_line() -> None:
+    pytest.importorskip("distributed", reason="extra distributed is not installed")
+    with pytest.raises(MsbError, match="RUN_SCHEDULER: no Dask scheduler answers"):
+        DaskWorkers("tcp://127.0.0.1:9")
+    with pytest.raises(MsbError, match="RUN_SCHEDULER"):
+        DaskWorkers("nonsense://x")

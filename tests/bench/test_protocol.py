@@ -1,0 +1,125 @@
+"""The protocol file: defaults, paths, and a clear line for everything that is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from msb.bench.protocol import overrides, parse_protocol, read_protocol, single_protocol
+from msb.errors import MsbError
+from tests.bench.protocols import PEBBLE, STUBS
+
+MINIMAL = """
+[[datasets]]
+name = "mipnerf360"
+path = "data/360_v2"
+scenes = ["garden"]
+
+[[methods]]
+name = "two_dts"
+model = "out/{method}/{scene}"
+"""
+
+
+def test_ten_lines_are_a_protocol() -> None:
+    file = parse_protocol(MINIMAL.encode(), "/somewhere/p.toml")
+    assert len(MINIMAL.strip().splitlines()) < 10
+    found = file.protocol
+    assert file.results == Path("/somewhere/results")
+    assert found.conditions == ("non_engine", "dedicated", "standard", "exported_mesh")
+    assert (found.timing.frames, found.timing.seconds) == (100, 3.0)
+    assert found.chamfer is None
+    assert found.metrics.vgg_weights is None
+
+
+def test_paths_are_relative_to_the_file_and_have_places() -> None:
+    file = parse_protocol(MINIMAL.encode(), "/a/b/p.toml")
+    names = {"dataset": "d", "scene": "s", "method": "m"}
+    assert file.resolve("x/{scene}/{method}/{dataset}", **names) == Path("/a/b/x/s/m/d")
+    assert file.resolve("../x", **names) == Path("/a/x")
+    assert file.resolve("/abs/{scene}", **names) == Path("/abs/s")
+    assert file.resolve("~/x", **names) == Path.home() / "x"
+
+
+def test_settings_none_switches_off() -> None:
+    text = MINIMAL + 'settings = { ste_threshold = "none", gamma = 20 }\n'
+    method = parse_protocol(text.encode(), "p.toml").protocol.methods[0]
+    assert overrides(method) == {"ste_threshold": None, "gamma": 20}
+
+
+WRONG = {
+    "a = ": "it is not TOML",
+    "a = " + "[" * 4000: "nested too deeply",
+    "\xff": "/datasets: field required",
+    "": "/datasets: field required",
+    "nonsense = 1\n" + MINIMAL: "/nonsense: extra inputs",
+    MINIMAL + "nonsense = 1\n": "/methods/0/nonsense: extra inputs",
+    MINIMAL + "resolution = 2020-01-01\n": "it holds what it may not",
+    MINIMAL.replace("two_dts", "nerf"): '/methods/0/name: there is no method "nerf"',
+    MINIMAL.replace("{scene}", "{sceen}"): "/methods/0/model: there is no {sceen}",
+    MINIMAL.replace(
+        '"two_dts"', '"auto"'
+    ): "/methods/0/model: there is no {method}; there are {dataset}, {scene}",
+    MINIMAL.replace('name = "mipnerf360"', 'name = ".."'): "/datasets/0/name",
+    MINIMAL.replace('["garden"]', '["a/b"]'): "/datasets/0/scenes/0",
+    MINIMAL.replace('["garden"]', '"garden"'): "/datasets/0/scenes",
+    MINIMAL + "settings = { gama = 1 }\n": "did you mean gamma?",
+    MINIMAL + "settings = { gamma = 0.5 }\n": "must be at least 1",
+    MINIMAL + 'conditions = ["dedicatet"]\n': "/methods/0/conditions/0",
+    MINIMAL + 'datasets = ["dtu"]\n': 'there is no dataset "dtu"; there are mipnerf360',
+    MINIMAL + "background = [1, 1, 2]\n": "/methods/0/background/2",
+    MINIMAL + "[timing]\nframes = -1\n": "/timing/frames",
+    MINIMAL + "[timing]\nframes = 1.5\n": "/timing/frames",
+    MINIMAL + "[timing]\nseconds = nan\n": "it holds what it may not",
+    MINIMAL + "[chamfer]\n": "/chamfer/data: field required",
+    MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
+    'engines = ["standard"]\n' + MINIMAL: 'there is no engine "standard"',
+    MINIMAL.replace('model = "out/{method}/{scene}"', ""): "it has no model",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_wrong_is_named(text: str) -> None:
+    with pytest.raises(MsbError) as caught:
+        parse_protocol(text.encode("latin-1" if text == "\xff" else "utf-8"), "p.toml")
+    assert caught.value.code == "PROTOCOL_INVALID"
+    wanted = "it is not TOML" if text == "\xff" else WRONG[text]
+    assert wanted in str(caught.value)
+    assert str(caught.value).startswith("PROTOCOL_INVALID: p.toml: ")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_file_that_is_not_there_or_too_long(tmp_path: Path) -> None:
+    with pytest.raises(MsbError, match="FILE_NOT_FOUND"):
+        read_protocol(tmp_path / "p.toml")
+    (tmp_path / "p.toml").write_bytes(b"#" * (2 << 20))
+    with pytest.raises(MsbError, match="longer than"):
+        read_protocol(tmp_path / "p.toml")
+
+
+def test_the_shipped_protocol_has_all_methods_and_scenes() -> None:
+    found = read_protocol(STUBS / "protocol.toml").protocol
+    assert {table.name for table in found.datasets} == {
+        "mipnerf360",
+        "tanksandtemples",
+        "nerf_synthetic",
+        "dtu",
+    }
+    assert {table.name for table in found.methods} == {
+        "two_dts",
+        "triangle_splatting",
+        "mesh_splatting",
+        "diffsoup",
+    }
+
+
+def test_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = single_protocol(PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference")
+    assert file.results == tmp_path / "results"
+    assert file.protocol.datasets[0].name == "dtu"
+    assert file.protocol.methods[0].non_engine == "reference"
+    assert parse_protocol(file.text, file.path) == file
+    with pytest.raises(MsbError, match="SCENE_LAYOUT"):
+        single_protocol(PEBBLE / "two_dts", tmp_path)

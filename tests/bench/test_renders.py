@@ -1,0 +1,117 @@
+"""Official renderings: matched by name or number, hashed, and refused where they do not fit."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.bench.run import run_protocol
+from tests.bench.protocols import cell, planned
+
+if TYPE_CHECKING:
+    from msb.bench.protocol import ProtocolFile
+
+
+def upstream(file: ProtocolFile, folder: Path) -> ProtocolFile:
+    """Return the protocol with the renderings in `folder` as the official ones of two_dts, alone."""
+    method = file.protocol.methods[0].model_copy(update={"non_engine": str(folder), "model": None})
+    return replace(file, protocol=file.protocol.model_copy(update={"methods": (method,)}))
+
+
+@pytest.fixture
+def official(again: ProtocolFile, tmp_path: Path) -> Path:
+    """Official renderings: those of our reference, under the photographs' names."""
+    folder = tmp_path / "official"
+    shutil.copytree(again.results / "cells/nerf_synthetic/pebble/two_dts/non_engine/images", folder)
+    return folder
+
+
+def test_official_renderings_are_imported_by_name(again: ProtocolFile, official: Path) -> None:
+    quality = cell(again, "two_dts/non_engine").quality
+    found = run_protocol(upstream(again, official))
+    assert list(planned(found)) == ["two_dts/non_engine"]
+    one = cell(again, "two_dts/non_engine")
+    assert one.quality == quality
+    assert one.renderer is not None
+    assert (one.renderer.kind, one.renderer.settings) == ("upstream", {"matched_by": "name"})
+    assert one.renders is not None
+    assert one.renders.path == str(official)
+    lines = sorted(
+        (path.relative_to(official).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest())
+        for path in official.rglob("*.png")
+    )
+    text = "".join(f"{sha256}  {name}\n" for name, sha256 in lines)
+    assert one.renders.sha256 == hashlib.sha256(text.encode()).hexdigest()
+    assert planned(run_protocol(upstream(again, official))) == {"two_dts/non_engine": "done"}
+    first = next(iter(sorted(official.rglob("*.png"))))
+    first.write_bytes(sorted(official.rglob("*.png"))[1].read_bytes())
+    told = planned(run_protocol(upstream(again, official)))
+    assert told == {"two_dts/non_engine": {"quality": "renders changed"}}
+
+
+def test_official_renderings_by_number(again: ProtocolFile, official: Path, tmp_path: Path) -> None:
+    quality = cell(again, "two_dts/non_engine").quality
+    assert quality is not None
+    numbered = tmp_path / "numbered"
+    numbered.mkdir()
+    for index, image in enumerate(quality.images):
+        shutil.copy(official / Path(str(image.file)).relative_to("images"), numbered / f"{index:05d}.png")
+    run_protocol(upstream(again, numbered))
+    one = cell(again, "two_dts/non_engine")
+    assert one.renderer is not None
+    assert one.renderer.settings == {"matched_by": "number"}
+    assert one.quality == quality
+
+
+def spoil(kind: str, folder: Path) -> None:
+    first = sorted(folder.rglob("*.png"))[0]
+    if kind == "missing":
+        first.unlink()
+    elif kind == "extra":
+        shutil.copy(first, folder / "extra.png")
+    elif kind == "size":
+        from PIL import Image
+
+        with Image.open(first) as image:
+            image.resize((8, 8)).save(first)
+    elif kind == "hash":
+        (folder / "SHA256SUMS").write_text(f"{'0' * 64}  {first.relative_to(folder).as_posix()}\n")
+    elif kind == "gone":
+        shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        ("missing", "METRIC_IMAGE_NAMES"),
+        ("extra", "METRIC_IMAGE_NAMES"),
+        ("size", "METRIC_SIZES_DIFFER"),
+        ("hash", "RENDERS_CHANGED"),
+        ("gone", "FILE_NOT_FOUND"),
+    ],
+)
+def test_official_renderings_that_do_not_fit_are_refused(
+    again: ProtocolFile, official: Path, kind: str, code: str
+) -> None:
+    spoil(kind, official)
+    found = run_protocol(upstream(again, official))
+    assert found.exit_status == 3
+    one = cell(again, "two_dts/non_engine")
+    assert one.status == "failed"
+    assert one.reason is not None
+    assert one.reason.code == code
+    assert one.quality is None
+
+
+def test_sums_that_agree_are_accepted(again: ProtocolFile, official: Path) -> None:
+    lines = [
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()} *./{path.relative_to(official).as_posix()}"
+        for path in official.rglob("*.png")
+    ]
+    (official / "SHA256SUMS").write_text("\n".join(lines))
+    assert run_protocol(upstream(again, official)).exit_status == 0

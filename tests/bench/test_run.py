@@ -1,0 +1,301 @@
+"""A run on a shipped scene: what it records, what it leaves alone, and what it does about failures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb import metrics
+from msb.bench.folder import Results, exclusive
+from msb.bench.gaps import scene_gaps
+from msb.bench.ground_truth import ground_truth
+from msb.bench.records import read_result
+from msb.bench.run import run_protocol
+from msb.errors import MsbError
+from msb.scenes.datasets import read_scene
+from tests.bench.protocols import PEBBLE, STUBS, cell, images, planned, protocol, records
+
+if TYPE_CHECKING:
+    from msb.bench.protocol import ProtocolFile
+
+SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
+
+
+ALL = [
+    f"{m}/{c}"
+    for m in ("two_dts", "diffsoup")
+    for c in ("non_engine", "dedicated", "standard", "exported_mesh")
+]
+
+
+def test_every_cell_has_a_whole_record(finished: ProtocolFile) -> None:
+    found = records(finished.results)
+    assert list(found) == sorted(f"cells/nerf_synthetic/pebble/{name}/result.json" for name in ALL)
+    one = cell(finished, "two_dts/dedicated")
+    assert (one.status, one.reason, one.reasons) == ("done", None, {})
+    assert one.setup is not None
+    assert one.setup.background == (1.0, 1.0, 1.0)
+    assert one.setup.camera_convention == "gs_fov"
+    assert one.renderer is not None
+    assert (one.renderer.name, one.renderer.kind) == ("msb-dedicated", "msb")
+    assert one.renderer.settings["rasterizer"] == "2D"
+    assert one.asset is not None
+    assert one.asset.sha256 == hashlib.sha256(Path(one.asset.path).read_bytes()).hexdigest()
+    assert one.checkpoint is not None
+    held = PEBBLE / "two_dts" / "ckpt" / "30000.ckpt"
+    assert one.checkpoint.path == str(PEBBLE / "two_dts")
+    assert one.checkpoint.bytes >= held.stat().st_size
+    assert one.timing is not None
+    assert one.timing.frames == 2
+    assert one.timing.seconds == pytest.approx(2 / one.timing.fps)
+    assert 1000 / one.timing.fps >= one.timing.mean_ms * 0.99
+    assert one.memory is not None
+    assert one.memory.total == sum(one.memory.uses.values()) > 0
+    assert one.device is not None
+    assert one.device["device"]["kind"] == one.timing.device_kind
+    assert (finished.results / "protocol.toml").read_bytes() == finished.text
+
+
+def test_numbers_are_those_of_the_images_beside_the_record(finished: ProtocolFile) -> None:
+    folder = finished.results / "cells" / "nerf_synthetic" / "pebble" / "two_dts" / "standard"
+    quality = read_result(folder / "result.json").quality
+    scene = read_scene(SCENE, dataset="nerf_synthetic")
+    assert quality is not None
+    assert [image.name for image in quality.images] == [camera.name for camera in scene.test]
+    for image, camera in zip(quality.images, scene.test, strict=True):
+        assert image.file is not None
+        assert image.gt is not None
+        pred, truth = (metrics.read_image(folder / name) for name in (image.file, image.gt))
+        assert np.array_equal(truth, np.round(ground_truth(scene, camera) * 255))
+        assert image.psnr == metrics.psnr(pred, truth)
+        assert image.ssim == metrics.ssim(pred, truth)
+        assert image.lpips is None
+    assert quality.psnr == pytest.approx(np.mean([image.psnr for image in quality.images]), rel=1e-12)
+    assert quality.lpips_reason == "no VGG weights ([metrics] vgg_weights)"
+    assert [one["name"] for one in quality.metrics] == ["psnr", "ssim"]
+
+
+def test_conditions_can_be_compared_and_the_unsupported_says_why(finished: ProtocolFile) -> None:
+    conditions = {name: cell(finished, f"two_dts/{name}") for name in ("non_engine", "dedicated", "standard")}
+    gaps = scene_gaps("psnr", conditions)
+    assert gaps.adapt.value == pytest.approx(0, abs=0.05)  # our reference is what Dedicated is held to
+    assert gaps.deploy.value is not None
+    assert gaps.deploy.value > 0.2
+    renderer = conditions["non_engine"].renderer
+    assert renderer is not None
+    assert renderer.kind == "msb_reference"
+    other = cell(finished, "diffsoup/standard")
+    assert other.status == "unsupported"
+    assert other.reason is not None
+    assert other.reason.code == "UNSUPPORTED_STANDARD"
+    assert "decoder" in other.reason.message
+    setup = cell(finished, "diffsoup/dedicated").setup
+    assert setup is not None
+    assert setup.camera_convention == "full_K"
+
+
+def test_a_mesh_is_audited_as_the_audit_does(finished: ProtocolFile) -> None:
+    found = cell(finished, "two_dts/exported_mesh")
+    assert found.audit is not None
+    assert found.audit["schema"] == "msb.audit/1"
+    assert found.audit["topology"] == "triangle_soup"
+    assert found.quality is None
+
+
+def test_what_is_done_is_left_alone(again: ProtocolFile) -> None:
+    before = {
+        path: path.stat().st_mtime_ns
+        for path in again.results.rglob("*")
+        if path.suffix in (".png", ".triasset")
+    }
+    found = run_protocol(again)
+    assert set(planned(found).values()) == {"done", "unsupported"}
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert all(row.seconds == 0 for row in found.rows)
+
+
+def test_redo_and_only(again: ProtocolFile) -> None:
+    found = run_protocol(again, only=["two_dts/standard", "exported_mesh/diffsoup"], redo=True)
+    assert planned(found) == {
+        "two_dts/standard": {"quality": "asked for", "timing": "asked for"},
+        "diffsoup/exported_mesh": {"audit": "asked for"},
+    }
+    with pytest.raises(MsbError, match=r"--only nothing selects no cell; there are .*two_dts"):
+        run_protocol(again, only=["nothing"])
+    with pytest.raises(MsbError, match="selects no cell"):
+        run_protocol(again, only=["two_dts/diffsoup"])
+
+
+def test_a_dry_run_tells_and_writes_nothing(finished: ProtocolFile, tmp_path: Path) -> None:
+    fresh = replace(finished, path=tmp_path / "protocol.toml")
+    found = planned(run_protocol(fresh, dry=True))
+    assert list(tmp_path.iterdir()) == []
+    assert found["two_dts/dedicated"] == {"quality": "new"}
+    assert found["two_dts/exported_mesh"] == {"audit": "new"}
+    assert found["diffsoup/standard"] == "unsupported"
+    assert set(planned(run_protocol(finished, dry=True)).values()) == {"done", "unsupported"}
+
+
+def test_only_what_changed_is_done_again_and_it_says_what(again: ProtocolFile) -> None:
+    method = again.protocol.methods[0].model_copy(update={"settings": {"gamma": 2.0}})
+    timing = again.protocol.timing.model_copy(update={"frames": 3})
+    changed = again.protocol.model_copy(
+        update={"methods": (method, again.protocol.methods[1]), "timing": timing}
+    )
+    found = run_protocol(replace(again, protocol=changed), only=["nerf_synthetic"])
+    told = planned(found)
+    assert told["two_dts/dedicated"] == {"quality": "settings changed", "timing": "settings, clock changed"}
+    assert told["two_dts/non_engine"] == {"quality": "settings changed"}
+    assert told["two_dts/exported_mesh"] == "done"
+    assert told["diffsoup/dedicated"] == {"timing": "clock changed"}
+    renderer = cell(again, "two_dts/dedicated").renderer
+    assert renderer is not None
+    assert renderer.settings["gamma"] == 2.0
+    timed = cell(again, "diffsoup/dedicated")
+    assert timed.timing is not None
+    assert timed.timing.frames == 3
+    assert timed.quality is not None, "the part that was done stays"
+
+
+def test_a_changed_photograph_or_model_is_noticed(again: ProtocolFile, tmp_path: Path) -> None:
+    shutil.copytree(SCENE.parent, tmp_path / "scenes")
+    shutil.copytree(PEBBLE / "two_dts", tmp_path / "model")
+    dataset = again.protocol.datasets[0].model_copy(update={"path": str(tmp_path / "scenes")})
+    method = again.protocol.methods[0].model_copy(update={"model": str(tmp_path / "model")})
+    moved = again.protocol.model_copy(update={"datasets": (dataset,), "methods": (method,)})
+    here = replace(again, protocol=moved)
+    assert set(planned(run_protocol(here)).values()) == {"done"}, "another place is no other content"
+    name = read_scene(SCENE).test[0].image_path
+    assert name is not None
+    image = tmp_path / "scenes" / "pebble" / name.relative_to(SCENE)
+    other = read_scene(SCENE).test[1].image_path
+    assert other is not None
+    image.write_bytes(other.read_bytes())
+    told = planned(run_protocol(here, dry=True))
+    assert told["two_dts/standard"] == {"quality": "photographs changed"}
+    config = tmp_path / "model" / "config.yaml"
+    config.write_text(config.read_text().replace("max_sh_degree: 1", "max_sh_degree: 0"))
+    told = planned(run_protocol(here))
+    assert "asset" in str(told["two_dts/exported_mesh"])
+
+
+def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path) -> None:
+    broken = tmp_path / "broken"
+    (broken / "ckpt").mkdir(parents=True)
+    (broken / "ckpt" / "30000.ckpt").write_bytes(b"not a checkpoint")
+    method = again.protocol.methods[0].model_copy(
+        update={"name": "triangle_splatting", "model": str(broken), "non_engine": None}
+    )
+    lost = method.model_copy(update={"name": "auto", "model": str(tmp_path / "nowhere")})
+    dataset = again.protocol.datasets[0].model_copy(update={"scenes": ("pebble", "gone")})
+    changed = again.protocol.model_copy(
+        update={"methods": (method, lost, *again.protocol.methods), "datasets": (dataset,)}
+    )
+    found = run_protocol(replace(again, protocol=changed))
+    assert found.exit_status == 3
+    states = {
+        (row.planned.cell.scene, row.planned.cell.method, row.planned.cell.column): row for row in found.rows
+    }
+    assert states["pebble", "two_dts", "dedicated"].planned.status == "done"
+    failed = states["pebble", "triangle_splatting", "dedicated"]
+    assert failed.result is not None
+    assert (failed.result.status, failed.reasons["cell"].code) == ("failed", "CHECKPOINT_NOT_RECOGNISED")
+    assert states["gone", "two_dts", "dedicated"].reasons["cell"].code == "FILE_NOT_FOUND"
+    assert states["gone", "diffsoup", "standard"].reasons == {}, "not supported is no failure"
+    assert [reason.code for reason in found.models.values()] == ["FILE_NOT_FOUND"]
+
+
+def test_two_models_of_one_method_on_one_scene_are_refused(again: ProtocolFile) -> None:
+    twice = again.protocol.model_copy(update={"methods": (again.protocol.methods[0],) * 2})
+    with pytest.raises(MsbError, match=r"PROTOCOL_INVALID.*two models of two_dts"):
+        run_protocol(replace(again, protocol=twice))
+
+
+def test_training_records_are_read_and_may_fail_alone(again: ProtocolFile, tmp_path: Path) -> None:
+    record = tmp_path / "two_dts.json"
+    track = {
+        "schema": "msb.track/1",
+        "command": ["train"],
+        "started": "2026-01-01T00:00:00+00:00",
+        "ended": "2026-01-01T00:10:00+00:00",
+        "seconds": 600.0,
+        "exit_status": 0,
+        "peak_gpu_memory_bytes": 5 << 30,
+        "gpu_source": "processes",
+        "gpu_reason": None,
+        "gpus": [],
+        "peak_host_memory_bytes": None,
+        "interval_seconds": 0.2,
+        "machine": {},
+        "tool_version": "0.1.0",
+    }
+    record.write_text(json.dumps(track))
+    methods = tuple(
+        method.model_copy(update={"training": str(tmp_path / "{method}.json")})
+        for method in again.protocol.methods
+    )
+    here = replace(again, protocol=again.protocol.model_copy(update={"methods": methods}))
+    found = run_protocol(here, only=["dedicated"])
+    assert planned(found) == {
+        "two_dts/dedicated": {"training": "new"},
+        "diffsoup/dedicated": {"training": "new"},
+    }
+    one = cell(again, "two_dts/dedicated")
+    assert one.training is not None
+    assert (one.training.seconds, one.training.peak_memory_bytes) == (600, 5 << 30)
+    assert one.quality is not None
+    other = cell(again, "diffsoup/dedicated")
+    assert (other.status, other.reasons["training"].code) == ("done", "FILE_NOT_FOUND")
+    record.write_text(json.dumps({**track, "exit_status": 1}))
+    assert run_protocol(here, only=["dedicated/two_dts"]).exit_status == 3
+    assert cell(again, "two_dts/dedicated").reasons["training"].code == "TRAINING_FAILED"
+
+
+def test_one_run_at_a_time_and_leftovers_are_cleared(again: ProtocolFile) -> None:
+    left = again.results / "cells" / ".result.json.0123456789ab.part"
+    left.write_text("half")
+    (again.results / ".images.0123456789ab.part").mkdir()
+    mine = again.results / ".keep.part"
+    mine.write_text("not ours")
+    with exclusive(again.results), pytest.raises(MsbError, match=r"RESULTS_BUSY.*process .* on .* since"):
+        run_protocol(again)
+    run_protocol(again)
+    assert not left.exists()
+    assert sorted(path.name for path in again.results.rglob("*.part")) == [".keep.part"]
+    assert not (again.results / ".run.json").exists()
+
+
+def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
+    head = f"[chamfer]\ndata = {json.dumps(str(STUBS / 'scenes' / 'dtu'))}"
+    file = protocol(tmp_path, ("mesh_splatting",), dataset="dtu", head=head)
+    found = run_protocol(file, only=["exported_mesh"])
+    assert found.exit_status == 0
+    result = read_result(Results(file.results).record(found.rows[0].planned.cell))
+    assert result.chamfer is not None
+    assert 0 < result.chamfer["overall"] < 5
+    assert result.chamfer["metric"]["name"] == "chamfer_dtu"
+    assert result.audit is not None
+    worse = replace(
+        file,
+        protocol=file.protocol.model_copy(
+            update={"chamfer": file.protocol.chamfer.model_copy(update={"data": str(tmp_path)})}  # type: ignore[union-attr]
+        ),
+    )
+    assert run_protocol(worse).exit_status == 3
+    result = read_result(Results(file.results).record(found.rows[0].planned.cell))
+    assert (result.status, result.chamfer, result.reasons["chamfer"].code) == ("done", None, "FILE_NOT_FOUND")
+
+
+def test_images_do_not_depend_on_the_number_of_processes(finished: ProtocolFile, tmp_path: Path) -> None:
+    alone = replace(finished, path=tmp_path / "protocol.toml")
+    run_protocol(alone, jobs=1, only=["two_dts"])
+    ours, theirs = images(tmp_path / "results"), images(finished.results)
+    assert {name: theirs[name] for name in ours} == ours
+    assert len(ours) > 10

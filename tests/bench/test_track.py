@@ -1,0 +1,172 @@
+"""What a command costs: time, memory of all it starts, its status, and signals on their way to it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from msb.bench.nvml import Gpus
+from msb.bench.track import read_track, track
+from msb.errors import MsbError
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HOLD = "import time; held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096]); time.sleep(0.5)"
+
+
+def test_time_memory_and_status() -> None:
+    found = track([sys.executable, "-c", f"{HOLD}; raise SystemExit(7)"], interval=0.02)
+    assert found.exit_status == 7
+    assert 0.5 <= found.seconds < 30
+    assert found.peak_host_memory_bytes is not None
+    assert 200 << 20 <= found.peak_host_memory_bytes < 400 << 20
+    assert found.command[0] == sys.executable
+    assert found.started <= found.ended
+
+
+def test_memory_of_children_counts() -> None:
+    code = (
+        "import subprocess, sys\n"
+        f"children = [subprocess.Popen([sys.executable, '-c', {HOLD!r}]) for _ in '12']\n"
+        "for child in children: child.wait()"
+    )
+    found = track([sys.executable, "-c", code], interval=0.02)
+    assert found.peak_host_memory_bytes is not None
+    assert found.peak_host_memory_bytes > 400 << 20
+
+
+def test_the_record_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    found = track([sys.executable, "-c", "pass"])
+    (tmp_path / "t.json").write_bytes(found.to_json())
+    assert read_track(tmp_path / "t.json") == found
+    (tmp_path / "t.json").write_bytes(found.to_json().replace(b"msb.track/1", b"msb.track/9"))
+    with pytest.raises(MsbError, match="RECORD_INVALID"):
+        read_track(tmp_path / "t.json")
+
+
+def test_a_program_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(MsbError, match="FILE_NOT_FOUND"):
+        track([str(tmp_path / "nothing")])
+    (tmp_path / "data").write_text("x")
+    with pytest.raises(MsbError, match="FILE_UNREADABLE"):
+        track([str(tmp_path / "data")])
+
+
+class Nvml:
+    """A driver with one GPU, whose processes hold what `held` says, and its device what `used` says."""
+
+    NVMLError = RuntimeError
+
+    def __init__(self, held: dict[int, int | None], used: int) -> None:
+        self.held, self.used = held, used
+
+    def nvmlInit(self) -> None: ...  # noqa: N802
+
+    def nvmlDeviceGetCount(self) -> int:  # noqa: N802
+        return 1
+
+    def nvmlDeviceGetHandleByIndex(self, index: int) -> int:  # noqa: N802
+        return index
+
+    def nvmlDeviceGetName(self, _: int) -> str:  # noqa: N802
+        return "A GPU"
+
+    def nvmlDeviceGetUUID(self, _: int) -> bytes:  # noqa: N802
+        return b"GPU-1"
+
+    def nvmlDeviceGetMemoryInfo(self, _: int) -> Any:  # noqa: N802
+        return SimpleNamespace(used=self.used, total=1000)
+
+    def nvmlDeviceGetComputeRunningProcesses(self, _: int) -> list[Any]:  # noqa: N802
+        return [SimpleNamespace(pid=pid, usedGpuMemory=size) for pid, size in self.held.items()]
+
+    def nvmlDeviceGetGraphicsRunningProcesses(self, _: int) -> list[Any]:  # noqa: N802
+        return []
+
+
+ME = os.getpid()
+STRANGER = 2**22 + 12345  # no number a process of ours can have
+
+
+@pytest.mark.parametrize(
+    ("looks", "wanted"),
+    [
+        # (what processes hold, what the device holds), from before the command on
+        ([({}, 100), ({ME: 300, 1: 50}, 450), ({ME: 200}, 300)], (300, "processes", None)),
+        ([({1: 50}, 100), ({1: 60}, 700)], (0, "processes", None)),  # all that is told belongs to others
+        ([({}, 100), ({}, 400), ({}, 350)], (300, "device", None)),  # in a container: none is told
+        ([({}, 100), ({STRANGER: 200}, 300)], (200, "device", None)),  # or the host's numbers are
+        ([({}, 100), ({ME: None}, 180)], (80, "device", None)),  # Windows: listed, but not how much
+        ([({}, 100), ({}, 100)], (0, "processes", None)),
+    ],
+)
+def test_gpu_memory_is_of_processes_or_else_of_the_device(
+    monkeypatch: pytest.MonkeyPatch, looks: list[tuple[dict[int, int | None], int]], wanted: tuple[Any, ...]
+) -> None:
+    driver = Nvml(*looks[0])
+    monkeypatch.setitem(sys.modules, "pynvml", driver)
+    gpus = Gpus()
+    for driver.held, driver.used in looks[1:]:
+        gpus.look({ME})
+    assert gpus.result() == wanted
+    (only,) = gpus.devices()
+    assert (only.name, only.uuid, only.peak_bytes) == ("A GPU", "GPU-1", wanted[0])
+
+
+def test_without_library_or_gpu_there_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pynvml", None)
+    peak, source, reason = Gpus().result()
+    assert (peak, source) == (None, None)
+    assert reason is not None
+    assert "extra gpu" in reason
+    broken = Nvml({}, 0)
+    broken.nvmlInit = lambda: (_ for _ in ()).throw(RuntimeError("no driver"))  # type: ignore[method-assign]
+    monkeypatch.setitem(sys.modules, "pynvml", broken)
+    assert Gpus().result() == (None, None, "NVML: no driver")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
+def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:
+    child = (
+        "import signal, sys, time\n"
+        f"signal.signal({number}, lambda *_: sys.exit(42))\n"
+        f"open({str(tmp_path / 'ready')!r}, 'w').close()\ntime.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "msb",
+            "track",
+            "-o",
+            str(tmp_path / "t.json"),
+            "--",
+            sys.executable,
+            "-c",
+            child,
+        ],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        end = time.monotonic() + 60
+        while not (tmp_path / "ready").exists():
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        process.send_signal(number)
+        assert process.wait(30) == 42
+    finally:
+        process.kill()
+        process.wait()
+    assert read_track(tmp_path / "t.json").exit_status == 42

@@ -1,0 +1,102 @@
+"""`msb run` and `msb track` as their users meet them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+STUBS = ROOT / "data_stubs"
+SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
+MODEL = STUBS / "models" / "pebble" / "two_dts"
+
+
+@pytest.fixture(scope="module")
+def results(msb: Msb, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of one model on one scene."""
+    folder = tmp_path_factory.mktemp("cli") / "results"
+    result = msb("run", "--scene", SCENE, "-o", folder, MODEL)
+    assert result.status == 0, result.err
+    assert "two_dts  dedicated" in result.out
+    assert "3 cells: 3 done now" in result.out
+    return folder
+
+
+def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
+    again = msb("run", "--scene", SCENE, "-o", results, "--json", "-", MODEL)
+    assert again.status == 0
+    data = again.json
+    assert data["schema"] == "msb.run/1"
+    assert data["results"] == str(results)
+    assert {cell["condition"]: cell["plan"] for cell in data["cells"]} == dict.fromkeys(
+        ("dedicated", "standard", "exported_mesh"), "done"
+    )
+    assert all(cell["status"] == "done" for cell in data["cells"])
+    assert data["cells"][0]["psnr"] > 15
+    # The protocol that was made up is on record, and is one.
+    text = msb("run", "--dry-run", "-o", results, results / "protocol.toml").out
+    assert "3 cells: 3 as before" in text
+    assert max(map(len, text.splitlines()[:-1])) <= 80
+
+
+def test_what_is_to_do_is_shown_and_not_done(msb: Msb, tmp_path: Path) -> None:
+    result = msb("run", "--dry-run", "-o", tmp_path / "r", STUBS / "protocol.toml")
+    assert result.status == 0
+    assert "64 cells: 60 to do, 4 N/A" in result.out
+    assert not (tmp_path / "r").exists()
+
+
+def test_failures_are_lines_and_the_highest_status(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "model.ckpt").write_bytes(b"nothing")
+    text = f"""
+[[datasets]]
+name = "nerf_synthetic"
+path = {json.dumps(str(SCENE.parent))}
+[[methods]]
+name = "two_dts"
+model = "model.ckpt"
+[[methods]]
+name = "mesh"
+model = {json.dumps(str(ROOT / "tests/golden/meshes/synthetic_splat_small.ply"))}
+conditions = ["exported_mesh"]
+"""
+    (tmp_path / "p.toml").write_text(text)
+    result = msb("run", tmp_path / "p.toml")
+    assert result.status == 3
+    lines = result.err.splitlines()
+    assert len(lines) == 4  # three cells, and that pebble is no scene of the dataset
+    assert (
+        sum(line.startswith("CHECKPOINT_NOT_RECOGNISED: nerf_synthetic pebble two_dts ") for line in lines)
+        == 3
+    )
+    assert "1 done now" in result.out
+    assert "3 failed" in result.out
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["nothing.toml"], "FILE_NOT_FOUND: nothing.toml"),
+        ([str(MODEL)], "USAGE: "),
+        (["--non-engine", "reference", "p.toml"], "USAGE: "),
+        (["--scheduler", "tcp://127.0.0.1:9", str(STUBS / "protocol.toml")], "RUN_SCHEDULER: "),
+        (["--only", "nobody", str(STUBS / "protocol.toml")], "USAGE: --only nobody selects no cell"),
+        (["--jobs", "0", "p.toml"], "USAGE: "),
+    ],
+)
+def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], said: str) -> None:
+    if "--scheduler" in args:
+        pytest.importorskip("distributed", reason="extra distributed is not installed")
+    result = msb("run", "-o", tmp_path / "r", *args, cwd=tmp_path, PYTHONPATH=str(ROOT))
+    assert result.status in (2, 3)
+    assert result.err.startswith(said)
+    assert len(result.err.splitlines()) == 1
+    assert result.out == ""
