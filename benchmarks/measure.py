@@ -7,8 +7,11 @@ import os
 import platform
 import re
 import resource
+import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+import psutil
 
 
 def machine(*packages: str) -> dict[str, str]:
@@ -42,7 +45,27 @@ def peak() -> int:
 
     Not from getrusage where /proc has it: there a child starts with the peak of the parent that forked it.
     """
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return _peak("self") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def peak_with_children() -> int:
+    """Return the sum of the peaks of this process and of those it started; shared pages count for each."""
+    found = peak()
+    for child in psutil.Process().children(recursive=True):
+        with contextlib.suppress(OSError):
+            found += _peak(str(child.pid))
+    return found
+
+
+def processor_seconds() -> float:
+    """Return the processor time of this process and of those it started."""
+    found = time.process_time()
+    for child in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            found += sum(child.cpu_times()[:2])
+    return found
+
+
+def _peak(process: str) -> int:
+    status = Path("/proc") / process / "status"
+    return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) * 1024 if status.exists() else 0

@@ -7,15 +7,15 @@ A frame is clearing, drawing and reading the image back to the host; nothing is 
 that of the frame before. Every tool has a process of its own that prepares once and draws when it is told
 to; tools take turns within a round, so a machine whose speed drifts treats them alike. Printed are medians
 over the rounds, and the median of the ratios to ours within a round. Images are compared with ours.
+Processor time and the peak of memory are those of a tool's process and of all it starts (a browser, Blender);
+pages that several share count for each.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import json
 import os
-import re
 import statistics
 import subprocess
 import sys
@@ -26,12 +26,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.audit import machine
+from benchmarks.measure import machine, peak_with_children, processor_seconds
 from benchmarks.standard_peers import PEERS
 from benchmarks.standard_scenes import HEIGHT, SCENES, WIDTH, Scene
 
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "OMP_NUM_THREADS", "LP_NUM_THREADS")
 """What limits the threads of PoCL, of OpenMP and of Mesa's software renderers."""
+PACKAGES = (
+    *("numpy", "pyopencl", "pocl-binary-distribution", "vtk", "pyvista", "moderngl", "wgpu", "open3d"),
+    "embreex",
+)
 LEVEL = 1.01 / 255
 
 
@@ -86,20 +90,13 @@ def work(name: str, folder: Path) -> None:
         if line.strip() == "prepared":
             if image is not None:
                 np.save(folder / f"{name}.npy", image)
-            answer = {"seconds": prepared, "bytes": _peak()}
+            answer = {"seconds": prepared, "bytes": peak_with_children(), **getattr(frame, "about", {})}
         else:
-            start, busy = time.perf_counter(), time.process_time()
+            busy, start = processor_seconds(), time.perf_counter()
             frame()
-            answer = {"ms": 1e3 * (time.perf_counter() - start), "cpu_ms": 1e3 * (time.process_time() - busy)}
+            milliseconds = 1e3 * (time.perf_counter() - start)
+            answer = {"ms": milliseconds, "cpu_ms": 1e3 * (processor_seconds() - busy)}
         print(json.dumps(answer), flush=True)
-
-
-def _peak() -> int:
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return 0
-    found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text())
-    return int(found[1]) * 1024 if found else 0
 
 
 def compare(tools: list[str], scene: Scene, rounds: int, threads: int | None) -> list[dict[str, Any]]:
@@ -153,38 +150,17 @@ def _unit(image: np.ndarray) -> np.ndarray:
 def print_table(title: str, rows: list[dict[str, Any]]) -> None:
     """Print the rows of one scene."""
     print(f"\n{title}")
-    print(f"{'tool':<16}{'ms':>8}{'/ ours':>8}{'CPU ms':>8}{'s first':>9}{'MB':>7}{'equal %':>9}  what it is")
+    print(f"{'tool':<18}{'ms':>8}{'/ ours':>8}{'CPU ms':>8}{'s first':>9}{'MB':>7}{'equal %':>9}  what it is")
     for row in rows:
         if "error" in row:
-            print(f"{row['tool']:<16}  not run: {row['error'][:120]}")
+            print(f"{row['tool']:<18}  not run: {row['error'][:120]}")
             continue
         equal = f"{100 * row['within_a_level']:.2f}" if "within_a_level" in row else "-"
         ready = row["prepared"]
         print(
-            f"{row['tool']:<16}{row['ms']:>8.1f}{row.get('ratio', float('nan')):>8.2f}{row['cpu_ms']:>8.1f}"
+            f"{row['tool']:<18}{row['ms']:>8.1f}{row.get('ratio', float('nan')):>8.2f}{row['cpu_ms']:>8.1f}"
             f"{ready['seconds']:>9.2f}{ready['bytes'] / 1e6:>7.0f}{equal:>9}  {PEERS[row['tool']][0]}"
         )
-
-
-def versions() -> dict[str, str]:
-    """Return what the figures were measured on and with."""
-    found = {key: machine()[key] for key in ("machine", "python", "meshsplatbench")}
-    for name in (
-        "numpy",
-        "pyopencl",
-        "pocl-binary-distribution",
-        "vtk",
-        "pyvista",
-        "moderngl",
-        "wgpu",
-        "open3d",
-        "embreex",
-    ):
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
 
 
 def main() -> None:
@@ -202,7 +178,7 @@ def main() -> None:
         work(options.worker, options.folder)
         return
     tools = ["msb", *(tool for tool in options.tools if tool != "msb")]
-    record: dict[str, Any] = {"machine": versions(), "threads": options.threads, "scenes": []}
+    record: dict[str, Any] = {"machine": machine(*PACKAGES), "threads": options.threads, "scenes": []}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     print(
         f"threads: {options.threads or 'all'}; {WIDTH} x {HEIGHT} pixels; median of {options.rounds} frames"

@@ -24,32 +24,41 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from msb.asset import Asset
+    from msb.scenes import Camera
+
     Frame = Callable[[], NDArray[Any] | None]
 
 NEAR, FAR = 0.01, 100.0
 
 
-def _ours(scene: Scene) -> Any:
-    from msb import Camera
+def _asset(scene: Scene) -> Asset:
     from msb.asset import Description, build_asset
-    from msb.render.standard import StandardRenderer
 
     buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
-    asset = build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
-    camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, pose())
-    return StandardRenderer(asset), camera
+    return build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
+
+
+def _camera() -> Camera:
+    from msb.scenes import Camera
+
+    return Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, pose())
 
 
 def msb(scene: Scene) -> Frame:
     """Prepare ours: the image alone."""
-    renderer, camera = _ours(scene)
+    from msb.render.standard import StandardRenderer
+
+    renderer, camera = StandardRenderer(_asset(scene)), _camera()
     image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     return lambda: renderer.render_image(camera, out=image)
 
 
 def msb_frame(scene: Scene) -> Frame:
     """Prepare ours: image, coverage, depth and face ids."""
-    renderer, camera = _ours(scene)
+    from msb.render.standard import StandardRenderer
+
+    renderer, camera = StandardRenderer(_asset(scene)), _camera()
     return lambda: renderer.render(camera, (0.0, 0.0, 0.0)).image
 
 
@@ -119,14 +128,11 @@ def _spatial_order(centers: NDArray[Any]) -> NDArray[np.int64]:
     return np.argsort(key, kind="stable")
 
 
-def _projection(depth_from_zero: bool) -> NDArray[np.float32]:
-    """Return the clip matrix of the camera, columns first, as OpenGL or as WebGPU has it."""
+def _projection() -> NDArray[np.float32]:
+    """Return the clip matrix of the camera, columns first, as OpenGL has it."""
     p = np.zeros((4, 4))
     p[0, 0], p[1, 1] = 2 * FOCAL / WIDTH, 2 * FOCAL / HEIGHT
-    if depth_from_zero:
-        p[2, 2], p[2, 3] = -FAR / (FAR - NEAR), -FAR * NEAR / (FAR - NEAR)
-    else:
-        p[2, 2], p[2, 3] = -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
+    p[2, 2], p[2, 3] = -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
     p[3, 2] = -1
     return np.ascontiguousarray((p @ np.diag([1, -1, -1, 1]) @ pose()).T, np.float32)
 
@@ -177,7 +183,7 @@ def moderngl(scene: Scene) -> Frame:
             #version 330
             in vec4 shade; out vec4 target; void main() { target = shade; }""",
     )
-    program["camera"].write(_projection(False).tobytes())
+    program["camera"].write(_projection().tobytes())
     content = [
         (context.buffer(scene.positions.tobytes()), "3f", "place"),
         (context.buffer(scene.colors.tobytes()), "4f1", "color"),
@@ -200,99 +206,22 @@ def moderngl(scene: Scene) -> Frame:
     return frame
 
 
-_WGSL = """
-@group(0) @binding(0) var<uniform> camera: mat4x4<f32>;
-struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec4<f32> };
-@vertex fn project(@location(0) place: vec3<f32>, @location(1) color: vec4<f32>) -> Between {
-    return Between(camera * vec4<f32>(place, 1.0), color);
-}
-@fragment fn shade(between: Between) -> @location(0) vec4<f32> { return between.color; }
-"""
+def engine(name: str) -> Callable[[Scene], Frame]:
+    """Return what prepares one of our engines: a frame is image and depth as floats, and what else it has."""
 
+    def prepare(scene: Scene) -> Frame:
+        from msb.render.protocol import find_renderer
 
-def wgpu(scene: Scene) -> Frame:
-    """Prepare WebGPU by way of wgpu-py: Vulkan, in software lavapipe."""
-    import wgpu as gpu
+        renderer = find_renderer(name)(_asset(scene))
+        camera = _camera()
 
-    adapter = gpu.gpu.request_adapter_sync(force_fallback_adapter=True)
-    size = max(scene.positions.nbytes, scene.indices.nbytes)
-    device = adapter.request_device_sync(required_limits={"max-buffer-size": max(size, 1 << 28)})
-    usage = gpu.BufferUsage
+        def frame() -> NDArray[Any]:
+            return renderer.render(camera, (0.0, 0.0, 0.0)).image
 
-    def buffer(array: NDArray[Any], kind: int) -> Any:
-        return device.create_buffer_with_data(data=np.ascontiguousarray(array), usage=kind)
+        frame.about = {"version": renderer.version, **renderer.device_info}
+        return frame
 
-    corners = buffer(scene.positions, usage.VERTEX)
-    colors = buffer(scene.colors, usage.VERTEX)
-    index = buffer(scene.indices, usage.INDEX)
-    camera = buffer(_projection(True), usage.UNIFORM)
-    shader = device.create_shader_module(code=_WGSL)
-
-    def attributes(stride: int, kind: str, location: int) -> dict[str, Any]:
-        attribute = {"format": kind, "offset": 0, "shader_location": location}
-        return {"array_stride": stride, "step_mode": "vertex", "attributes": [attribute]}
-
-    pipeline = device.create_render_pipeline(
-        layout="auto",
-        vertex={
-            "module": shader,
-            "entry_point": "project",
-            "buffers": [attributes(12, "float32x3", 0), attributes(4, "unorm8x4", 1)],
-        },
-        primitive={"topology": "triangle-list", "cull_mode": "none"},
-        depth_stencil={"format": "depth32float", "depth_write_enabled": True, "depth_compare": "less"},
-        fragment={"module": shader, "entry_point": "shade", "targets": [{"format": "rgba8unorm"}]},
-    )
-    bound = device.create_bind_group(
-        layout=pipeline.get_bind_group_layout(0), entries=[{"binding": 0, "resource": {"buffer": camera}}]
-    )
-    extent = (WIDTH, HEIGHT, 1)
-    textures = gpu.TextureUsage
-    image = device.create_texture(
-        size=extent, format="rgba8unorm", usage=textures.RENDER_ATTACHMENT | textures.COPY_SRC
-    )
-    depth = device.create_texture(size=extent, format="depth32float", usage=textures.RENDER_ATTACHMENT)
-    row = -(-4 * WIDTH // 256) * 256
-    back = device.create_buffer(size=row * HEIGHT, usage=usage.COPY_DST | usage.MAP_READ)
-
-    def frame() -> NDArray[Any]:
-        encoder = device.create_command_encoder()
-        drawing = encoder.begin_render_pass(
-            color_attachments=[
-                {
-                    "view": image.create_view(),
-                    "load_op": "clear",
-                    "store_op": "store",
-                    "clear_value": (0, 0, 0, 1),
-                }
-            ],
-            depth_stencil_attachment={
-                "view": depth.create_view(),
-                "depth_clear_value": 1.0,
-                "depth_load_op": "clear",
-                "depth_store_op": "store",
-            },
-        )
-        drawing.set_pipeline(pipeline)
-        drawing.set_bind_group(0, bound)
-        drawing.set_vertex_buffer(0, corners)
-        drawing.set_vertex_buffer(1, colors)
-        if scene.shared:
-            drawing.set_index_buffer(index, "uint32")
-            drawing.draw_indexed(scene.indices.size)
-        else:
-            drawing.draw(scene.indices.size)
-        drawing.end()
-        encoder.copy_texture_to_buffer(
-            {"texture": image}, {"buffer": back, "bytes_per_row": row, "rows_per_image": HEIGHT}, extent
-        )
-        device.queue.submit([encoder.finish()])
-        back.map_sync(gpu.MapMode.READ)
-        found = np.frombuffer(back.read_mapped(), np.uint8).reshape(HEIGHT, row)[:, : 4 * WIDTH].copy()
-        back.unmap()
-        return found.reshape(HEIGHT, WIDTH, 4)[..., :3]
-
-    return frame
+    return prepare
 
 
 def _rays() -> NDArray[np.float32]:
@@ -344,7 +273,10 @@ PEERS: dict[str, tuple[str, Callable[[Scene], Frame]]] = {
     "c bands sorted": ("c bands, triangles in the order of space", c_bands_ordered),
     "vtk": ("VTK by pyvista, OpenGL", vtk),
     "moderngl": ("OpenGL by EGL", moderngl),
-    "wgpu": ("WebGPU, Vulkan", wgpu),
+    "wgpu": ("renderer wgpu: Vulkan", engine("wgpu")),
+    "threejs": ("renderer threejs: three.js in a headless browser", engine("threejs")),
+    "blender_workbench": ("renderer blender_workbench: OpenGL", engine("blender_workbench")),
+    "blender_cycles": ("renderer blender_cycles: rays", engine("blender_cycles")),
     "embree open3d": ("Embree by Open3D, rays alone, no colours", embree_open3d),
     "embree": ("Embree by embreex, rays alone, one thread, no colours", embree),
 }

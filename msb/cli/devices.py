@@ -1,4 +1,4 @@
-"""`msb devices`: what OpenCL can compute on here, which device is taken, and what could be added."""
+"""`msb devices`: what OpenCL can compute on here, which renderers can draw, and what could be added."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ def devices(
     verbose: Verbose = 0,
     debug: Debug = False,
 ) -> None:
-    """List the OpenCL devices, what to type to get each, and which one is taken.
+    """List the OpenCL devices, what to type to get each, which one is taken; and the renderers there are.
 
-    -v shows every limit and ability. docs/opencl.md tells how to get more devices.
+    -v shows every limit and ability. docs/opencl.md tells how to get more devices, docs/engines.md how to
+    get the renderers that are missing.
     """
     from msb.cl import list_devices
     from msb.cl.devices import choose_device
@@ -43,6 +44,7 @@ def devices(
     if not records:
         raise problem or DeviceError("DEVICE_NOT_FOUND", "the devices went away while they were listed")
     hints = [*notes(), *_missing(records)]
+    renderers = _renderers()
     output.write_json(
         {
             "schema": SCHEMA,
@@ -50,10 +52,12 @@ def devices(
             "chosen": choice and choice.record.selector,
             "chosen_by": choice and choice.source,
             "notes": hints,
+            "renderers": renderers,
         }
     )
     if output.prints_text:
         _print(records, choice, hints, output)
+        _print_renderers(renderers, output)
     if problem:
         raise problem
 
@@ -75,6 +79,25 @@ def _print(records: list[DeviceRecord], choice: Choice | None, hints: list[str],
     if not output.quiet:
         for hint in hints:
             console.print(f"- {hint}", markup=False)
+
+
+def _renderers() -> list[dict[str, Any]]:
+    """Return every renderer: its name, where it is, and what is missing before it can draw."""
+    from msb.render.protocol import renderers, what_is_missing
+
+    return [
+        {"name": name, "from": where, "missing": what_is_missing(name)} for name, where in renderers().items()
+    ]
+
+
+def _print_renderers(renderers: list[dict[str, Any]], output: Output) -> None:
+    console = output.console()
+    table = plain_table("\n--renderer", "\nCan draw")
+    for renderer in renderers:
+        missing = renderer["missing"]
+        cell = "yes" if missing is None else missing if not output.quiet else "no"
+        table.add_row(renderer["name"], cell)
+    console.print(table, markup=False)
 
 
 def _why(choice: Choice) -> str:

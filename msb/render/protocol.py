@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Protocol
 
 from msb.errors import Unsupported, UsageError, shorten
@@ -29,6 +30,13 @@ BUILT_IN = {
     "reference": "msb.reference.renderer:ReferenceRenderer",
 }
 """Tier -> our renderer of it; the same stand in pyproject.toml, for those who list entry points."""
+ENGINES = {
+    "wgpu": "msb.engines.webgpu:WgpuRenderer",
+    "threejs": "msb.engines.threejs:ThreeJsRenderer",
+    "blender_cycles": "msb.engines.blender:CyclesRenderer",
+    "blender_workbench": "msb.engines.blender:WorkbenchRenderer",
+}
+"""Name -> a foreign engine that comes with us; in pyproject.toml, too."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,11 @@ class Backend(Protocol):
     Made as ``Class(asset, device=None, settings={})``: `device` says where to compute, by selector ("cpu",
     "gpu", "pocl:0") or as an open device, for renderers that have a choice; `settings` override those the
     asset stores.
+
+    More is used where a renderer has it. `device_info`, a mapping with `platform`, `name` and `kind`
+    ("cpu", "gpu"), says what draws if that is no OpenCL device. `tiers`, of the class, lists the tiers it
+    draws if that is not all of them. The class method `missing()` says what must be installed first, or
+    returns None; it is quick.
     """
 
     name: str
@@ -93,12 +106,29 @@ def find_renderer(name: str) -> Factory:
 
 @cache
 def renderers() -> dict[str, str]:
-    """Return name -> where it is ("module:Class"), ours first; nothing is imported."""
+    """Return name -> where it is ("module:Class"), ours first, then engines; nothing is imported."""
     others: dict[str, str] = {}
     entry: EntryPoint
     for entry in entry_points(group=GROUP):
         others.setdefault(entry.name, entry.value)
-    return {**BUILT_IN, **{name: value for name, value in sorted(others.items()) if name not in BUILT_IN}}
+    ours = {**BUILT_IN, **ENGINES}
+    return {**ours, **{name: value for name, value in sorted(others.items()) if name not in ours}}
+
+
+def what_is_missing(name: str) -> str | None:
+    """Return what has to be installed before the renderer `name` can draw, None if nothing is known to be.
+
+    Raises
+    ------
+    UsageError
+        `RENDERER_UNKNOWN`.
+    """
+    try:
+        factory = find_renderer(name)
+    except (ImportError, AttributeError) as error:  # a third party's may be broken
+        return f"it cannot be loaded: {shorten(str(error), 200)}"
+    missing: Callable[[], str | None] | None = getattr(factory, "missing", None)
+    return None if missing is None else missing()
 
 
 def check_supported(asset: Asset, tier: str) -> None:
@@ -118,3 +148,51 @@ def check_supported(asset: Asset, tier: str) -> None:
         text = f"{asset.manifest.method} on tier {tier}: {why}"
         code = "UNSUPPORTED_STANDARD" if tier == "standard" else "UNSUPPORTED_TIER"
         raise Unsupported(code, text, file=asset.path)
+
+
+def check_tier(make: Factory, tier: str, name: str) -> None:
+    """Refuse a tier that the renderer called `name` in messages does not draw, whatever the method.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    drawn = getattr(make, "tiers", TIERS)
+    if tier not in drawn:
+        raise UsageError("USAGE", f"{name} draws tier {', '.join(drawn)}, not {tier}")
+
+
+def check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name: str) -> None:
+    """Refuse options that a renderer does not take.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the renderer; one that takes anything is left to see for itself.
+    name : str
+        Of the tier or renderer, for the message.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_OPTION`.
+    """
+    parameters = signature(make).parameters.values()
+    if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters):
+        return
+    known = {parameter.name for parameter in parameters} - {"asset", "device", "settings"}
+    for option in options:
+        if option not in known:
+            text = f'{asset.manifest.method} on {name}: there is no option "{shorten(option, 40)}"; '
+            text += f"there are {', '.join(sorted(known))}" if known else "there are none"
+            if option in ("order", "sampling"):
+                text += "; the tiers dedicated and reference have it"
+            raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.path, value=option)
+
+
+def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
+    """Return the options with which our renderer of `tier` computes no more than is written."""
+    if tier != "dedicated" or renderer is not None:
+        return {}
+    return {"outputs": ("face_id",) if ids else ()}

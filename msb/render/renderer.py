@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self
 
 from msb.render.frame import Frame
-from msb.render.protocol import Drawn, check_supported, find_renderer
+from msb.render.protocol import Drawn, check_options, check_supported, check_tier, find_renderer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,18 +26,20 @@ class Renderer:
     tier : {"standard", "dedicated", "reference"}
         DESIGN: Methods. The reference is NumPy and slow.
     device : str or Device, optional
-        Where to compute: "cpu", "gpu", "PLATFORM:INDEX"; MSB_DEVICE or the default if not given.
+        Where to compute: "cpu", "gpu", "PLATFORM:INDEX"; MSB_DEVICE or the default if not given. Foreign
+        engines take "cpu" or "gpu", and choose themselves if nothing is given.
     settings : mapping, optional
         Overrides of the settings the asset stores; `msb methods` lists them.
     name : str, optional
         An entry point of group `msb.renderers`, to be used for the tier instead of ours.
     **options
-        What else the renderer takes.
+        What else the renderer takes: of the dedicated and the reference tier `order` ("tile", "global",
+        "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains.
 
     Raises
     ------
     Unsupported
-        The method cannot be shown on this tier.
+        The method cannot be shown on this tier, or the renderer has no such option.
     UsageError
         An unknown tier, renderer or setting.
     AssetError
@@ -70,14 +72,20 @@ class Renderer:
     ) -> None:
         check_supported(asset, tier)
         self.tier = tier
-        self._backend: Backend = find_renderer(name or tier)(
-            asset, device=device, settings=settings or {}, **options
-        )
+        make = find_renderer(name or tier)
+        check_tier(make, tier, f"renderer {name}")
+        check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
+        self._backend: Backend = make(asset, device=device, settings=settings or {}, **options)
 
     @property
     def name(self) -> str:
         """Name and version of what draws."""
         return f"{self._backend.name} {self._backend.version}"
+
+    @property
+    def device_info(self) -> Mapping[str, str] | None:
+        """What draws, if that is no OpenCL device: `platform`, `name`, `kind`."""
+        return getattr(self._backend, "device_info", None)
 
     def render(self, camera: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
         """Return what `camera` sees, over `background` (RGB, in the asset's colour space)."""

@@ -2,15 +2,51 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.errors import UsageError
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from msb.render.frame import Frame
+    from msb.scenes import Camera
+
+MAX_SUPERSAMPLE = 16
+
+
+def split_supersample(settings: Mapping[str, Any]) -> tuple[int, dict[str, Any]]:
+    """Return the samples along each side of a pixel, and the method's own settings.
+
+    MeshSplatting has a setting of the same name, for its own look: what a call says is meant for the
+    standard tier.
+
+    Raises
+    ------
+    UsageError
+        `SETTING_VALUE`.
+    """
+    others = dict(settings)
+    value = others.pop("supersample", 1)
+    try:
+        samples = 0 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        samples = 0
+    if not 1 <= samples <= MAX_SUPERSAMPLE:
+        text = f"setting supersample is {value!r:.40}; it must be a whole number from 1 to {MAX_SUPERSAMPLE}"
+        raise UsageError("SETTING_VALUE", text, value=value, limit=MAX_SUPERSAMPLE)
+    return samples, others
+
+
+def enlarged(camera: Camera, scale: int) -> Camera:
+    """Return `camera` with `scale` times as many pixels each way."""
+    return camera if scale == 1 else camera.resized(camera.width * scale, camera.height * scale)
 
 
 def box_filter(frame: Frame, scale: int) -> Frame:

@@ -1,0 +1,198 @@
+"""How far foreign engines draw what our z-buffer draws, and what they do to colours when left alone.
+
+    python -m benchmarks.engines                               every scene, every engine that is installed
+    python -m benchmarks.engines --scenes goldens --engines wgpu
+    python -m benchmarks.engines --pictures docs/images        the pictures of docs/engines.md
+
+Prints the tables of docs/engines.md; `--json` keeps the figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import msb
+from benchmarks.measure import machine
+from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, pose, shell
+from data_stubs.make import splat_like_asset
+from msb import Camera
+from msb.asset import Description, build_asset
+from msb.engines.agreement import agreement
+from msb.render.images import to_bytes
+from msb.render.protocol import ENGINES, what_is_missing
+from tests.reference.golden import exported, golden_views
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from msb.asset import Asset
+    from msb.render import Frame
+
+GARDEN = Path(__file__).parent.parent.parent / "shared" / "golden" / "garden"
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
+
+
+class Task(NamedTuple):
+    """An asset and the views of it."""
+
+    asset: Asset
+    views: list[tuple[Camera, tuple[float, ...]]]
+    settings: dict[str, Any]
+
+
+def goldens() -> Iterator[Task]:
+    """Yield the golden scenes: their checkpoints' meshes from their own cameras."""
+    for method in METHODS:
+        for view in golden_views(method):
+            chosen = {key: view.settings[key] for key in ("ste_threshold",) if key in view.settings}
+            yield Task(exported(view.folder / "checkpoint"), [(view.camera, view.background)], chosen)
+
+
+def garden() -> Iterator[Task]:
+    """Yield a mesh of real training, from real cameras."""
+    if not GARDEN.exists():
+        return
+    cameras = msb.read_cameras(GARDEN / "sparse" / "0")[::8]
+    views = [(camera.resized(648, 420), (0.0, 0.0, 0.0)) for camera in cameras]
+    yield Task(msb.export(GARDEN / "vase_mesh.ply"), views, {})
+
+
+def million() -> Iterator[Task]:
+    """Yield a mesh like MeshSplatting's of a million faces, with an off-centre camera of oblong pixels."""
+    yield Task(splat_like_asset(194), [(oblong(960, 720), (1.0, 1.0, 1.0))], {})
+
+
+def soup() -> Iterator[Task]:
+    """Yield the worst case: a million faces of about a pixel that cross, each corner of another colour."""
+    scene = shell(1_000_000)
+    buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
+    asset = build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
+    camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, pose())
+    yield Task(asset, [(camera, (0.0, 0.0, 0.0))], {})
+
+
+SCENES: dict[str, tuple[str, Callable[[], Iterator[Task]]]] = {
+    "goldens": ("the golden scenes of three methods", goldens),
+    "garden": ("a mesh of real training, four real cameras", garden),
+    "million": ("a MeshSplatting-like mesh of 1 M faces, off-centre camera, fx = 1.1 fy", million),
+    "soup": ("1 M crossing faces of a pixel, random colours: the worst case", soup),
+}
+
+
+def oblong(width: int, height: int) -> Camera:
+    """Return a camera before a splat-like mesh, off-centre and with fx = 1.1 fy."""
+    camera = Camera.look_at(
+        (0.9, 0.2, 1.7), (0.5, 0.5, 0.5), up=(0, 1, 0), width=width, height=height, fov_y=0.6
+    )
+    return replace(camera, fx=1.1 * camera.fy, cx=0.45 * width, cy=0.53 * height)
+
+
+def drawn(name: str, task: Task, **options: Any) -> tuple[str, list[Frame]]:
+    """Return who drew, and the frames."""
+    chosen = None if name == "standard" else name
+    with msb.Renderer(task.asset, "standard", settings=task.settings, name=chosen, **options) as renderer:
+        about = renderer.device_info or {}
+        text = ", ".join([renderer.name, *(about[key] for key in ("platform", "name") if key in about)])
+        return text, [renderer.render(camera, background) for camera, background in task.views]
+
+
+def compare(scene: str, engines: list[str]) -> list[dict[str, Any]]:
+    """Return a row for each engine."""
+    tasks = list(SCENES[scene][1]())
+    if not tasks:
+        print(f"{scene}: its data is not here")
+        return []
+    ours = [frame for task in tasks for frame in drawn("standard", task)[1]]
+    rows = []
+    for engine in engines:
+        theirs, about = [], ""
+        for task in tasks:
+            about, frames = drawn(engine, task)
+            theirs += frames
+        rows.append({"engine": engine, "drawn_by": about, **asdict(agreement(theirs, ours))})
+    return rows
+
+
+def print_table(scene: str, rows: list[dict[str, Any]]) -> None:
+    """Print a scene's rows in Markdown."""
+    first = rows[0]
+    print(f"\n**{SCENES[scene][0]}** ({first['pixels']:,} pixels, {first['interior']:,} of them interior)\n")
+    print("| renderer | within a level | PSNR | covered alike | interior within a level | 99.9 % | max |")
+    print("|---|---|---|---|---|---|---|")
+    for row in rows:
+        print(
+            f"| `{row['engine']}` | {100 * row['within_a_level']:.3f} % | {row['psnr']:.1f} dB "
+            f"| {100 * row['covered_alike']:.3f} % | {100 * row['interior_within_a_level']:.3f} % "
+            f"| {row['interior_p999']:.0f} | {row['interior_max']:.0f} |"
+        )
+    sys.stdout.flush()
+
+
+PICTURES: list[tuple[str, str, dict[str, Any]]] = [
+    ("MeshSplatBench", "standard", {}),
+    ("three.js, set right", "threejs", {}),
+    ("three.js as it comes", "threejs", {"defaults": True}),
+    ("Blender, set right", "blender_cycles", {}),
+    ("Blender as it comes, PLY", "blender_cycles", {"defaults": True}),
+    ("Blender as it comes, GLB", "blender_cycles", {"defaults": True, "source": "glb"}),
+]
+
+
+def write_pictures(folder: Path) -> None:
+    """Write engine_colors.png: a mesh as engines show it, with their colours set right and left alone."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    size, margin = 250, 24
+    camera = Camera.look_at(
+        (1.3, 0.8, 2.6), (0.5, 0.5, 0.5), up=(0, 1, 0), width=size, height=size, fov_y=0.4
+    )
+    task = Task(splat_like_asset(36), [(camera, (1.0, 1.0, 1.0))], {})
+    sheet = Image.new("RGB", (3 * size, 2 * (size + margin)), "white")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    for number, (title, name, options) in enumerate(PICTURES):
+        frame = drawn(name, task, **options)[1][0]
+        left, top = number % 3 * size, number // 3 * (size + margin)
+        sheet.paste(Image.fromarray(to_bytes(frame.image)), (left, top + margin))
+        draw.text((left + size / 2, top + margin / 2), title, "black", font, anchor="mm")
+    folder.mkdir(parents=True, exist_ok=True)
+    sheet.quantize(256).save(folder / "engine_colors.png", optimize=True)
+
+
+def main() -> None:
+    """Compare and print, or write the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--engines", nargs="+", choices=list(ENGINES), default=list(ENGINES))
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--pictures", type=Path, help="write the pictures into this folder, and nothing else")
+    options = parser.parse_args()
+    if options.pictures:
+        write_pictures(options.pictures)
+        return
+    engines = []
+    for name in options.engines:
+        missing = what_is_missing(name)
+        if missing is None:
+            engines.append(name)
+        else:
+            print(f"{name}: not compared: {missing}")
+    record: dict[str, Any] = {"machine": machine("numpy", "wgpu", "trimesh"), "scenes": {}}
+    print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
+    for scene in options.scenes:
+        rows = record["scenes"][scene] = compare(scene, engines)
+        if rows:
+            print_table(scene, rows)
+    for row in next(rows for rows in record["scenes"].values() if rows):
+        print(f"\n{row['engine']}: {row['drawn_by']}")
+    if options.json:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(record, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

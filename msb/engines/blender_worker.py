@@ -1,0 +1,171 @@
+"""What runs inside Blender: imports a mesh file, sets the scene up exactly, renders what it is told.
+
+A program of its own, not a module of ours: its Python needs bpy and nothing else (`blender.py` starts it).
+It reads a JSON object a line from standard input and answers with one a line; what Blender itself prints goes
+to standard error.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+def main() -> None:
+    """Answer requests until standard input ends."""
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    worker: Worker | None = None
+    for line in sys.stdin:
+        request = json.loads(line)
+        try:
+            if worker is None:
+                worker = Worker(request)
+                answer = worker.about
+            else:
+                answer = worker.render(request)
+            answer["resident"] = resident()
+        except Exception as error:  # what Blender refuses is told, in its own words
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+    answers.close()
+    os._exit(0)  # bpy may crash while the interpreter winds up
+
+
+class Worker:
+    """A scene with one mesh and one camera.
+
+    `request` has `file` (.ply or .glb), `engine` ("cycles" or "workbench") and `exact`: false leaves
+    Blender's colour management, and what its importer takes colours for, as they come.
+    """
+
+    def __init__(self, request: dict[str, Any]) -> None:
+        import bpy
+
+        self._bpy = bpy
+        self.about = {"version": bpy.app.version_string, "baseline": resident()}
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self.scene = bpy.context.scene
+        self._import(request["file"], exact=request["exact"])
+        self.mesh = next(thing for thing in bpy.data.objects if thing.type == "MESH")
+        self._set_output(exact=request["exact"])
+        self.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+        self.scene.collection.objects.link(self.camera)
+        self.scene.camera = self.camera
+        if request["engine"] == "cycles":
+            self._set_cycles()
+        else:
+            self._set_workbench()
+
+    def _import(self, name: str, *, exact: bool) -> None:
+        operators = self._bpy.ops
+        if name.endswith(".ply"):
+            # "Linear" stores the file's values as they are; the default takes them for sRGB and converts.
+            operators.wm.ply_import(filepath=name, import_colors="LINEAR" if exact else "SRGB")
+        else:
+            operators.import_scene.gltf(filepath=name)
+
+    def _set_output(self, *, exact: bool) -> None:
+        scene = self.scene
+        if exact:
+            scene.display_settings.display_device = "sRGB"
+            scene.view_settings.view_transform = "Raw"
+            scene.view_settings.look = "None"
+            scene.view_settings.exposure = 0
+            scene.view_settings.gamma = 1
+        render = scene.render
+        render.resolution_percentage = 100
+        render.dither_intensity = 0
+        render.filter_size = 0
+        render.film_transparent = True  # the background is put behind afterwards
+        render.use_compositing = render.use_sequencer = False
+        self.scene.view_layers[0].use_pass_z = True
+
+    def _set_cycles(self) -> None:
+        scene, bpy = self.scene, self._bpy
+        scene.render.engine = "CYCLES"
+        scene.render.use_persistent_data = True
+        cycles = scene.cycles
+        cycles.device = "CPU"
+        cycles.samples = 1
+        cycles.use_adaptive_sampling = cycles.use_denoising = False
+        cycles.max_bounces = 0
+        # One sample in the middle of the pixel.
+        cycles.pixel_filter_type = "BOX"
+        cycles.filter_width = 0.01
+        material = bpy.data.materials.new("unlit")
+        if not material.node_tree:  # before Blender 5
+            material.use_nodes = True
+        nodes, links = material.node_tree.nodes, material.node_tree.links
+        nodes.clear()
+        emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+        attribute = nodes.new("ShaderNodeAttribute")
+        attribute.attribute_name = self.mesh.data.color_attributes[0].name
+        links.new(attribute.outputs["Color"], emission.inputs["Color"])
+        links.new(emission.outputs["Emission"], output.inputs["Surface"])
+        self.mesh.data.materials.clear()
+        self.mesh.data.materials.append(material)
+
+    def _set_workbench(self) -> None:
+        import gpu
+
+        scene = self.scene
+        scene.render.engine = "BLENDER_WORKBENCH"
+        scene.display.render_aa = "OFF"
+        shading = scene.display.shading
+        shading.light = "FLAT"
+        shading.color_type = "VERTEX"
+        for name in ("show_shadows", "show_cavity", "show_object_outline", "show_specular_highlight"):
+            setattr(shading, name, False)
+        shading.show_backface_culling = False
+        # What draws is known once something was drawn.
+        scene.render.resolution_x = scene.render.resolution_y = 8
+        self._bpy.ops.render.render()
+        self.about["gpu"] = gpu.platform.renderer_get()
+
+    def render(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Render from `request`'s camera; into its `png` or its `exr` (colours and depths), or nowhere."""
+        from mathutils import Matrix
+
+        scene, camera = self.scene, self.camera.data
+        render = scene.render
+        render.resolution_x, render.resolution_y = request["size"]
+        render.pixel_aspect_x, render.pixel_aspect_y = request["aspect"]
+        camera.sensor_fit = "HORIZONTAL"
+        camera.sensor_width, camera.lens = request["sensor_width"], request["lens"]
+        camera.shift_x, camera.shift_y = request["shift"]
+        camera.clip_start, camera.clip_end = request["clip"]
+        self.camera.matrix_world = Matrix(request["matrix"])
+        settings = render.image_settings
+        target = request.get("exr") or request.get("png")
+        if target:
+            render.filepath = target
+            several = bool(request.get("exr"))
+            if hasattr(settings, "media_type"):  # since Blender 5
+                settings.media_type = "MULTI_LAYER_IMAGE" if several else "IMAGE"
+            settings.file_format = "OPEN_EXR_MULTILAYER" if several else "PNG"
+            settings.color_depth = "32" if several else "8"
+            if several:
+                settings.exr_codec = "NONE"
+                if hasattr(settings, "use_exr_interleave"):
+                    settings.use_exr_interleave = True  # parts of their own fail unless pixels are square
+            else:
+                settings.color_mode = "RGBA"
+        start = time.perf_counter()
+        self._bpy.ops.render.render(write_still=bool(target))
+        return {"ms": 1000 * (time.perf_counter() - start)}
+
+
+def resident() -> int:
+    """Return the bytes of memory this process holds now, 0 where the system does not say."""
+    status = Path("/proc/self/statm")
+    return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if status.exists() else 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,253 @@
+"""A headless browser that shows our page and draws what it is told, over HTTP on this machine alone.
+
+The page asks for the next task and posts what it drew (web/remote.js); nothing but the browser itself is
+needed, no driver and no debugging protocol. The address holds a secret, so that other users of the machine
+can neither read the asset nor answer in the page's place.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import weakref
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
+
+from msb.errors import DeviceError, shorten
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+VARIABLE = "MSB_BROWSER"
+"""Environment variable: the browser to use."""
+_NAMES = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "msedge",
+    "microsoft-edge",
+)
+_PLACES = (
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+    "C:/Program Files/Google/Chrome/Application/chrome.exe",
+    "C:/Program Files (x86)/Microsoft/Edge/Application/msedge.exe",
+)
+_FLAGS = (
+    "--headless=new",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--disable-extensions",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--hide-scrollbars",
+    "--window-size=800,600",
+    "--blink-settings=allowScriptsToCloseWindows=true",  # the page ends its browser when its server has gone
+)
+_SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_ANY = ("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+_START_SECONDS = 120
+_LONGEST_SECONDS = 600
+_MAX_ANSWER = 1 << 31
+
+
+class Answer(NamedTuple):
+    """What the page said: a JSON object, and the bytes after it."""
+
+    head: dict[str, Any]
+    body: memoryview
+
+
+def find_browser() -> str | None:
+    """Return the browser to start: MSB_BROWSER, else the first of Chromium, Chrome and Edge."""
+    named = os.environ.get(VARIABLE)
+    if named:
+        return shutil.which(named)
+    found = next((path for path in map(shutil.which, _NAMES) if path), None)
+    return found or next((place for place in _PLACES if Path(place).exists()), None)
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing: that a browser which is ended drops its connections is no news."""
+
+
+class Page:
+    """A page that draws in a browser of its own.
+
+    Parameters
+    ----------
+    browser : str
+        The program.
+    content : mapping of str to bytes
+        What the server has: "page.html", and what that loads.
+    query : str
+        What stands behind the question mark of the page's address.
+    software : bool, optional
+        Draw on the CPU. Otherwise the browser takes a GPU where it finds one.
+
+    Raises
+    ------
+    DeviceError
+        `ENGINE_FAILED`.
+    """
+
+    def __init__(
+        self, browser: str, content: Mapping[str, bytes], query: str, *, software: bool = False
+    ) -> None:
+        self._tasks: queue.Queue[bytes] = queue.Queue()
+        self._answers: queue.Queue[bytes] = queue.Queue()
+        self._secret = secrets.token_urlsafe(16)
+        handler = _handler(f"/{self._secret}/", content, self._tasks, self._answers)
+        self._server = _Server(("127.0.0.1", 0), handler)
+        threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
+        self._folder = tempfile.TemporaryDirectory(prefix="msb-browser-", ignore_cleanup_errors=True)
+        self._log: IO[bytes] = (Path(self._folder.name) / "log").open("w+b")
+        address = f"http://127.0.0.1:{self._server.server_address[1]}/{self._secret}/page.html?{query}"
+        command = [browser, *_FLAGS, *(_SOFTWARE if software else _ANY)]
+        if hasattr(os, "geteuid") and os.geteuid() == 0:
+            command.append("--no-sandbox")  # Chromium refuses to start as root with one
+        command += [f"--user-data-dir={self._folder.name}/profile", address]
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=self._log,
+                stderr=self._log,
+                start_new_session=sys.platform != "win32",
+            )
+        except OSError as error:
+            _end(None, self._server, self._log, self._folder)
+            raise DeviceError("ENGINE_FAILED", f"{browser} does not start: {error.strerror}") from error
+        # Also when nobody closes this before the program ends.
+        self.close = weakref.finalize(self, _end, self._process, self._server, self._log, self._folder)
+        try:
+            self.about = self._wait(_START_SECONDS).head
+        except BaseException:
+            self.close()
+            raise
+
+    def ask(self, task: Mapping[str, Any]) -> Answer:
+        """Return the page's answer to `task`.
+
+        Raises
+        ------
+        DeviceError
+            `ENGINE_FAILED`: the page failed, the browser ended or does not answer.
+        """
+        self._tasks.put(json.dumps(task).encode())
+        return self._wait(_LONGEST_SECONDS)
+
+    def resident(self) -> int:
+        """Return the bytes of memory the browser's processes hold, 0 where the system does not say."""
+        total = 0
+        for status in Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError, ValueError, IndexError):
+                # The processes share a session with the one we started.
+                after = status.read_text().rpartition(")")[2].split()
+                if int(after[3]) == self._process.pid:
+                    pages = int((status.parent / "statm").read_text().split()[1])
+                    total += pages * os.sysconf("SC_PAGE_SIZE")
+        return total
+
+    def _wait(self, seconds: float) -> Answer:
+        end = time.monotonic() + seconds
+        while True:
+            try:
+                found = self._answers.get(timeout=0.2)
+                break
+            except queue.Empty:
+                pass
+            if self._process.poll() is not None:
+                text = f"the browser ended with status {self._process.returncode}: {self._last_words()}"
+                raise DeviceError("ENGINE_FAILED", text)
+            if time.monotonic() > end:
+                text = f"the browser does not answer within {seconds:.0f} s: {self._last_words()}"
+                raise DeviceError("ENGINE_FAILED", text)
+        line, _, _ = found.partition(b"\n")
+        head: dict[str, Any] = json.loads(line)
+        if "error" in head:
+            raise DeviceError("ENGINE_FAILED", f"the page in the browser: {shorten(str(head['error']), 200)}")
+        return Answer(head, memoryview(found)[len(line) + 1 :])
+
+    def _last_words(self) -> str:
+        self._log.flush()
+        self._log.seek(0)
+        lines = [line.strip() for line in self._log.read().decode("utf-8", "replace").splitlines()]
+        return shorten(next((line for line in reversed(lines) if line), "it said nothing"), 200)
+
+
+def _end(
+    process: subprocess.Popen[bytes] | None,
+    server: ThreadingHTTPServer,
+    log: IO[bytes],
+    folder: tempfile.TemporaryDirectory[str],
+) -> None:
+    """End the browser, and what served it."""
+    if process is not None and process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    server.shutdown()
+    server.server_close()
+    log.close()
+    folder.cleanup()
+
+
+def _handler(
+    root: str, content: Mapping[str, bytes], tasks: queue.Queue[bytes], answers: queue.Queue[bytes]
+) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_GET(self) -> None:
+            path = self.path.partition("?")[0]
+            if path == f"{root}next":
+                self._send(tasks.get(), "application/json")
+            elif path.startswith(root) and path[len(root) :] in content:
+                kind = "text/html" if path.endswith(".html") else "application/octet-stream"
+                self._send(content[path[len(root) :]], kind)
+            else:
+                self.send_error(404)
+
+        def do_POST(self) -> None:
+            length = int(self.headers.get("Content-Length", 0))
+            if self.path != f"{root}answer" or not 0 < length < _MAX_ANSWER:
+                self.send_error(404)
+                return
+            answers.put(self.rfile.read(length))
+            self._send(b"{}", "application/json")
+
+        def _send(self, body: bytes, kind: str) -> None:
+            with contextlib.suppress(ConnectionError):
+                self.send_response(200)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(body)))
+                self.send_header("Cache-Control", "no-store")
+                self.end_headers()
+                self.wfile.write(body)
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Say nothing."""
+
+    return Handler

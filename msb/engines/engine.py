@@ -1,0 +1,144 @@
+"""What the engines have in common: options, supersampling, how a frame is put together, what is missing."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from msb.engines.mesh import engine_mesh
+from msb.errors import UsageError, shorten
+from msb.render.frame import Frame
+from msb.render.supersampling import box_filter, enlarged, split_supersample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.render.protocol import Drawn
+    from msb.scenes import Camera
+
+    Color = tuple[float, float, float]
+
+NEAR = 0.01
+"""The near plane of the standard tier; there is no far plane."""
+WALL_CLOCK = "draw (wall clock)"
+"""The stage of an engine that cannot say how long its device took: how long we waited for it."""
+DRAW = "draw"
+"""The stage of an engine whose device keeps time."""
+
+
+class Engine(ABC):
+    """A foreign engine as a renderer: draws the standard-tier mesh of an asset.
+
+    Parameters
+    ----------
+    asset : Asset
+    device : {"cpu", "gpu"}, optional
+        Where the engine computes; its own choice if not given. OpenCL devices, MSB_DEVICE included, mean
+        nothing to an engine.
+    settings : mapping, optional
+        As for the standard tier: `supersample`, and `ste_threshold` where the method has it.
+
+    Raises
+    ------
+    UsageError
+        `ENGINE_MISSING`, `DEVICE_SELECTOR`, `SETTING_UNKNOWN`, `SETTING_VALUE`.
+    Unsupported
+        `UNSUPPORTED_STANDARD`.
+    AssetError
+        Values that cannot be drawn.
+    DeviceError
+        `ENGINE_FAILED`, `DEVICE_NOT_FOUND`, `DEVICE_MEMORY`.
+    """
+
+    name: ClassVar[str]
+    tiers: ClassVar[tuple[str, ...]] = ("standard",)
+    version: str
+    device_info: Mapping[str, str]
+    """What draws: `platform` and `name`, for reports."""
+
+    def __init__(
+        self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None
+    ) -> None:
+        self._kind = device_kind(device, self.name)
+        self._samples, others = split_supersample(settings or {})
+        missing = self.missing()
+        if missing is not None:
+            raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}", value=self.name)
+        self._mesh = engine_mesh(asset, others)
+
+    @classmethod
+    @abstractmethod
+    def missing(cls) -> str | None:
+        """Return what has to be installed before this can draw, or None; no engine is started to find out."""
+
+    @abstractmethod
+    def _frame(self, camera: Camera, background: Color) -> Frame:
+        """Return one frame, one sample a pixel."""
+
+    @abstractmethod
+    def _draw(self, camera: Camera, background: Color) -> Drawn:
+        """Draw and wait, reading nothing back."""
+
+    @abstractmethod
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release everything. Twice is harmless."""
+
+    def render(self, camera: Camera, background: Color) -> Frame:
+        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
+        frame = self._frame(enlarged(camera, self._samples), background)
+        if self._samples == 1:
+            return frame
+        return replace(box_filter(frame, self._samples), timings=frame.timings)
+
+    def draw(self, camera: Camera, background: Color) -> Drawn:
+        """Draw and wait, reading nothing back."""
+        return self._draw(enlarged(camera, self._samples), background)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def device_kind(device: Any, name: str) -> str | None:
+    """Return "cpu", "gpu" or None (the engine's own choice).
+
+    Raises
+    ------
+    UsageError
+        `DEVICE_SELECTOR`: anything else.
+    """
+    if device is None or device in ("cpu", "gpu"):
+        return device  # type: ignore[no-any-return]
+    shown = shorten(str(device), 40)
+    text = f'device "{shown}" is one of OpenCL; renderer {name} takes cpu or gpu, or chooses itself'
+    raise UsageError("DEVICE_SELECTOR", text, value=shown)
+
+
+def opaque_frame(
+    image: NDArray[np.float32],
+    hit: NDArray[np.bool_],
+    depth: NDArray[np.float32],
+    background: Color,
+    face_id: NDArray[np.int32] | None,
+    timings: Mapping[str, float],
+) -> Frame:
+    """Return a frame in our terms: `background` and depth 0 wherever `hit` (H, W) is false."""
+    return Frame(
+        image=np.where(hit[..., None], image, np.array(background, np.float32)),
+        alpha=hit.astype(np.float32),
+        depth=np.where(hit, depth, np.float32(0)),
+        face_id=face_id,
+        timings=dict(timings),
+    )

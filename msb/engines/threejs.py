@@ -1,0 +1,138 @@
+"""Renderer `threejs`: three.js (WebGL 2) in a headless browser, on the page that `msb view --web` writes."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.engines.browser import Page, find_browser
+from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
+from msb.engines.webpage import camera_data, page, three_js
+from msb.errors import DeviceError, UsageError
+from msb.render.protocol import Drawn
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.asset import Asset
+    from msb.engines.engine import Color
+    from msb.render import Frame
+    from msb.scenes import Camera
+
+
+class ThreeJsRenderer(Engine):
+    """Draws the GLB of an asset with three.js; `device` "cpu" is SwiftShader, "gpu" a graphics card.
+
+    Colours and depths come from float32 targets, so nothing is rounded. There are no face ids: WebGL does not
+    number primitives. Times are the device's where the browser offers timer queries, else the wall clock's,
+    named so.
+
+    Parameters
+    ----------
+    asset, device, settings
+        As for `Engine`.
+    defaults : bool
+        Leave colours to what three.js makes of glTF by itself, to see what that does: the canvas, 8 bits.
+    """
+
+    name = "threejs"
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: Any = None,
+        settings: Mapping[str, Any] | None = None,
+        defaults: bool = False,
+    ) -> None:
+        super().__init__(asset, device=device, settings=settings)
+        content = {"page.html": page(served=True), "mesh.glb": self._mesh.encoded(".glb")}
+        browser = find_browser()
+        assert browser is not None
+        self._defaults = defaults
+        query = "url=mesh.glb&bare" + ("&colors=linear" if defaults else "")
+        self._page = Page(browser, content, query, software=self._kind == "cpu")
+        about = self._page.about
+        self.version = f"r{about['three']}"
+        drawn_by = str(about["device"])
+        in_software = any(word in drawn_by.lower() for word in ("swiftshader", "llvmpipe", "software"))
+        self.device_info = {
+            "platform": _browser_name(about["browser"]),
+            "name": drawn_by,
+            "kind": "cpu" if in_software else "gpu",
+        }
+        if self._kind == "gpu" and in_software:
+            self.close()
+            text = f"the browser finds no GPU and draws with {drawn_by}; --device cpu asks for that"
+            raise DeviceError("DEVICE_NOT_FOUND", text)
+        self._memory: Mapping[str, int] = {}
+
+    @classmethod
+    def missing(cls) -> str | None:
+        """Return what to install, if anything."""
+        if find_browser() is None:
+            text = "no Chromium, Chrome or Edge is on PATH, and MSB_BROWSER names none"
+            return text + (": apt-get install chromium" if sys.platform == "linux" else "")
+        try:
+            three_js()
+        except UsageError as error:
+            return error.message
+        return None
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes of the page's buffers and targets."""
+        return dict(self._memory)
+
+    def resident(self) -> int:
+        """Return the memory of the browser's processes."""
+        return self._page.resident()
+
+    def close(self) -> None:
+        """End the browser."""
+        self._page.close()
+
+    def _frame(self, camera: Camera, background: Color) -> Frame:
+        head, body = self._ask(camera, background, read=True)
+        height, width = camera.height, camera.width
+        count = 4 * height * width
+        floats = np.frombuffer(body[: 5 * count], np.float32)  # four colours and a depth, four bytes each
+        # Rows of WebGL go up.
+        rgba = floats[:count].reshape(height, width, 4)[::-1]
+        depth = floats[count:].reshape(height, width)[::-1]
+        image = rgba[..., :3]
+        if self._defaults:
+            seen = np.frombuffer(body[5 * count :], np.uint8).reshape(height, width, 4)[::-1]
+            image = np.divide(seen[..., :3], 255, dtype=np.float32)
+        return opaque_frame(image, rgba[..., 3] > 0, depth, background, None, _times(head))
+
+    def _draw(self, camera: Camera, background: Color) -> Drawn:
+        stages = _times(self._ask(camera, background, read=False)[0])
+        return Drawn(stages, sum(stages.values()))
+
+    def _ask(self, camera: Camera, background: Color, *, read: bool) -> tuple[dict[str, Any], memoryview]:
+        side = self._page.about["side"]
+        if max(camera.width, camera.height) > side:
+            size = f"{camera.width} x {camera.height}"
+            text = f"{self.device_info['name']} draws at most {side} pixels each way, not {size}"
+            raise DeviceError("DEVICE_MEMORY", text, limit=side)
+        task = {"view": camera_data(camera), "background": list(background), "read": read}
+        task["canvas"] = read and self._defaults
+        head, body = self._page.ask(task)
+        self._memory = head["memory"]
+        return head, body
+
+
+def _times(head: Mapping[str, Any]) -> dict[str, float]:
+    times = head["ms"]
+    return {DRAW: times["device"]} if "device" in times else {WALL_CLOCK: times["wall"]}
+
+
+def _browser_name(agent: str) -> str:
+    """Return "Chrome 150" or the like of a user-agent text."""
+    for word in agent.split():
+        name, slash, version = word.partition("/")
+        if slash and name.removeprefix("Headless") in ("Chrome", "Edg", "Firefox"):
+            return f"{name.removeprefix('Headless')} {version.partition('.')[0]}, WebGL 2"
+    return "a browser, WebGL 2"

@@ -1,0 +1,94 @@
+"use strict";
+// Served, never written: the page as a renderer that is told from outside what to draw (browser.py).
+const depthMaterial = new THREE.ShaderMaterial({
+  side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
+  vertexShader: `varying float distance_;
+    void main() {
+      vec4 place = modelViewMatrix * vec4(position, 1.0);
+      distance_ = -place.z;
+      gl_Position = projectionMatrix * place;
+    }`,
+  fragmentShader: "varying float distance_; void main() { gl_FragColor = vec4(distance_, 0.0, 0.0, 1.0); }",
+});
+const clock = gl.getExtension("EXT_disjoint_timer_query_webgl2");
+
+async function timed(view, background) {
+  const into = target(THREE.FloatType, view.width, view.height);
+  aim(view);
+  const query = clock ? gl.createQuery() : null;
+  const begin = performance.now();
+  if (query) gl.beginQuery(clock.TIME_ELAPSED_EXT, query);
+  paint(into, background);
+  if (query) gl.endQuery(clock.TIME_ELAPSED_EXT);
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.FLOAT, new Float32Array(4));  // waits
+  const wall = performance.now() - begin;
+  if (!query) return { wall };
+  for (let tries = 0; tries < 200 && !gl.getQueryParameter(query, gl.QUERY_RESULT_AVAILABLE); tries += 1) {
+    await new Promise((done) => setTimeout(done, 1));
+  }
+  const done = gl.getQueryParameter(query, gl.QUERY_RESULT_AVAILABLE) && !gl.getParameter(clock.GPU_DISJOINT_EXT);
+  const device = done ? gl.getQueryParameter(query, gl.QUERY_RESULT) / 1e6 : null;
+  gl.deleteQuery(query);
+  return device ? { wall, device } : { wall };
+}
+
+function pixels(view) {
+  const values = new Float32Array(4 * view.width * view.height);
+  gl.readPixels(0, 0, view.width, view.height, gl.RGBA, gl.FLOAT, values);
+  return values;
+}
+
+function depths(view) {
+  scene.overrideMaterial = depthMaterial;
+  paint(target(THREE.FloatType, view.width, view.height), [0, 0, 0]);
+  scene.overrideMaterial = null;
+  const values = pixels(view), depth = new Float32Array(view.width * view.height);
+  for (let i = 0; i < depth.length; i += 1) depth[i] = values[4 * i];
+  return depth;
+}
+
+// What the canvas shows: bytes, after the conversion that the page was asked for.
+function shown(view, background) {
+  Object.assign(state, { view, background });
+  showNow();
+  renderer.setRenderTarget(null);
+  const values = new Uint8Array(4 * view.width * view.height);
+  gl.readPixels(0, 0, view.width, view.height, gl.RGBA, gl.UNSIGNED_BYTE, values);
+  return values;
+}
+
+function bytesHeld() {
+  const held = { ...world.bytes };
+  for (const one of targets.values()) {
+    held.image = one.width * one.height * 16;
+    held.depth = one.width * one.height * 4;
+  }
+  return held;
+}
+
+async function obey() {
+  const answer = async (head, ...parts) =>
+    fetch("answer", { method: "POST", body: new Blob([JSON.stringify(head), "\n", ...parts]) });
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  if (!await ready) { await answer({ error: byId("message").textContent }); return; }
+  if (!floats) { await answer({ error: "this browser cannot draw into floats (EXT_color_buffer_float)" }); return; }
+  await answer({
+    three: THREE.REVISION, browser: navigator.userAgent, reversed: clip !== null, timer: clock !== null,
+    device: info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER),
+    subpixel_bits: gl.getParameter(gl.SUBPIXEL_BITS), side: gl.getParameter(gl.MAX_RENDERBUFFER_SIZE),
+  });
+  for (;;) {
+    let asked;
+    // Who told us what to draw has gone: end the browser with its only window.
+    try { asked = await (await fetch("next")).json(); } catch { window.close(); return; }
+    if (asked.stop) { window.close(); return; }
+    try {
+      const { view, background } = asked;
+      const ms = await timed(view, background);
+      const parts = asked.read ? [pixels(view), depths(view)] : [];
+      if (asked.canvas) parts.push(shown(view, background));
+      await answer({ ms, memory: bytesHeld() }, ...parts);
+    } catch (error) { await answer({ error: String(error.message || error) }); }
+  }
+}
+obey();

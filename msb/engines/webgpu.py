@@ -1,0 +1,355 @@
+"""Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
+
+The pipeline is what an engine has for an opaque, unlit, vertex-coloured mesh. The camera is ours: K and
+world_to_camera, the near plane at 0.01 and none behind (reversed depth, float32), colours into a float32
+target, so that nothing is rounded or converted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
+from msb.engines.webgpu_adapter import INSTALL, all_adapters, choose_adapter, nanoseconds_a_tick
+from msb.errors import DeviceError, shorten
+from msb.render.protocol import Drawn
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.engines.engine import Color
+    from msb.render import Frame
+    from msb.scenes import Camera
+
+IMAGE_FORMAT = "rgba32float"
+IDS_FORMAT = "r32uint"
+DEPTH_FORMAT = "depth32float"
+_SHADER = """
+ENABLE
+struct Camera { clip: mat4x4<f32>, center: vec4<f32>, rest: vec4<f32> };
+@group(0) @binding(0) var<uniform> camera: Camera;
+struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f32> };
+@vertex fn project(@location(0) place: vec3<f32>, @location(1) color: vec4<f32>) -> Between {
+    // The camera's centre comes in two parts: far from the origin the second holds what float32 drops.
+    let local = (place - camera.center.xyz) - camera.rest.xyz;
+    return Between(camera.clip * vec4<f32>(local, 1.0), color.rgb);
+}
+struct Seen { @location(0) color: vec4<f32>, IDS_FIELD };
+@fragment fn shade(between: Between IDS_INPUT) -> Seen {
+    return Seen(vec4<f32>(between.color, 1.0), IDS_VALUE);
+}
+"""
+
+
+class WgpuRenderer(Engine):
+    """Draws through wgpu-py; `device` "cpu" is a software adapter (lavapipe), "gpu" anything else.
+
+    Frames have `face_id` where the adapter numbers primitives. Times are the device's own where the adapter
+    has timestamps, else the wall clock's, and then named so.
+    """
+
+    name = "wgpu"
+
+    def __init__(
+        self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None
+    ) -> None:
+        super().__init__(asset, device=device, settings=settings)
+        import wgpu
+
+        self.version = wgpu.__version__
+        self._gpu = wgpu
+        adapter = choose_adapter(self._kind)
+        about = dict(adapter.info)
+        self.device_info = {
+            "platform": f"{about['backend_type']}, {about['description']}".rstrip(", "),
+            "name": about["device"],
+            "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
+        }
+        self._timed = "timestamp-query" in adapter.features
+        self._numbered = "primitive-index" in adapter.features
+        features = [
+            name
+            for name, there in (("timestamp-query", self._timed), ("primitive-index", self._numbered))
+            if there
+        ]
+        limit = adapter.limits["max-buffer-size"]
+        self._side = adapter.limits["max-texture-dimension-2d"]
+        needed = max(self._mesh.positions.nbytes, self._mesh.indices.nbytes, 16 * len(self._mesh.colors))
+        if needed > limit:
+            text = f"{about['device']} takes buffers of {limit} bytes, this mesh needs one of {needed}"
+            raise DeviceError("DEVICE_MEMORY", text, value=needed, limit=limit)
+        with self._told("opening the device"):
+            self._device = adapter.request_device_sync(
+                required_features=features,
+                required_limits={"max-buffer-size": limit, "max-texture-dimension-2d": self._side},
+            )
+            self._held: dict[str, Any] = {}
+            self._make_mesh()
+            self._pipelines = {ids: self._pipeline(ids) for ids in {False, self._numbered}}
+            self._make_clock()
+        self._size: tuple[int, int] | None = None
+
+    @classmethod
+    def missing(cls) -> str | None:
+        """Return which extra or driver is missing, if one is."""
+        if find_spec("wgpu") is None:
+            return "wgpu-py is not installed: pip install 'meshsplatbench[wgpu]'"
+        return None if all_adapters() else f"there is no graphics driver; {INSTALL}"
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes of every buffer and texture."""
+        return {use: _nbytes(thing) for use, thing in self._held.items()}
+
+    def close(self) -> None:
+        """Release everything."""
+        for thing in self._held.values():
+            thing.destroy()
+        self._held.clear()
+        self._device.destroy()
+
+    def _buffer(self, use: str, usage: int, data: NDArray[Any] | int) -> Any:
+        if isinstance(data, int):
+            made = self._device.create_buffer(size=data, usage=usage)
+        else:
+            made = self._device.create_buffer_with_data(data=np.ascontiguousarray(data), usage=usage)
+        return self._hold(use, made)
+
+    def _hold(self, use: str, thing: Any) -> Any:
+        old = self._held.pop(use, None)
+        if old is not None:
+            old.destroy()
+        self._held[use] = thing
+        return thing
+
+    def _make_mesh(self) -> None:
+        usage, mesh = self._gpu.BufferUsage, self._mesh
+        colors = mesh.colors
+        if colors.dtype == np.uint8:
+            colors = np.concatenate([colors, np.full((len(colors), 1), 255, np.uint8)], axis=1)
+            self._color_layout = 4, "unorm8x4"
+        else:
+            self._color_layout = 12, "float32x3"
+        self._buffer("positions", usage.VERTEX, mesh.positions)
+        self._buffer("vertex colors", usage.VERTEX, colors)
+        self._buffer("indices", usage.INDEX, mesh.indices)
+        self._buffer("camera", usage.UNIFORM | usage.COPY_DST, 96)
+
+    def _pipeline(self, ids: bool) -> Any:
+        source = _SHADER.replace("ENABLE", "enable primitive_index;" if ids else "")
+        source = source.replace("IDS_FIELD", "@location(1) face: u32" if ids else "")
+        source = source.replace("IDS_INPUT", ", @builtin(primitive_index) face: u32" if ids else "")
+        source = source.replace("IDS_VALUE", "face" if ids else "")
+        shader = self._device.create_shader_module(code=source)
+
+        def attributes(stride: int, kind: str, location: int) -> dict[str, Any]:
+            attribute = {"format": kind, "offset": 0, "shader_location": location}
+            return {"array_stride": stride, "step_mode": "vertex", "attributes": [attribute]}
+
+        targets = [{"format": IMAGE_FORMAT}, *([{"format": IDS_FORMAT}] if ids else [])]
+        return self._device.create_render_pipeline(
+            layout="auto",
+            vertex={
+                "module": shader,
+                "entry_point": "project",
+                "buffers": [attributes(12, "float32x3", 0), attributes(*self._color_layout, 1)],
+            },
+            primitive={"topology": "triangle-list", "cull_mode": "none"},
+            depth_stencil={
+                "format": DEPTH_FORMAT,
+                "depth_write_enabled": True,
+                "depth_compare": "greater",  # at equal depths the first face stays
+            },
+            fragment={"module": shader, "entry_point": "shade", "targets": targets},
+        )
+
+    def _make_clock(self) -> None:
+        usage = self._gpu.BufferUsage
+        self._tick = nanoseconds_a_tick(self._device) if self._timed else None
+        self._queries = None
+        if self._tick is not None:
+            self._queries = self._device.create_query_set(type="timestamp", count=2)
+        # Each frame ends with a copy of these; that they can be read says that the frame is done.
+        self._buffer("times", usage.QUERY_RESOLVE | usage.COPY_SRC, 16)
+        self._buffer("times, read back", usage.COPY_DST | usage.MAP_READ, 16)
+
+    def _make_targets(self, width: int, height: int) -> None:
+        if self._size == (width, height):
+            return
+        if max(width, height) > self._side:
+            size = f"{width} x {height}"
+            text = f"{self.device_info['name']} draws at most {self._side} pixels each way, not {size}"
+            raise DeviceError("DEVICE_MEMORY", text, value=[width, height], limit=self._side)
+        self._size = None
+        usage = self._gpu.TextureUsage
+        formats = {"image": IMAGE_FORMAT, "depth": DEPTH_FORMAT}
+        if self._numbered:
+            formats["face ids"] = IDS_FORMAT
+        for use, form in formats.items():
+            texture = self._device.create_texture(
+                size=(width, height, 1), format=form, usage=usage.RENDER_ATTACHMENT | usage.COPY_SRC
+            )
+            self._hold(use, texture)
+            row = _row_bytes(width, 16 if use == "image" else 4)
+            flags = self._gpu.BufferUsage.COPY_DST | self._gpu.BufferUsage.MAP_READ
+            self._buffer(f"{use}, read back", flags, row * height)
+        self._size = width, height
+
+    def _frame(self, camera: Camera, background: Color) -> Frame:
+        with self._told("drawing"):
+            drawn = self._run(camera, background, everything=True)
+            image = self._read("image", np.float32, 4)
+            depth = self._read("depth", np.float32, 1)
+            face_id = self._face_ids() if self._numbered else None
+        hit = depth > 0
+        depth = np.divide(NEAR, depth, out=np.zeros_like(depth), where=hit, dtype=np.float32)
+        return opaque_frame(image[..., :3], hit, depth, background, face_id, drawn.stages)
+
+    def _draw(self, camera: Camera, background: Color) -> Drawn:
+        with self._told("drawing"):
+            return self._run(camera, background, everything=False)
+
+    def _run(self, camera: Camera, background: Color, *, everything: bool) -> Drawn:
+        """Draw and wait; with `everything` face ids too, and copies of all planes where we can read them."""
+        self._make_targets(camera.width, camera.height)
+        start = time.perf_counter()
+        self._device.queue.write_buffer(self._held["camera"], 0, camera_record(camera))
+        encoder = self._device.create_command_encoder()
+        ids = everything and self._numbered
+        self._encode_pass(encoder, background, ids)
+        if everything:
+            for use, nbytes in (("image", 16), ("depth", 4), *([("face ids", 4)] if ids else [])):
+                layout = {
+                    "buffer": self._held[f"{use}, read back"],
+                    "bytes_per_row": _row_bytes(camera.width, nbytes),
+                    "rows_per_image": camera.height,
+                }
+                size = camera.width, camera.height, 1
+                encoder.copy_texture_to_buffer({"texture": self._held[use]}, layout, size)
+        source, target = self._held["times"], self._held["times, read back"]
+        if self._queries is not None:
+            encoder.resolve_query_set(self._queries, 0, 2, source, 0)
+        encoder.copy_buffer_to_buffer(source, 0, target, 0, 16)
+        self._device.queue.submit([encoder.finish()])
+        began, ended = self._mapped("times, read back").view(np.uint64).tolist()
+        waited = 1000 * (time.perf_counter() - start)
+        if self._tick is None:
+            return Drawn({WALL_CLOCK: waited}, waited)
+        milliseconds = max(0, ended - began) * self._tick / 1e6
+        return Drawn({DRAW: milliseconds}, milliseconds)
+
+    def _encode_pass(self, encoder: Any, background: Color, ids: bool) -> None:
+        held = self._held
+        clears = {"image": (*background, 0.0), **({"face ids": (2.0**32 - 1, 0, 0, 0)} if ids else {})}
+        options: dict[str, Any] = {}
+        if self._queries is not None:
+            options["timestamp_writes"] = {
+                "query_set": self._queries,
+                "beginning_of_pass_write_index": 0,
+                "end_of_pass_write_index": 1,
+            }
+        drawing = encoder.begin_render_pass(
+            color_attachments=[
+                {
+                    "view": held[use].create_view(),
+                    "load_op": "clear",
+                    "store_op": "store",
+                    "clear_value": value,
+                }
+                for use, value in clears.items()
+            ],
+            depth_stencil_attachment={
+                "view": held["depth"].create_view(),
+                "depth_clear_value": 0.0,
+                "depth_load_op": "clear",
+                "depth_store_op": "store",
+            },
+            **options,
+        )
+        pipeline = self._pipelines[ids]
+        drawing.set_pipeline(pipeline)
+        entries = [{"binding": 0, "resource": {"buffer": held["camera"]}}]
+        layout = pipeline.get_bind_group_layout(0)
+        drawing.set_bind_group(0, self._device.create_bind_group(layout=layout, entries=entries))
+        drawing.set_vertex_buffer(0, held["positions"])
+        drawing.set_vertex_buffer(1, held["vertex colors"])
+        drawing.set_index_buffer(held["indices"], "uint32")
+        drawing.draw_indexed(self._mesh.indices.size)
+        drawing.end()
+
+    def _face_ids(self) -> NDArray[np.int32]:
+        seen = self._read("face ids", np.uint32, 1)
+        nothing = seen == np.uint32(2**32 - 1)
+        if self._mesh.numbers is not None:
+            seen = self._mesh.numbers[np.where(nothing, 0, seen)]
+        return np.where(nothing, -1, seen.astype(np.int64)).astype(np.int32)
+
+    def _read(self, use: str, dtype: Any, channels: int) -> NDArray[Any]:
+        assert self._size is not None
+        width, height = self._size
+        values = self._mapped(f"{use}, read back").view(dtype).reshape(height, -1)[:, : width * channels]
+        return np.reshape(values, (height, width) if channels == 1 else (height, width, channels))
+
+    def _mapped(self, use: str) -> NDArray[np.uint8]:
+        buffer = self._held[use]
+        buffer.map_sync(self._gpu.MapMode.READ)
+        try:
+            return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
+        finally:
+            buffer.unmap()
+
+    @contextlib.contextmanager
+    def _told(self, doing: str) -> Iterator[None]:
+        """Turn what wgpu raises into an error of ours."""
+        try:
+            yield
+        except self._gpu.GPUOutOfMemoryError as error:
+            text = f"{self.device_info['name']}: out of memory, {doing}"
+            raise DeviceError("DEVICE_MEMORY", text) from error
+        except (self._gpu.GPUError, RuntimeError) as error:
+            text = f"{self.device_info['name']}: {doing}: {shorten(str(error), 200)}"
+            raise DeviceError("ENGINE_FAILED", text) from error
+
+
+def camera_record(camera: Camera) -> NDArray[np.float32]:
+    """Return (24,) float32: the clip matrix (columns first) of points relative to the camera, and its centre.
+
+    x and y of clip space are 2u/W - 1 and 1 - 2v/H times depth; z is the near distance, so that the depth
+    buffer gets near / z: 1 at the near plane, 0 infinitely far.
+    """
+    rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
+    center = -np.linalg.inv(rotation) @ translation  # rotations are orthonormal to 1e-4 only
+    rounded = center.astype(np.float32).astype(np.float64)
+    width, height = camera.width, camera.height
+    projection = np.array(
+        [
+            [2 * camera.fx / width, 0, 2 * camera.cx / width - 1, 0],
+            [0, -2 * camera.fy / height, 1 - 2 * camera.cy / height, 0],
+            [0, 0, 0, NEAR],
+            [0, 0, 1, 0],
+        ]
+    )
+    turned = np.eye(4)
+    turned[:3, :3] = rotation
+    parts = ((projection @ turned).T.reshape(-1), rounded, [0.0], center - rounded, [0.0])
+    with np.errstate(over="ignore"):  # a camera 1e39 away sees nothing
+        return np.concatenate(parts).astype(np.float32)
+
+
+def _row_bytes(width: int, nbytes: int) -> int:
+    """Return the bytes of a row that is copied: WebGPU wants a multiple of 256."""
+    return -(-nbytes * width // 256) * 256
+
+
+def _nbytes(thing: Any) -> int:
+    if hasattr(thing, "map_sync"):
+        return int(thing.size)
+    width, height, _ = thing.size
+    return int(width * height * (16 if thing.format == IMAGE_FORMAT else 4))

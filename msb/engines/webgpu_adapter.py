@@ -1,0 +1,89 @@
+"""Which of the adapters that wgpu finds draws, and how its clock ticks."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from msb.errors import DeviceError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+INSTALL = (
+    "apt-get install mesa-vulkan-drivers brings Vulkan in software"
+    if sys.platform == "linux"
+    else "it needs a driver for Vulkan, Metal or Direct3D 12"
+)
+"""What to do where there is nothing to draw with."""
+_KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
+_BACKENDS = ("Vulkan", "Metal", "D3D12", "D3D11", "OpenGL", "OpenGLES")
+
+
+@cache
+def all_adapters() -> list[Any]:
+    """Return every adapter, of all backends."""
+    import wgpu
+
+    with _runtime_folder():
+        return list(wgpu.gpu.enumerate_adapters_sync())
+
+
+def choose_adapter(kind: str | None) -> Any:
+    """Return the adapter to draw with: a GPU where there is one, Vulkan, Metal and D3D12 before OpenGL.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_NOT_FOUND`.
+    """
+    adapters = all_adapters()
+    usable = [
+        adapter
+        for adapter in adapters
+        if kind is None or (adapter.info["adapter_type"] == "CPU") is (kind == "cpu")
+    ]
+    if usable:
+        return min(usable, key=lambda adapter: _rank(adapter.info))
+    if kind == "gpu":
+        there = ", ".join(sorted({adapter.info["device"] for adapter in adapters})) or "nothing"
+        text = f"wgpu finds no GPU, only {there}; --device cpu draws in software"
+    else:
+        text = f"wgpu finds no {'software ' if kind else ''}adapter; {INSTALL}"
+    raise DeviceError("DEVICE_NOT_FOUND", text)
+
+
+def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
+    kinds = (*_KINDS, info["adapter_type"])
+    backends = (*_BACKENDS, info["backend_type"])
+    return kinds.index(info["adapter_type"]), backends.index(info["backend_type"])
+
+
+@contextlib.contextmanager
+def _runtime_folder() -> Iterator[None]:
+    """Without XDG_RUNTIME_DIR (a container, a job on a cluster) Mesa complains on standard error."""
+    if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
+        yield
+        return
+    os.environ["XDG_RUNTIME_DIR"] = tempfile.gettempdir()
+    try:
+        yield
+    finally:
+        del os.environ["XDG_RUNTIME_DIR"]
+
+
+def nanoseconds_a_tick(device: Any) -> float | None:
+    """Return what a step of the device's timestamps is, None if this wgpu-py does not say.
+
+    It hands timestamps over as they are, and does not wrap the question: so the library under it is asked.
+    """
+    from wgpu.backends.wgpu_native import lib
+
+    try:
+        return float(lib.wgpuQueueGetTimestampPeriod(device.queue._internal))
+    except AttributeError:
+        return None

@@ -1,0 +1,135 @@
+"""The three.js page: one file that any browser with WebGL 2 opens offline, with or without an asset in it.
+
+three.js and its GLTFLoader are those that trimesh, which we depend on, ships inside its own viewer; they go
+into the page when it is written, with their licence.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import zipfile
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.atomic import new_file
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from msb.scenes import Camera
+
+LARGE = 3_000_000
+"""Faces from which a page with the asset in it is more than most browsers hold."""
+_ARCHIVE, _TEMPLATE = "resources/templates/viewer.zip", "viewer.html.template"
+_BEGIN, _END = "@license", "THREE.GLTFLoader=GLTFLoader;})();"
+
+
+def write_web_page(
+    path: Path,
+    glb: bytes | None = None,
+    *,
+    name: str = "",
+    cameras: Sequence[Camera] = (),
+    up: str = "+y",
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    path : Path
+    glb : bytes, optional
+        The mesh to show; without one the page waits for a file to be dropped, or for `?url=`.
+    name : str
+        What the page calls the mesh.
+    cameras : sequence of Camera
+        The list a viewer can choose from.
+    up : str
+        "+y" and the like: what the mesh is turned about.
+    background : 3 floats
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    UsageError
+        `ENGINE_MISSING`: trimesh does not hold three.js.
+    """
+    data = page(glb, name=name, cameras=cameras, up=up, background=background)
+    with new_file(path) as file:
+        file.write(data)
+
+
+def page(
+    glb: bytes | None = None,
+    *,
+    name: str = "",
+    cameras: Sequence[Camera] = (),
+    up: str = "+y",
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    served: bool = False,
+) -> bytes:
+    """Return the page, UTF-8. `served`: it asks its server what to draw (`browser.py`)."""
+    folder = files("msb.engines") / "web"
+    listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
+    scene = {"name": name, "cameras": listed, "up": up, "background": list(background)}
+    script = (folder / "page.js").read_text("utf-8")
+    if served:
+        script += (folder / "remote.js").read_text("utf-8").replace('"use strict";\n', "", 1)
+    # Each mark is looked for in what is left of the template only: a name may look like one.
+    rest = (folder / "page.html").read_text("utf-8")
+    parts = []
+    for mark, value in (
+        ("@TITLE@", html.escape(name or "MeshSplatBench")),
+        # "</" would end the element it stands in.
+        ("@SCENE@", json.dumps(scene).replace("<", "\\u003c")),
+        ("@GLB@", "" if glb is None else base64.b64encode(glb).decode("ascii")),
+        ("@THREE@", three_js()),
+        ("@SCRIPT@", script),
+    ):
+        before, rest = rest.split(mark, 1)
+        parts += [before, value]
+    return "".join([*parts, rest]).encode()
+
+
+def camera_data(camera: Camera) -> dict[str, Any]:
+    """Return what the page wants to know of a camera."""
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "world_to_camera": camera.world_to_camera.tolist(),
+    }
+
+
+def three_js() -> str:
+    """Return three.js with GLTFLoader, as a classic script that defines `THREE`.
+
+    Raises
+    ------
+    UsageError
+        `ENGINE_MISSING`.
+    """
+    found = find_spec("trimesh")
+    places = [Path(place) / _ARCHIVE for place in (found and found.submodule_search_locations) or ()]
+    for place in places:
+        if not place.exists():
+            continue
+        with zipfile.ZipFile(place) as archive:
+            if _TEMPLATE not in archive.namelist():
+                continue
+            text = archive.read(_TEMPLATE).decode("utf-8")
+        start = text.rfind("<script>", 0, text.find(_BEGIN))
+        end = text.find(_END)
+        if 0 <= start < end:
+            return text[start + len("<script>") : end + len(_END)]
+    text = "this trimesh does not hold three.js where versions 4.5 to 5.2 do: pip install 'trimesh<=5.2.0'"
+    raise UsageError("ENGINE_MISSING", text)

@@ -1,0 +1,107 @@
+"""Engines on the command line: listed, used by name, and the page that is written."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.engines.blender import VARIABLE as BLENDER
+from msb.engines.browser import VARIABLE as BROWSER
+from msb.render.protocol import ENGINES
+from tests.cli.conftest import msb
+from tests.conftest import ROOT
+from tests.engines.conftest import need
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+__all__ = ["msb"]
+VIEWS = ROOT / "data_stubs" / "views.json"
+
+
+def test_devices_lists_renderers_and_what_is_missing(msb: Msb) -> None:
+    nothing = {BROWSER: "no-such-browser", BLENDER: "no-such-python"}
+    result = msb("devices", **nothing)
+    lines = result.out.splitlines()
+    rows = [line.split() for line in lines]
+    assert ["standard", "yes"] in rows
+    for name in ENGINES:
+        assert any(row and row[0] == name for row in rows)
+    assert "apt-get install chromium" in result.out or "MSB_BROWSER" in result.out
+    assert max(map(len, lines)) <= 80
+    listed = {row["name"]: row for row in msb("devices", "--json", "-", **nothing).json["renderers"]}
+    assert listed["standard"] == {
+        "name": "standard",
+        "from": "msb.render.standard:StandardRenderer",
+        "missing": None,
+    }
+    assert "MSB_BROWSER" in listed["threejs"]["missing"]
+    assert "MSB_BLENDER" in listed["blender_cycles"]["missing"]
+    assert ["threejs", "no"] in [line.split() for line in msb("devices", "-q", **nothing).out.splitlines()]
+
+
+def test_render_and_bench_with_an_engine(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    need("wgpu")
+    common = ("--cameras", VIEWS, "--camera", "0", "--scale", "0.25", "--json", "-")
+    ours = msb("render", *common, "--format", "npy", "-o", tmp_path / "ours", demo_asset)
+    theirs = msb(
+        "render", *common, "--format", "npy", "-o", tmp_path / "wgpu", "--renderer", "wgpu", demo_asset
+    )
+    assert theirs.err == ""
+    assert theirs.json["renderer"].startswith("wgpu ")
+    images = [np.load(result.json["frames"][0]["image"]) for result in (ours, theirs)]
+    assert (np.abs(images[0] - images[1]).max(axis=2) < 1 / 255).mean() > 0.999
+    timed = ("--frames", "2", "--seconds", "0")
+    record = msb("bench", *common, *timed, "--renderer", "wgpu", demo_asset).json
+    assert set(record["machine"]["device"]) == {"platform", "name", "kind"}
+    assert record["fps"] > 0
+
+
+def test_an_engine_that_is_missing_ends_with_2(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    options = ("--turntable", "1", "-o", tmp_path / "out", "--renderer", "threejs")
+    result = msb("render", *options, demo_asset, **{BROWSER: "no-such-browser"})
+    assert result.status == 2
+    assert result.err.startswith("ENGINE_MISSING: renderer threejs: no Chromium")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_page_holds_the_asset_and_its_cameras(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    result = msb("view", "--web", page, "--cameras", VIEWS, "--background", "black", demo_asset)
+    assert (result.status, result.out, result.err) == (0, f"{page}\n", "")
+    text = page.read_text()
+    assert '"name": "turntable_00000"' in text
+    assert '"background": [0.0, 0.0, 0.0]' in text
+    assert len(text) > 1_000_000
+    again = msb("view", "--web", page, demo_asset)
+    assert again.status == 2
+    assert again.err.startswith("OUTPUT_EXISTS: ")
+
+
+def test_an_empty_page_needs_no_asset(msb: Msb, tmp_path: Path) -> None:
+    assert msb("view", "--web", tmp_path / "empty.html").status == 0
+    assert (tmp_path / "empty.html").stat().st_size < 1_000_000
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("--web", "a.png"),
+        ("--web", "a.html", "--show", "all", "x.ply"),
+        ("--web", "a.html", "--compare", "x.ply"),
+        ("--web", "a.html", "--html", "b.html", "x.ply"),
+        ("--web", "a.html", "--supersample", "2", "x.ply"),
+        ("--web", "a.html", "--cameras", "views.json"),
+        ("--web", "a.html", "--camera", "0", str(ROOT / "data_stubs" / "splat_like.triasset")),
+        (),
+    ],
+)
+def test_what_makes_no_sense_is_refused(msb: Msb, tmp_path: Path, args: tuple[str, ...]) -> None:
+    result = msb("view", *args, cwd=tmp_path)
+    assert result.status == 2
+    assert result.err.startswith("USAGE: ")
+    assert not list(tmp_path.iterdir())

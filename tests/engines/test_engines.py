@@ -1,0 +1,191 @@
+"""Every engine that is installed draws what our z-buffer draws, by statistics that hold for rasterizers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.engines.agreement import agreement
+from msb.engines.engine import DRAW, WALL_CLOCK
+from msb.errors import MsbError
+from msb.render.protocol import BUILT_IN, ENGINES, find_renderer
+from tests.conftest import ROOT
+from tests.engines.conftest import need
+from tests.reference.golden import exported, golden_views
+from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+    from msb.render import Frame
+    from msb.scenes import Camera
+
+pytestmark = pytest.mark.oracle
+
+OFF_CENTRE = replace(camera(160, 120, 150.0, (71.0, 66.5)), fx=170.0)
+TALL = replace(camera(90, 130, 140.0, (50.0, 60.0)), fy=120.0)
+
+WITHIN = {"wgpu": 0.999, "threejs": 0.96, "blender_cycles": 0.999, "blender_workbench": 0.999}
+"""Share of pixels within a level where faces of some pixels cross and every corner has another colour.
+
+SwiftShader, which draws three.js where there is no GPU, snaps corners to 1/16 pixel, hardware and lavapipe to
+1/256.
+"""
+INTERIOR = {"wgpu": 1, "threejs": 4, "blender_cycles": 1, "blender_workbench": 1}
+"""99.9th percentile of differences inside of faces, in levels."""
+
+
+def frames(name: str, asset: Asset, views: list[Camera], **options: Any) -> tuple[list[Frame], list[Frame]]:
+    with msb.Renderer(asset, name=need(name), **options) as renderer:
+        theirs = [renderer.render(view, BACKGROUND) for view in views]
+    options = {key: value for key, value in options.items() if key == "settings"}
+    with msb.Renderer(asset, **options) as renderer:
+        return theirs, [renderer.render(view, BACKGROUND) for view in views]
+
+
+def colored(kind: str, dtype: Any = np.uint8) -> Asset:
+    mesh = scene(kind, 3)
+    return mesh_asset(mesh, random_colors(3, len(mesh[0]), dtype))
+
+
+@pytest.mark.parametrize("name", ENGINES)
+@pytest.mark.parametrize("kind", ["small", "large", "through the camera", "everything"])
+def test_agrees_with_our_z_buffer(name: str, kind: str) -> None:
+    theirs, ours = frames(name, colored(kind), [OFF_CENTRE, TALL])
+    found = agreement(theirs, ours)
+    # "everything" has pairs of faces in the same place, whose order is no engine's business.
+    assert found.within_a_level >= (WITHIN[name] if kind != "everything" else 0.95)
+    assert found.covered_alike >= (0.999 if name != "threejs" else 0.99)
+    if kind == "large":
+        assert found.interior > 10_000
+        assert found.interior_p999 <= INTERIOR[name]
+    for frame, own in zip(theirs, ours, strict=True):
+        nothing = frame.alpha == 0
+        np.testing.assert_allclose(frame.image[nothing], np.tile(BACKGROUND, (nothing.sum(), 1)), atol=1e-6)
+        assert not frame.depth[nothing].any()
+        both = ~nothing & (own.alpha > 0)
+        relative = np.abs(frame.depth - own.depth)[both] / own.depth[both]
+        assert np.median(relative) < (1e-4 if name != "threejs" else 3e-3)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_float_colours_are_neither_rounded_nor_left_unclamped(name: str) -> None:
+    theirs, ours = frames(name, colored("large", np.float32), [OFF_CENTRE])
+    found = agreement(theirs, ours)
+    assert found.interior_p999 <= INTERIOR[name]
+    inside = np.abs(theirs[0].image - ours[0].image)[ours[0].alpha > 0]
+    # Half a level is what bytes would leave; Workbench draws into half floats.
+    assert np.median(inside) < 0.1 / 255
+    beyond = 1e-6 if name != "threejs" else 1e-3  # SwiftShader goes a little beyond the corners
+    assert theirs[0].image.min() >= -beyond
+    assert theirs[0].image.max() <= 1 + beyond
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_goldens(name: str) -> None:
+    """One view of a golden scene of each method; benchmarks/engines.py has them all."""
+    theirs, ours = [], []
+    for method in ("two_dts", "triangle_splatting", "mesh_splatting"):
+        view = golden_views(method)[0]
+        pair = frames(name, exported(view.folder / "checkpoint"), [view.camera])
+        theirs += pair[0]
+        ours += pair[1]
+    found = agreement(theirs, ours)
+    assert found.within_a_level > (0.999 if name != "threejs" else 0.98)
+    assert found.interior_within_a_level > (0.9999 if name != "threejs" else 0.99)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_real_mesh_from_a_real_camera(name: str, shared: Path) -> None:
+    folder = shared / "golden" / "garden"
+    view = msb.read_cameras(folder / "sparse" / "0")[0].resized(324, 210)
+    theirs, ours = frames(name, msb.export(folder / "vase_mesh.ply"), [view])
+    found = agreement(theirs, ours)
+    assert ours[0].alpha.sum() > 100
+    assert found.within_a_level > (0.9999 if name != "threejs" else 0.998)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_a_renderer_like_ours(name: str) -> None:
+    asset = colored("large")
+    with msb.Renderer(asset, name=need(name), settings={"supersample": 2}) as renderer:
+        assert renderer.name.startswith(f"{name} ")
+        assert renderer.device_info is not None
+        assert set(renderer.device_info) == {"platform", "name", "kind"}
+        frame = renderer.render(TALL, BACKGROUND)
+        assert frame.image.shape == (130, 90, 3)
+        assert frame.image.dtype == frame.depth.dtype == frame.alpha.dtype == np.float32
+        assert set(np.unique(frame.alpha)) == {0.0, 0.25, 0.5, 0.75, 1.0}
+        drawn = renderer.draw(OFF_CENTRE, BACKGROUND)
+        assert set(drawn.stages) <= {DRAW, WALL_CLOCK}
+        assert drawn.span == pytest.approx(sum(drawn.stages.values()))
+        assert drawn.span > 0
+        assert sum(renderer.memory().values()) > 0
+        ours = msb.render(asset, TALL, background=BACKGROUND, settings={"supersample": 2})
+        assert np.abs(frame.image - ours.image).mean() < 2 / 255
+    renderer.close()
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_faces_a_threshold_hides_are_not_drawn(name: str) -> None:
+    view = golden_views("two_dts")[0]
+    asset = exported(view.folder / "checkpoint")
+    for threshold in (0.3, 0.999999):
+        theirs, ours = frames(name, asset, [view.camera], settings={"ste_threshold": threshold})
+        assert agreement(theirs, ours).covered_alike > 0.998
+        if theirs[0].face_id is not None:
+            assert ours[0].face_id is not None
+            assert (theirs[0].face_id == ours[0].face_id).mean() > 0.998
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_nothing_to_show_is_the_background(name: str) -> None:
+    view = golden_views("two_dts")[0]
+    asset = exported(view.folder / "checkpoint")
+    theirs, _ = frames(name, asset, [view.camera], settings={"ste_threshold": 1.0})
+    assert not theirs[0].alpha.any()
+    np.testing.assert_allclose(theirs[0].image, np.broadcast_to(BACKGROUND, theirs[0].image.shape), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["wgpu", "threejs"])
+def test_no_gpu_is_told(name: str) -> None:
+    factory = find_renderer(need(name))
+    with factory(colored("small")) as renderer:  # type: ignore[attr-defined]
+        if renderer.device_info["kind"] == "gpu":
+            pytest.skip("there is a GPU")
+    with pytest.raises(MsbError) as info:
+        factory(colored("small"), device="gpu")
+    assert info.value.code == "DEVICE_NOT_FOUND"
+    assert "--device cpu" in info.value.message
+
+
+@pytest.mark.parametrize("name", ["wgpu", "threejs"])
+def test_too_large_an_image_is_refused(name: str) -> None:
+    with (
+        msb.Renderer(colored("small"), name=need(name)) as renderer,
+        pytest.raises(MsbError) as info,
+    ):
+        renderer.render(camera(65_000, 8), BACKGROUND)
+    assert info.value.code == "DEVICE_MEMORY"
+    assert "pixels each way" in info.value.message
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_an_opencl_device_and_another_tier_are_refused(name: str) -> None:
+    for options, code in (({"device": "pocl:0"}, "DEVICE_SELECTOR"), ({"tier": "dedicated"}, "USAGE")):
+        with pytest.raises(MsbError) as info:
+            msb.Renderer(msb.load(ROOT / "data_stubs" / "splat_like.triasset"), name=name, **options)
+        assert info.value.code == code
+        assert name in info.value.message
+
+
+def test_entry_points_are_those_we_know() -> None:
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["entry-points"]["msb.renderers"] == {**BUILT_IN, **ENGINES}

@@ -1,0 +1,225 @@
+"""What the engines are made of, without any of them: the mesh, cameras, agreement, what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb
+from msb.engines import blender, browser, webgpu
+from msb.engines.agreement import agreement, interior
+from msb.engines.blender import CyclesRenderer, blender_camera
+from msb.engines.engine import opaque_frame
+from msb.engines.mesh import engine_mesh
+from msb.engines.threejs import ThreeJsRenderer
+from msb.engines.webgpu import WgpuRenderer, camera_record
+from msb.errors import DeviceError, Unsupported, UsageError
+from msb.meshes import read_mesh
+from msb.render.protocol import what_is_missing
+from tests.engines.conftest import need
+from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.render import Frame
+
+EYE = np.eye(4)
+
+
+def test_vertices_stay_shared_and_colours_stored() -> None:
+    positions = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float32)
+    faces = np.array([[0, 1, 2], [2, 1, 3]], np.uint32)
+    colors = np.array([[0, 10, 20, 99], [30, 40, 50, 99], [60, 70, 80, 99], [90, 100, 110, 99]], np.uint8)
+    found = engine_mesh(mesh_asset((positions, faces), colors), {})
+    np.testing.assert_array_equal(found.positions, positions)
+    np.testing.assert_array_equal(found.indices, faces)
+    np.testing.assert_array_equal(found.colors, colors[:, :3])
+    assert found.numbers is None
+
+
+@pytest.mark.parametrize(("domain", "rows"), [("face", 2), ("corner", 6)])
+def test_colours_of_faces_and_corners_need_vertices_of_their_own(domain: str, rows: int) -> None:
+    positions = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float32)
+    faces = np.array([[0, 1, 2], [2, 1, 3]], np.uint32)
+    colors = np.arange(3 * rows, dtype=np.uint8).reshape(rows, 3)
+    found = engine_mesh(mesh_asset((positions, faces), colors, domain), {})
+    np.testing.assert_array_equal(found.positions[found.indices], positions[faces])
+    expected = colors if domain == "corner" else np.repeat(colors, 3, axis=0)
+    np.testing.assert_array_equal(found.colors[found.indices.reshape(-1)], expected)
+
+
+def test_what_is_given_to_an_engine_is_what_convert_writes(tmp_path: Path) -> None:
+    mesh = scene("small", 1)
+    asset = mesh_asset(mesh, random_colors(1, len(mesh[0]), np.float32))
+    for suffix in (".ply", ".glb"):
+        path = tmp_path / f"mesh{suffix}"
+        path.write_bytes(engine_mesh(asset, {}).encoded(suffix))
+        back = read_mesh(path)
+        np.testing.assert_array_equal(back.vertices, mesh[0])
+        np.testing.assert_array_equal(back.faces, mesh[1])
+        assert back.vertex_colors is not None
+        np.testing.assert_allclose(back.vertex_colors, np.clip(asset.buffers["color"], 0, 1), atol=1e-7)
+
+
+def test_depths_lie_in_the_range() -> None:
+    mesh = scene("through the camera", 1)
+    pose = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose
+    low, high = engine_mesh(mesh_asset(mesh), {}).depth_range(matrix)
+    depths = mesh[0] @ pose[2]
+    assert low <= depths.min() < depths.max() <= high
+
+
+@pytest.mark.parametrize("far", [0.0, 1e6])
+def test_the_clip_matrix_projects_as_the_camera_does(far: float) -> None:
+    pose = np.eye(4)
+    pose[:3, :3] = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    pose[:3, 3] = -pose[:3, :3] @ (far, 2.25, -1.5)
+    view = replace(camera(100, 80, 90.0, (40.0, 50.0), pose))
+    points = np.random.default_rng(2).normal((far, 2.25, -1.5), size=(50, 3))
+    record = camera_record(view)
+    local = (points - record[16:19]) - record[20:23]
+    clip = np.append(local, np.ones((50, 1)), axis=1).astype(np.float32) @ record[:16].reshape(4, 4)
+    pixels, depth = view.project(points)
+    seen = depth > 0.1
+    np.testing.assert_allclose((clip[:, 0] / clip[:, 3] + 1)[seen] * 50, pixels[seen, 0], atol=2e-3)
+    np.testing.assert_allclose((1 - clip[:, 1] / clip[:, 3])[seen] * 40, pixels[seen, 1], atol=2e-3)
+    np.testing.assert_allclose(clip[:, 3], depth, atol=1e-5)
+    np.testing.assert_allclose(clip[:, 2], 0.01, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("fx", "fy"), [(100.0, 100.0), (100.0, 80.0), (80.0, 100.0)])
+def test_blender_has_the_same_intrinsics(fx: float, fy: float) -> None:
+    view = replace(camera(120, 90, fx, (50.0, 52.0)), fx=fx, fy=fy)
+    found = blender_camera(view, EYE)
+    across, along = found["aspect"]
+    assert min(across, along) == 1
+    # Blender: f in pixels = lens * W / sensor width, a pixel is aspect_y / aspect_x as high as it is wide.
+    focal = found["lens"] * 120 / found["sensor_width"]
+    assert focal == pytest.approx(fx)
+    assert focal * across / along == pytest.approx(fy)
+    shift_x, shift_y = found["shift"]
+    assert 60 - shift_x * 120 == pytest.approx(50)
+    assert 45 + shift_y * 120 * across / along == pytest.approx(52)
+    np.testing.assert_allclose(np.array(found["matrix"]), np.diag([1, -1, -1, 1]))
+
+
+def test_cameras_blender_lacks_are_refused() -> None:
+    for view, words in (
+        (camera(3, 90), "4 to 65536 pixels"),
+        (replace(camera(), fx=1000.0, fy=1.0), "fx / fy is 1000"),
+        (replace(camera(), fx=1.0, fy=1000.0), "fx / fy is 0.001"),
+    ):
+        with pytest.raises(Unsupported, match=words) as info:
+            blender_camera(view, EYE)
+        assert info.value.code == "UNSUPPORTED_CAMERA"
+
+
+def frame(image: np.ndarray, faces: np.ndarray) -> Frame:
+    hit = faces >= 0
+    return opaque_frame(image, hit, hit.astype(np.float32), (0, 0, 0), faces.astype(np.int32), {})
+
+
+def test_agreement_counts() -> None:
+    faces = np.zeros((10, 10), np.int32)
+    faces[:, 5:] = 1
+    faces[0] = -1
+    image = np.full((10, 10, 3), 0.4, np.float32)
+    ours = frame(image, faces)
+    same = agreement([ours], [ours])
+    assert (same.within_a_level, same.psnr, same.covered_alike, same.interior_max) == (1, np.inf, 1, 0)
+    # 3 x 3 neighbourhoods within one face: rows 2..8, columns 1..3 and 6..8.
+    assert same.interior == 7 * 6
+    assert interior(faces).sum() == 42
+    other = image.copy()
+    other[5, 2] += 10 / 255  # inside
+    other[5, 4] += 10 / 255  # at the edge
+    other[5, 7, 1] += 0.9 / 255
+    fewer = faces.copy()
+    fewer[1, :2] = -1
+    found = agreement([frame(other, fewer)], [ours])
+    assert found.within_a_level == pytest.approx(0.96)
+    assert found.covered_alike == pytest.approx(0.98)
+    assert found.interior_within_a_level == pytest.approx(41 / 42)
+    assert found.interior_max == 10
+    assert 20 < found.psnr < 40
+
+
+def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    asset = mesh_asset(scene("small", 1))
+    monkeypatch.setattr(webgpu, "find_spec", lambda _: None)
+    monkeypatch.setattr(blender, "find_spec", lambda _: None)
+    monkeypatch.delenv(blender.VARIABLE, raising=False)
+    monkeypatch.setenv(browser.VARIABLE, "no-such-browser")
+    for factory, words in (
+        (WgpuRenderer, r"meshsplatbench\[wgpu\]"),
+        (CyclesRenderer, r"meshsplatbench\[blender\].*MSB_BLENDER"),
+        (ThreeJsRenderer, "MSB_BROWSER"),
+    ):
+        with pytest.raises(UsageError, match=words) as info:
+            factory(asset)
+        assert info.value.code == "ENGINE_MISSING"
+        assert what_is_missing(factory.name) in info.value.message
+    monkeypatch.setattr(webgpu, "find_spec", lambda _: True)
+    monkeypatch.setattr(webgpu, "all_adapters", list)
+    assert "driver" in str(WgpuRenderer.missing())
+    monkeypatch.setenv(blender.VARIABLE, "no-such-python")
+    assert "MSB_BLENDER" in str(CyclesRenderer.missing())
+
+
+def test_a_broken_renderer_of_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    from msb.render import protocol
+
+    monkeypatch.setattr(protocol, "renderers", lambda: {"theirs": "no_such_module:Class"})
+    assert str(what_is_missing("theirs")).startswith("it cannot be loaded: ")
+
+
+def test_a_python_without_bpy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import sys
+
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; sys.exit(\'no bpy here\')"\n')
+    python.chmod(0o755)
+    monkeypatch.setenv(blender.VARIABLE, str(python))
+    with pytest.raises(DeviceError, match=r"Blender ended: no bpy here \(status 1\)") as info:
+        CyclesRenderer(mesh_asset(scene("small", 1)))
+    assert info.value.code == "ENGINE_FAILED"
+
+
+def test_a_browser_that_ends_is_told() -> None:
+    need("threejs")
+    asset = mesh_asset(scene("small", 1))
+    with ThreeJsRenderer(asset) as renderer:
+        renderer._page._process.terminate()
+        with pytest.raises(DeviceError, match="the browser ended with status") as info:
+            renderer.render(camera(), (0, 0, 0))
+        assert info.value.code == "ENGINE_FAILED"
+
+
+def test_only_the_page_is_served() -> None:
+    from urllib.error import HTTPError
+    from urllib.request import urlopen
+
+    need("threejs")
+    with ThreeJsRenderer(mesh_asset(scene("small", 1))) as renderer:
+        page = renderer._page
+        port = page._server.server_address[1]
+        for path in ("", "page.html", "mesh.glb", "next", f"{page._secret}/", f"{page._secret}/../page.html"):
+            with pytest.raises(HTTPError) as info:
+                urlopen(f"http://127.0.0.1:{port}/{path}", timeout=10)
+            assert info.value.code == 404
+            info.value.close()
+
+
+def test_missing_data_is_refused_before_an_engine_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(WgpuRenderer, "missing", classmethod(lambda _: None))
+    with pytest.raises(UsageError) as info:
+        WgpuRenderer(mesh_asset(scene("small", 1)), settings={"gamma": 1.0})
+    assert info.value.code == "SETTING_UNKNOWN"
+    with pytest.raises(msb.Unsupported):
+        msb.Renderer(msb.export("tests/golden/diffsoup/lattice_l5_black/checkpoint"), name="wgpu")

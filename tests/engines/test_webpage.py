@@ -1,0 +1,177 @@
+"""The three.js page: what is in the file, and what a browser makes of it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import msb
+from msb.engines import webpage
+from msb.engines.mesh import engine_mesh
+from msb.errors import UsageError
+from msb.render.images import to_bytes
+from tests.engines.conftest import need
+from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from msb.asset import Asset
+
+    InBrowser = Callable[..., Any]
+
+VIEW = camera(200, 150, 160.0, (91.0, 70.0))
+
+
+def large() -> Asset:
+    mesh = scene("large", 7)
+    return mesh_asset(mesh, random_colors(7, len(mesh[0])))
+
+
+def the_page(**options: Any) -> bytes:
+    return webpage.page(engine_mesh(large(), {}).encoded(".glb"), name="mesh.triasset", **options)
+
+
+def test_everything_is_in_the_file() -> None:
+    text = webpage.page(b"glTF", name="a").decode()
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!data:)""", text.split("<!--")[0])
+    assert not re.findall(r"""<(?:script|link|img|iframe)[^>]*\s(?:src|href)""", text)
+    assert "default-src 'none'" in text
+    assert base64.b64encode(b"glTF").decode() in text
+    for part in ("Permission is hereby granted", "GLTFLoader", "Copyright 2010-2022 Three.js Authors"):
+        assert part in text
+
+
+def test_names_cannot_leave_their_place() -> None:
+    name = "</script><script>alert(1)</script> @GLB@ @THREE@"
+    text = webpage.page(name=name).decode()
+    assert "alert(1)</script>" not in text
+    found = re.search(r'<script type="application/json" id="scene">(.*?)</script>', text)
+    assert found is not None
+    assert json.loads(found[1])["name"] == name
+    assert text.count("GLTFLoader=GLTFLoader") == 1
+
+
+def test_only_a_served_page_obeys(tmp_path: Path) -> None:
+    webpage.write_web_page(tmp_path / "page.html")
+    assert b'fetch("next")' not in (tmp_path / "page.html").read_bytes()
+    assert b'fetch("next")' in webpage.page(served=True)
+
+
+def test_a_trimesh_without_three_js_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "resources" / "templates" / "viewer.zip"
+    place.parent.mkdir(parents=True)
+    with zipfile.ZipFile(place, "w") as archive:
+        archive.writestr("viewer.html.template", "<script>nothing</script>")
+
+    class Found:
+        submodule_search_locations = (str(tmp_path),)
+
+    monkeypatch.setattr(webpage, "find_spec", lambda _: Found)
+    with pytest.raises(UsageError) as info:
+        webpage.three_js()
+    assert info.value.code == "ENGINE_MISSING"
+    assert "pip install" in info.value.message
+
+
+SHOWN = "await ready; showNow(); return canvas.toDataURL('image/png');"
+
+
+def pixels(url: str) -> np.ndarray[Any, Any]:
+    data = base64.b64decode(url.partition(",")[2])
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), np.float64)
+
+
+def test_a_camera_of_the_list_shows_what_our_renderer_draws(in_browser: InBrowser) -> None:
+    ours = msb.render(large(), VIEW, background=BACKGROUND)
+    page = the_page(cameras=[VIEW], background=BACKGROUND)
+    shown = pixels(in_browser(page, SHOWN, "?camera=0"))
+    assert shown.shape == (150, 200, 3)
+    difference = np.abs(shown - to_bytes(ours.image)).max(axis=2)
+    # SwiftShader snaps corners to 1/16 pixel.
+    assert (difference <= 1).mean() > 0.995
+
+
+def test_colours_taken_as_linear_come_out_lighter(in_browser: InBrowser) -> None:
+    page = the_page(cameras=[VIEW])
+    exact, linear = (
+        pixels(in_browser(page, SHOWN, query)) for query in ("?camera=0", "?camera=0&colors=linear")
+    )
+    light = exact > 50  # below, a byte of ours is many of theirs
+    wanted = 255 * (1.055 * (exact / 255) ** (1 / 2.4) - 0.055)
+    assert np.abs(linear - wanted)[light].max() < 2
+    assert linear.mean() > exact.mean() + 20
+
+
+HANDS = """
+    await ready;
+    const seen = [];
+    const look = () => {
+      const { eye, right, down, forward } = axes(state.view);
+      const away = state.target.clone().sub(eye);
+      seen.push({ eye: eye.toArray(), distance: away.length(), ahead: away.normalize().dot(forward),
+        up: -down.dot(upVector()), skew: right.dot(down), width: state.view.width });
+    };
+    const at = (type, x, y, more = {}) => canvas.dispatchEvent(
+      new PointerEvent(type, { clientX: x, clientY: y, pointerId: 1, bubbles: true, ...more }));
+    canvas.setPointerCapture = () => {};
+    look();
+    at("pointerdown", 100, 100); at("pointermove", 180, 140, { buttons: 1 }); at("pointerup", 0, 0);
+    look();
+    at("pointerdown", 100, 100); at("pointermove", 100, 9000, { buttons: 1 }); at("pointerup", 0, 0);
+    look();
+    canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, cancelable: true })); look();
+    at("pointerdown", 100, 100, { shiftKey: true });
+    at("pointermove", 150, 100, { buttons: 1, shiftKey: true }); at("pointerup", 0, 0); look();
+    window.dispatchEvent(new KeyboardEvent("keydown", { key: "f" })); look();
+    return seen;
+"""
+
+
+def test_hands_turn_zoom_and_move(in_browser: InBrowser) -> None:
+    start, turned, over, near, moved, fitted = in_browser(the_page(), HANDS)
+    for seen in (start, turned, over, near, moved):
+        assert seen["ahead"] == pytest.approx(1, abs=1e-6), "the target stays in the middle"
+        assert seen["skew"] == pytest.approx(0, abs=1e-9)
+        assert seen["up"] > 0, "never upside down"
+    assert turned["distance"] == pytest.approx(start["distance"])
+    assert np.linalg.norm(np.subtract(turned["eye"], start["eye"])) > 0.1 * start["distance"]
+    assert near["distance"] == pytest.approx(start["distance"] * np.exp(-0.15), rel=1e-6)
+    assert moved["distance"] == pytest.approx(near["distance"])
+    assert fitted["eye"] == pytest.approx(start["eye"])
+
+
+def test_an_empty_page_takes_a_dropped_file(in_browser: InBrowser) -> None:
+    data = base64.b64encode(engine_mesh(large(), {}).encoded(".glb")).decode()
+    script = f"""
+        const before = byId("message").textContent;
+        const bytes = Uint8Array.from(atob("{data}"), (c) => c.charCodeAt(0));
+        const transfer = new DataTransfer();
+        transfer.items.add(new File([bytes], "dropped.glb"));
+        window.dispatchEvent(new DragEvent("drop", {{ dataTransfer: transfer, cancelable: true }}));
+        for (let i = 0; i < 500 && !state.view; i += 1) await new Promise((done) => setTimeout(done, 20));
+        return [before, byId("name").textContent, byId("facts").textContent, byId("message").textContent];
+    """
+    assert in_browser(webpage.page(), script) == ["Drop a .glb here", "dropped.glb", "60 faces", ""]
+
+
+def test_a_file_that_is_none_is_told(in_browser: InBrowser) -> None:
+    page = webpage.page(b"not a glb", name="bad.glb")
+    assert in_browser(page, "await ready; return byId('message').textContent;").startswith(
+        "bad.glb cannot be shown"
+    )
+
+
+def test_need_skips_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MSB_BROWSER", "no-such-browser")
+    with pytest.raises(pytest.skip.Exception, match=r"renderer threejs: no Chromium"):
+        need("threejs")
