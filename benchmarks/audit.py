@@ -1,18 +1,25 @@
-"""Audit speed against libigl, PyMeshLab and trimesh, on the same arrays in one run.
+"""Audit speed against libigl, PyMeshLab, trimesh, MeshLib and Open3D, on the same arrays in one run.
 
-    python -m benchmarks.audit                       0.1, 1 and 4 million faces, three rounds
-    python -m benchmarks.audit --sizes 61 --rounds 5 about 0.1 million faces only
+    python -m benchmarks.audit                        0.1, 1, 4 and 10 million faces: about twelve minutes
+    python -m benchmarks.audit --all                  the slow peers at every size too: about half an hour
+    python -m benchmarks.audit --sizes 61 --rounds 5 --parts peers
+                                                      about 0.1 million faces, and the first table only
 
-Every measurement is one fresh process that loads the arrays, does its work on one triangle unmeasured
-(unless --cold: then first-use costs count), and once measured. Tools take turns within a round, so a machine
-whose speed drifts treats them alike; printed are the median and the ratio to ours of the same round. Memory
-is the rise of the process's high-water mark above the loaded arrays and libraries.
+Every measurement is one fresh process that loads the arrays, does its work on a mesh of 0.1 million faces
+unmeasured, and once measured. Tools take turns within a round, so a machine whose speed drifts treats them
+alike; printed are the median and the ratio to ours of the same round (to PyMeshLab and so on: its seconds in
+ours). Tools that take long are measured in the first round only, and not at the largest sizes, unless --all.
+Memory is the rise of the process's high-water mark above the loaded arrays and libraries. Peers that are not
+installed are left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import math
+import os
 import statistics
 import subprocess
 import sys
@@ -23,146 +30,38 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.audit_meshes import HOSTILE, hostile
+from benchmarks.audit_tools import AT_MOST, ONCE_FROM, PACKAGES, TOOLS, WHAT
 from benchmarks.measure import machine, peak, reset_peak
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    Arrays = tuple[NDArray[Any], NDArray[Any]]
-    Answers = dict[str, float]
+    Result = dict[str, Any]
 
-SIZES = (61, 194, 388)
-"""Lattice sizes of the generator: about 0.1, 1 and 4 million faces."""
-WHAT = {
-    "msb": "the whole audit: every count, metric, variant and sample",
-    "pymeshlab": "get_topological_measures alone, without adding the mesh",
-    "pymeshlab+mesh": "the same with adding the mesh",
-    "trimesh": "edges, adjacency, two-face components, areas",
-    "igl": "edges, boundary, vertex manifoldness, components, areas",
-    "scatter": "floor: one random scatter of 3F int32",
-}
+SIZES = (61, 194, 388, 614)
+"""Lattice sizes of the generator: about 0.1, 1, 4 and 10 million faces."""
+WARM = 61
+MAIN = 388
+"""The size at which threads, first calls, whole processes and hostile meshes are measured."""
+FACES_PER_SQUARE = 26.6
+"""Of the generator: times n^2."""
+PARTS = ("peers", "threads", "first", "process", "hostile")
 
 
-def ours(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare our audit."""
-    import msb
-
-    def work() -> Answers:
-        audit = msb.audit(vertices, faces)
-        c = audit.counts
-        return {
-            "edges": c.edges,
-            "boundary_edges": c.boundary_edges,
-            "components": c.components,
-            "components_two_face": c.components_manifold_edges,
-            "nm_vertices_off_nm_edges": c.nonmanifold_vertices - c.nonmanifold_edge_endpoints,
-            "multifan_vertices": c.multifan_vertices,
-            "area": round(audit.metrics.total_area, 6),
-        }
-
-    return work
-
-
-def pymeshlab(vertices: NDArray[Any], faces: NDArray[Any], *, add: bool = False) -> Callable[[], Answers]:
-    """Prepare PyMeshLab; `add` times the mesh copy too."""
-    import pymeshlab as library
-
-    def mesh_set() -> Any:
-        meshes = library.MeshSet()
-        meshes.add_mesh(library.Mesh(vertices.astype(np.float64), faces))
-        return meshes
-
-    ready = None if add else mesh_set()
-
-    def work() -> Answers:
-        measures = (ready or mesh_set()).get_topological_measures()
-        return {
-            "edges": measures["edges_number"],
-            "boundary_edges": measures["boundary_edges"],
-            "components": measures["connected_components_number"],
-            "nm_vertices_off_nm_edges": measures["non_two_manifold_vertices"],
-        }
-
-    return work
-
-
-def pymeshlab_with_mesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare PyMeshLab, the mesh copy timed."""
-    return pymeshlab(vertices, faces, add=True)
-
-
-def igl(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare libigl."""
-    import igl as library
-
-    points, triangles = vertices.astype(np.float64), faces.astype(np.int64)
-
-    def work() -> Answers:
-        edges = library.edges(triangles)
-        boundary = library.boundary_facets(triangles)[0]
-        manifold = np.asarray(library.is_vertex_manifold(triangles))
-        components = library.facet_components(triangles)
-        count = int(np.max(components[1] if isinstance(components, tuple) else components)) + 1
-        return {
-            "edges": len(edges),
-            "boundary_edges": len(boundary),
-            "components": count,
-            "multifan_vertices": int(np.count_nonzero(~manifold)),
-            "area": round(float(library.doublearea(points, triangles).sum() / 2), 6),
-        }
-
-    return work
-
-
-def trimesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare trimesh, without the merging it does by default."""
-    import trimesh as library
-
-    mesh = library.Trimesh(vertices.astype(np.float64), faces.astype(np.int64), process=False)
-
-    def work() -> Answers:
-        uses = np.bincount(mesh.edges_unique_inverse)
-        labels = library.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
-        return {
-            "edges": len(mesh.edges_unique),
-            "boundary_edges": int(np.count_nonzero(uses == 1)),
-            "components_two_face": int(labels.max()) + 1,
-            "area": round(float(mesh.area), 6),
-        }
-
-    return work
-
-
-def scatter(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare the floor: 3F int32 written to random places."""
-    place = np.random.default_rng(0).permutation(faces.size)
-    values, out = np.arange(faces.size, dtype=np.int32), np.zeros(faces.size, np.int32)
-
-    def work() -> Answers:
-        out[place] = values
-        return {}
-
-    return work
-
-
-TOOLS: dict[str, Callable[[Any, Any], Callable[[], Answers]]] = {
-    "msb": ours,
-    "pymeshlab": pymeshlab,
-    "pymeshlab+mesh": pymeshlab_with_mesh,
-    "trimesh": trimesh,
-    "igl": igl,
-    "scatter": scatter,
-}
+# ---- one measurement
 
 
 def measure(tool: str, folder: Path, warm: bool) -> None:
     """Do one measurement in this process and print it as JSON."""
     vertices, faces = (np.load(folder / f"{name}.npy") for name in ("vertices", "faces"))
-    work = TOOLS[tool](vertices, faces)
     if warm:
-        TOOLS[tool](vertices[:3], np.array([[0, 1, 2]], faces.dtype))()
+        with contextlib.suppress(FileNotFoundError):
+            small = (np.load(folder.parent / "warm" / f"{name}.npy") for name in ("vertices", "faces"))
+            TOOLS[tool](*small)()
+    work = TOOLS[tool](vertices, faces)
     before = reset_peak()
     start = time.perf_counter()
     answers = work()
@@ -170,87 +69,76 @@ def measure(tool: str, folder: Path, warm: bool) -> None:
     print(json.dumps({"seconds": seconds, "bytes": peak() - before, "answers": answers}))
 
 
-def run_round(tools: list[str], folder: Path, cold: bool) -> dict[str, dict[str, Any]]:
-    """Return one measurement of each tool, each in its own process."""
-    results = {}
-    for tool in tools:
-        command = [sys.executable, "-m", "benchmarks.audit", "--worker", tool, "--folder", str(folder)]
-        done = subprocess.run([*command, *(["--cold"] if cold else [])], capture_output=True, text=True)
-        lines = done.stdout.strip().splitlines()
-        if done.returncode or not lines:
-            reason = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
-            results[tool] = {"error": reason}
-        else:
-            results[tool] = json.loads(lines[-1])
-    return results
+def run(tool: str, folder: Path, *, warm: bool = True, **env: str) -> Result:
+    """Return one measurement made in a process of its own, or why there is none."""
+    command = [sys.executable, "-m", "benchmarks.audit", "--worker", tool, "--folder", str(folder)]
+    done = subprocess.run(
+        [*command, *([] if warm else ["--cold"])], capture_output=True, text=True, env={**os.environ, **env}
+    )
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        return {"error": (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]}
+    return dict(json.loads(lines[-1]))
 
 
-def summarise(rounds: list[dict[str, dict[str, Any]]], faces: int) -> list[dict[str, Any]]:
-    """Return a row per tool: medians over the rounds, and whether the answers are ours."""
-    rows = []
-    for tool in rounds[0]:
-        good = [r for r in rounds if "seconds" in r[tool]]
+@contextlib.contextmanager
+def stored(root: Path, name: str, mesh: tuple[NDArray[Any], NDArray[Any]]) -> Iterator[Path]:
+    """Keep a mesh's arrays in a folder of `root` while the block runs."""
+    with tempfile.TemporaryDirectory(dir=root, prefix=name) as folder:
+        for key, array in zip(("vertices", "faces"), mesh, strict=True):
+            np.save(Path(folder) / f"{key}.npy", array)
+        del mesh
+        yield Path(folder)
+
+
+def middle(results: list[Result], key: str = "seconds") -> float:
+    """Return the median over the results that have it; NaN without any."""
+    values = [result[key] for result in results if key in result]
+    return statistics.median(values) if values else math.nan
+
+
+# ---- against the peers
+
+
+def peers(folder: Path, faces: int, tools: list[str], rounds: int, everything: bool) -> list[Result]:
+    """Return a row per tool: medians over the rounds, ratios within them, and answers that are not ours."""
+    found: dict[str, list[Result]] = {tool: [] for tool in tools}
+    for number in range(rounds):
+        for tool in tools:
+            late = number > 0 and faces >= ONCE_FROM.get(tool, math.inf)
+            if late or (faces > AT_MOST.get(tool, math.inf) and not everything):
+                found[tool].append({})
+            else:
+                found[tool].append(run(tool, folder))
+    ours, rows = found["msb"], []
+    for tool, results in found.items():
+        good = [result for result in results if "seconds" in result]
         if not good:
-            rows.append({"tool": tool, "error": rounds[0][tool]["error"]})
+            reasons = [result["error"] for result in results if "error" in result]
+            rows.append({"tool": tool, "error": reasons[0] if reasons else "not at this size without --all"})
             continue
-        reference = good[0]["msb"].get("answers", {})
-        answers = good[0][tool]["answers"]
-        differs = {k: [v, reference[k]] for k, v in answers.items() if k in reference and v != reference[k]}
+        answers = {k: [v, ours[0]["answers"].get(k, v)] for k, v in good[0]["answers"].items()}
+        pairs = [(own, their) for own, their in zip(ours, results, strict=True) if "seconds" in their]
         rows.append(
             {
                 "tool": tool,
-                "seconds": statistics.median(r[tool]["seconds"] for r in good),
-                "ratio": statistics.median(r[tool]["seconds"] / r["msb"]["seconds"] for r in good),
-                "bytes_per_face": statistics.median(r[tool]["bytes"] for r in good) / faces,
-                "differs": differs,
+                "seconds": middle(good),
+                "ratio": statistics.median(their["seconds"] / own["seconds"] for own, their in pairs),
+                "bytes_per_face": middle(good, "bytes") / faces,
+                "differs": {key: both for key, both in answers.items() if both[0] != both[1]},
+                "rounds": good,
             }
         )
     return rows
 
 
-def main() -> None:
-    """Run the benchmark and print its tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="lattice sizes (n)")
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--tools", nargs="+", choices=list(TOOLS), default=list(TOOLS))
-    parser.add_argument("--cold", action="store_true", help="count what only the first call costs")
-    parser.add_argument("--json", type=Path, help="also write the figures to this file")
-    parser.add_argument("--worker", choices=list(TOOLS), help=argparse.SUPPRESS)
-    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.worker:
-        measure(options.worker, options.folder, not options.cold)
-        return
-    from data_stubs.splat_like import splat_like
-
-    tools = ["msb", *(tool for tool in options.tools if tool != "msb")]
-    about = machine("numpy", "scipy", "libigl", "pymeshlab", "trimesh")
-    record: dict[str, Any] = {"machine": about, "cold": options.cold, "what": WHAT, "sizes": []}
-    print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
-    for n in options.sizes:
-        vertices, faces = splat_like(n)
-        with tempfile.TemporaryDirectory() as name:
-            np.save(Path(name) / "vertices.npy", vertices)
-            np.save(Path(name) / "faces.npy", faces)
-            count = len(faces)
-            del vertices, faces
-            rounds = [run_round(tools, Path(name), options.cold) for _ in range(options.rounds)]
-        rows = summarise(rounds, count)
-        record["sizes"].append({"n": n, "faces": count, "rounds": rounds, "rows": rows})
-        print_table(count, options.rounds, rows)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
-
-
-def print_table(faces: int, rounds: int, rows: list[dict[str, Any]]) -> None:
+def print_peers(faces: int, rounds: int, rows: list[Result]) -> None:
     """Print the rows of one mesh size."""
-    print(f"\n{faces:,} faces, shuffled; median of {rounds}")
+    print(f"\n{faces:,} faces, shuffled; median of {rounds}, or one")
     print(f"{'tool':<16}{'seconds':>9}{'/ ours':>8}{'B/face':>8}  what it does")
     for row in rows:
         if "error" in row:
-            print(f"{row['tool']:<16}  failed: {row['error']}")
+            print(f"{row['tool']:<16}  {row['error']}")
             continue
         print(
             f"{row['tool']:<16}{row['seconds']:>9.3f}{row['ratio']:>8.2f}{row['bytes_per_face']:>8.0f}"
@@ -258,6 +146,157 @@ def print_table(faces: int, rounds: int, rows: list[dict[str, Any]]) -> None:
         )
         for key, (theirs, own) in row["differs"].items():
             print(f"{'':<16}  DIFFERS: {key} is {theirs}, ours {own}")
+    sys.stdout.flush()
+
+
+def growth(sizes: list[Result]) -> dict[str, float]:
+    """Return tool -> exponent of the number of faces that fits its seconds best."""
+    times: dict[str, list[tuple[float, float]]] = {}
+    for size in sizes:
+        for row in size["rows"]:
+            if "seconds" in row:
+                times.setdefault(row["tool"], []).append((size["faces"], row["seconds"]))
+    logs = {tool: np.log(points) for tool, points in times.items() if len(points) > 1}
+    return {tool: float(np.polyfit(x[:, 0], x[:, 1], 1)[0]) for tool, x in logs.items()}
+
+
+# ---- our own
+
+
+def threads(folder: Path, rounds: int) -> Result:
+    """Return the seconds with one thread and with all, in turns."""
+    one, every = [], []
+    for _ in range(rounds):
+        one.append(run("msb", folder, POCL_MAX_PTHREAD_COUNT="1"))
+        every.append(run("msb", folder))
+    pairs = zip(one, every, strict=True)
+    gain = statistics.median(a["seconds"] / b["seconds"] for a, b in pairs)
+    return {"one": middle(one), "all": middle(every), "gain": gain}
+
+
+def first_calls(folder: Path, rounds: int) -> Result:
+    """Return the seconds of a second call, of a process's first, and of the first on an empty cache."""
+    second, first, ever = [], [], []
+    for _ in range(rounds):
+        second.append(run("msb", folder))
+        first.append(run("msb", folder, warm=False))
+        with tempfile.TemporaryDirectory() as cache:
+            ever.append(run("msb", folder, warm=False, POCL_CACHE_DIR=cache))
+    return {"second call": middle(second), "first in a process": middle(first), "first ever": middle(ever)}
+
+
+def processes(folder: Path, rounds: int) -> Result:
+    """Return the seconds from starting msb-audit on a file to its printed table."""
+    from msb.asset import save
+    from msb.meshes import Mesh, write_mesh
+    from msb.meshes.assets import asset_from_mesh
+
+    mesh = Mesh(np.load(folder / "vertices.npy"), np.load(folder / "faces.npy").astype(np.int64))
+    save(asset_from_mesh(mesh), folder / "mesh.triasset")
+    for suffix in (".ply", ".glb"):
+        write_mesh(mesh, folder / f"mesh{suffix}", suffix=suffix)
+    del mesh
+    times: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        for suffix, cache in ((".triasset", None), (".ply", None), (".glb", None), (".triasset", "empty")):
+            with tempfile.TemporaryDirectory() as empty:
+                env = {**os.environ, **({"POCL_CACHE_DIR": empty} if cache else {})}
+                command = [sys.executable, "-m", "msb", "audit", str(folder / f"mesh{suffix}")]
+                start = time.perf_counter()
+                subprocess.run(command, check=True, capture_output=True, env=env)
+                name = f"{suffix}, first ever" if cache else suffix
+                times.setdefault(name, []).append(time.perf_counter() - start)
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def hostiles(root: Path, counts: tuple[int, ...]) -> list[Result]:
+    """Return a row for each hostile mesh: seconds and memory at each number of faces, and the growth."""
+    rows = []
+    for name in HOSTILE:
+        row: Result = {"mesh": name, "what": (HOSTILE[name].__doc__ or "").rstrip("."), "at": {}}
+        for count in counts if name == "soup" else counts[:2]:
+            with stored(root, name, hostile(name, count)) as folder:
+                row["at"][count] = run("msb", folder)
+        times = {count: result["seconds"] for count, result in row["at"].items() if "seconds" in result}
+        if len(times) > 1:
+            ends = (min(times), max(times))
+            row["growth"] = math.log(times[ends[1]] / times[ends[0]]) / math.log(ends[1] / ends[0])
+        rows.append(row)
+    return rows
+
+
+def print_hostiles(rows: list[Result]) -> None:
+    """Print the rows."""
+    print(f"\nHostile meshes, ours\n{'mesh':<16}{'faces':>12}{'seconds':>9}{'B/face':>8}{'growth':>8}")
+    for row in rows:
+        for count, result in row["at"].items():
+            if "error" in result:
+                print(f"{row['mesh']:<16}{count:>12,}  failed: {result['error']}")
+                continue
+            last = f"{row['growth']:>8.2f}  {row['what']}" if count == max(row["at"]) else ""
+            print(
+                f"{row['mesh']:<16}{count:>12,}{result['seconds']:>9.3f}{result['bytes'] / count:>8.0f}{last}"
+            )
+
+
+# ---- all of it
+
+
+def main() -> None:
+    """Run the benchmark and print its tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="lattice sizes (n)")
+    parser.add_argument("--main", type=int, default=MAIN, help="lattice size of all but the peers")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--tools", nargs="+", choices=list(TOOLS), default=list(TOOLS))
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
+    parser.add_argument("--all", action="store_true", help="measure slow peers at every size")
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--worker", choices=list(TOOLS), help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--cold", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        measure(options.worker, options.folder, not options.cold)
+        return
+    record: Result = {"machine": machine(*PACKAGES), "what": WHAT, "sizes": []}
+    print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
+    with tempfile.TemporaryDirectory() as name:
+        measure_all(Path(name), options, record)
+    if options.json:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(record, indent=1) + "\n")
+
+
+def measure_all(root: Path, options: argparse.Namespace, record: Result) -> None:
+    """Run the chosen parts, print each when it is there, and add it to `record`."""
+    from data_stubs.splat_like import splat_like
+
+    (root / "warm").mkdir()
+    for key, array in zip(("vertices", "faces"), splat_like(WARM), strict=True):
+        np.save(root / "warm" / f"{key}.npy", array)
+    tools = ["msb", *(tool for tool in options.tools if tool != "msb")]
+    for n in options.sizes if "peers" in options.parts else ():
+        with stored(root, "mesh", splat_like(n)) as folder:
+            faces = len(np.load(folder / "faces.npy", mmap_mode="r"))
+            rows = peers(folder, faces, tools, options.rounds, options.all)
+        record["sizes"].append({"n": n, "faces": faces, "rows": rows})
+        print_peers(faces, options.rounds, rows)
+    if len(record["sizes"]) > 1:
+        record["growth"] = growth(record["sizes"])
+        fits = ", ".join(f"{tool} {power:.2f}" for tool, power in record["growth"].items())
+        print(f"\nSeconds grow with the number of faces to the power of: {fits}")
+    own = {"threads": threads, "first": first_calls, "process": processes}
+    if set(own) & set(options.parts):
+        with stored(root, "mesh", splat_like(options.main)) as folder:
+            for part in (part for part in own if part in options.parts):
+                record[part] = own[part](folder, options.rounds)
+                figures = ", ".join(f"{name} {value:.2f}" for name, value in record[part].items())
+                print(f"\nOurs at n = {options.main}, {part}: {figures}", flush=True)
+    if "hostile" in options.parts:
+        faces = round(FACES_PER_SQUARE * options.main**2)
+        record["hostile"] = hostiles(root, (faces // 4, faces, faces * 5 // 2))
+        print_hostiles(record["hostile"])
 
 
 if __name__ == "__main__":

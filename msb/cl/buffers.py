@@ -206,6 +206,16 @@ class Memory:
         buffer.write(array)
         return buffer
 
+    def share(self, array: NDArray[Any], use: str) -> Buffer:
+        """Return a buffer on the memory of `array` itself where that is safe, else one with a copy of it."""
+        flags = self.queue.cl.mem_flags
+        if self._works_in_place() and array.size and array.flags.c_contiguous and array.flags.aligned:
+            access = flags.READ_WRITE if array.flags.writeable else flags.READ_ONLY
+            return self._register(array.shape, array.dtype, use, access | flags.USE_HOST_PTR, host=array)
+        buffer = self.allocate(array.shape, array.dtype, use)
+        buffer.write(np.ascontiguousarray(array))
+        return buffer
+
     def scratch(self, name: str, shape: Shape, dtype: DTypeLike) -> Buffer:
         """Return the pool's buffer `name`, with room for the array; its content is undefined.
 
@@ -236,13 +246,15 @@ class Memory:
         record = self.queue.record
         return min(record.max_allocation, record.global_memory - sum(self.by_use().values()))
 
-    def _can_share(self, array: NDArray[Any]) -> bool:
+    def _works_in_place(self) -> bool:
         # PoCL works on the memory it is given. Another platform may keep a copy and write that back when the
         # buffer is mapped; Intel's does for some alignments and dies of it where a file is mapped read-only.
         record = self.queue.record
+        return short_name(record.platform) == "pocl" and record.kind == "cpu"
+
+    def _can_share(self, array: NDArray[Any]) -> bool:
         return (
-            short_name(record.platform) == "pocl"
-            and record.kind == "cpu"
+            self._works_in_place()
             and array.size > 0
             and array.ctypes.data % _SAFE_ALIGNMENT == 0
             and _is_constant(array)

@@ -75,6 +75,22 @@ class Device:
         """
         return self._memory.upload(array, use)
 
+    def share(self, array: NDArray[Any], use: str = "static") -> Buffer:
+        """Return a buffer on the memory of `array`, where PoCL runs on a CPU, else one with a copy of it.
+
+        Kernels may write it if the array can be written; what they wrote is read from the buffer, since the
+        array has it on PoCL only. Until the buffer is released, after `finish`, the array must live and
+        nobody else change it; kernels must not take its alignment for more than its dtype's. Large NumPy
+        arrays lie in huge pages where the system has them: their first touch costs a fifth of that of
+        `allocate`.
+
+        Raises
+        ------
+        DeviceError
+            As `upload`.
+        """
+        return self._memory.share(array, use)
+
     def allocate(self, shape: Shape, dtype: DTypeLike = np.uint8, use: str = "static") -> Buffer:
         """Return a new buffer of undefined content; raises as `upload`."""
         return self._memory.allocate(shape, dtype, use)

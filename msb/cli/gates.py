@@ -1,4 +1,4 @@
-"""`--fail-on`: conditions on the audit's JSON keys that make the command fail."""
+"""`--fail-on` and `--profile`: conditions on the audit's JSON keys that make the command fail."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import math
 import operator
 import re
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from msb.errors import GateFailed, UsageError
-from msb.topology.audit import Counts, Metrics
+from msb.topology.audit import Metrics
+from msb.topology.findings import Counts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,6 +28,41 @@ _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
 }
 _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<)\s*(\S+)\s*")
+
+Profile = Literal["game", "print", "research"]
+PROFILES: dict[Profile, tuple[str, ...]] = {
+    # What runs in an engine: real-time simplification, UV unwrapping and collision meshes walk from face to
+    # face and copy vertices where they cannot; one element in a hundred is mended by hand or by a tool.
+    # Open edges are harmless there. V/F of a closed mesh is 1/2, of a soup 3.
+    "game": (
+        "nonfinite_faces>0",
+        "vf_ratio>1",
+        "nonmanifold_edge_ratio>0.01",
+        "nonmanifold_vertex_ratio>0.01",
+        "inconsistent_winding_edges>0",
+        "lcc_face_ratio<0.5",
+    ),
+    # What a slicer fills: a closed, consistently wound surface; several bodies may stand beside each other.
+    "print": (
+        "nonfinite_faces>0",
+        "boundary_edges>0",
+        "nonmanifold_edges>0",
+        "nonmanifold_vertices>0",
+        "inconsistent_winding_edges>0",
+        "duplicate_faces>0",
+        "repeated_index_faces>0",
+    ),
+    # No worse connected than MeshSplatting in the mean of the paper's scenes (Table mesh_connectivity).
+    "research": (
+        "nonfinite_faces>0",
+        "boundary_edge_ratio>0.45",
+        "nonmanifold_edge_ratio>0.18",
+        "nonmanifold_vertex_ratio>0.65",
+        "lcc_face_ratio<0.7",
+        "lcc_area_ratio<0.69",
+    ),
+}
+"""Purpose of a mesh -> conditions under which it is not fit for it. Our thresholds, but for `research`."""
 
 
 @dataclass(frozen=True)

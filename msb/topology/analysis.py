@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -15,9 +15,12 @@ from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -63,23 +66,80 @@ class Offending:
     faces: dict[str, NDArray[Any]]
 
 
-@dataclass(frozen=True)
 class Analysis:
-    """A mesh with its half-edges, fans, boundary, components and per-face properties."""
+    """A mesh with its half-edges, fans, boundary, components and per-face properties.
 
-    vertices: NDArray[Any]
-    mesh: HalfEdgeMesh
-    fans: Fans
-    boundary: Boundary
-    components: Components
-    two_face_components: int
-    """Number of components when faces join across two-face edges only."""
-    area: NDArray[np.float64]
-    finite: NDArray[np.bool_]
-    duplicate: NDArray[np.bool_]
-    soup: bool
-    """No vertex is used by two faces."""
-    timings_ms: dict[str, float]
+    Each part is made when it is first asked for, by NumPy and SciPy; `timings_ms` then has how long it took.
+
+    Parameters
+    ----------
+    vertices, faces : (V, 3) floating, (F, 3) integers
+        As `mesh_arrays` returns them.
+    """
+
+    def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
+        self.vertices = vertices
+        self.faces = faces
+        self.timings_ms: dict[str, float] = {}
+
+    @cached_property
+    def mesh(self) -> HalfEdgeMesh:
+        """The half-edge structure."""
+        return self._made("half_edges", build_half_edges, self.faces, len(self.vertices))
+
+    @cached_property
+    def fans(self) -> Fans:
+        """The fans around every vertex."""
+        return self._made("fans", find_fans, self.mesh)
+
+    @cached_property
+    def boundary(self) -> Boundary:
+        """The boundary loops and chains."""
+        return self._made("boundary", find_boundary, self.mesh, self.fans)
+
+    @property
+    def area(self) -> NDArray[np.float64]:
+        """(F,) area of each face, 0 where it is not finite; squared length units."""
+        return self._areas[0]
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """(F,) whether the area of each face is finite."""
+        return self._areas[1]
+
+    @property
+    def components(self) -> Components:
+        """The components across all shared edges."""
+        return self._components[0]
+
+    @property
+    def two_face_components(self) -> int:
+        """Number of components when faces join across two-face edges only."""
+        return self._components[1]
+
+    @cached_property
+    def duplicate(self) -> NDArray[np.bool_]:
+        """(F,) whether each face repeats an earlier one."""
+        return self._made("duplicates", extra_duplicates, self.faces)
+
+    @cached_property
+    def soup(self) -> bool:
+        """No vertex is used by two faces."""
+        return not bool((self._made("vertex_use", _faces_per_vertex, self.mesh) > 1).any())
+
+    @cached_property
+    def _areas(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        return self._made("areas", face_areas, self.vertices, self.faces)
+
+    @cached_property
+    def _components(self) -> tuple[Components, int]:
+        return self._made("components", find_components, self.mesh, self.area)
+
+    def _made(self, stage: str, make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        start = time.perf_counter()
+        made = make(*args, **kwargs)
+        self.timings_ms[stage] = (time.perf_counter() - start) * 1e3
+        return made
 
     @property
     def referenced(self) -> NDArray[np.bool_]:
@@ -145,38 +205,6 @@ class Analysis:
         return np.asarray(two_face[origin[one] == origin[other]])
 
 
-def analyse(vertices: NDArray[Any], faces: NDArray[Any]) -> Analysis:
-    """Return the analysis of a mesh that `mesh_arrays` has checked."""
-    timings: dict[str, float] = {}
-    with _timed(timings, "half_edges"):
-        mesh = build_half_edges(faces, len(vertices))
-    with _timed(timings, "fans"):
-        fans = find_fans(mesh)
-    with _timed(timings, "boundary"):
-        boundary = find_boundary(mesh, fans)
-    with _timed(timings, "areas"):
-        area, finite = face_areas(vertices, faces)
-    with _timed(timings, "components"):
-        components, two_face = find_components(mesh, area)
-    with _timed(timings, "duplicates"):
-        duplicate = extra_duplicates(faces)
-    with _timed(timings, "vertex_use"):
-        soup = not bool((_faces_per_vertex(mesh) > 1).any())
-    return Analysis(
-        vertices=vertices,
-        mesh=mesh,
-        fans=fans,
-        boundary=boundary,
-        components=components,
-        two_face_components=two_face,
-        area=area,
-        finite=finite,
-        duplicate=duplicate,
-        soup=soup,
-        timings_ms=timings,
-    )
-
-
 def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:
     """Return the components across all shared edges, and how many there are across two-face edges only."""
     proper = np.flatnonzero(~mesh.repeated_index)
@@ -201,10 +229,3 @@ def _faces_per_vertex(mesh: HalfEdgeMesh) -> NDArray[Any]:
     use += np.bincount(b[b != a], minlength=mesh.vertex_count)
     use += np.bincount(c[(c != a) & (c != b)], minlength=mesh.vertex_count)
     return use
-
-
-@contextmanager
-def _timed(timings: dict[str, float], stage: str) -> Iterator[None]:
-    start = time.perf_counter()
-    yield
-    timings[stage] = (time.perf_counter() - start) * 1e3

@@ -48,6 +48,8 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
             raise MeshError("MESH_TOO_LARGE", text, value=len(array), limit=limit)
     if triangles.size:
         _check_range(triangles, len(points))
+    if triangles.dtype == np.uint32 and len(points) < 2**31:  # as assets have them; the top bit is free
+        triangles = triangles.view(np.int32)
     return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 
 

@@ -32,8 +32,9 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            cross = np.cross(corners[:, 1] - first, corners[:, 2] - first)
-            area[start : start + _CHUNK] = 0.5 * np.sqrt(np.square(cross).sum(axis=1))
+            # Written out, as NumPy may sum in any order: the kernels' areas are the same to the last bit.
+            x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
+            area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
     area[~finite] = 0.0
     return area, finite

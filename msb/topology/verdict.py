@@ -35,7 +35,7 @@ def judge(audit: Audit) -> Verdict:
         return Verdict(
             "bad",
             f"renders; not usable for {TOPOLOGY_TOOLS} because it is a triangle soup: no two faces share a "
-            f"vertex{_weld_hint(audit)}",
+            f"vertex{_welded(audit)}",
         )
     if counts.nonmanifold_vertices:
         edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
@@ -94,9 +94,9 @@ def _pieces(audit: Audit) -> str:
     return f", and it is in {count:,} pieces (the largest holds {largest} of the faces)"
 
 
-def _weld_hint(audit: Audit) -> str:
+def _welded(audit: Audit) -> str:
     if audit.welded is None:
-        return " (--weld exact shows what merging coincident vertices would give)"
+        return ""
     counts = audit.welded.counts
     if counts.vertices == audit.counts.vertices:
         return ", and welding merges nothing"

@@ -197,6 +197,22 @@ def test_pocl_shares_what_nobody_can_change(device: Device, tmp_path: Path) -> N
         assert not address(device, view)  # gone after the block
 
 
+def test_pocl_works_on_shared_memory(device: Device) -> None:
+    scaled = device.program("simple", {"OFFSET": 0}, package=KERNELS).scaled
+    values = np.arange(5000, dtype=np.float32)
+    frozen = values.copy()
+    frozen.flags.writeable = False
+    for array in (values, frozen, np.repeat(values, 2)[::2]):
+        into = np.zeros(5000, np.float32)
+        source, target = device.share(array), device.share(into, "result")
+        scaled(5000, 1, source, target, np.uint32(5000))
+        result = target.read()
+        assert np.count_nonzero(result) == 4999
+        if device.record.selector.startswith("pocl"):
+            np.testing.assert_array_equal(into, result)
+        target.release()
+
+
 def test_scratch_can_be_given_back(fresh: Device) -> None:
     kept, dropped = fresh.scratch("kept", 100), fresh.scratch("dropped one", 100)
     fresh.release_scratch("dropped")

@@ -12,7 +12,8 @@ import pytest
 
 from msb.errors import MeshError
 from msb.topology import Audit, audit, audit_arrays
-from msb.topology.audit import Counts, Metrics
+from msb.topology.audit import Metrics
+from msb.topology.findings import Counts
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.meshes import CASE, CASES, random_mesh
 

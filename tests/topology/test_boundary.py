@@ -7,7 +7,7 @@ import pytest
 
 from data_stubs.splat_like import splat_like
 from msb.topology import audit
-from msb.topology.analysis import analyse
+from msb.topology.analysis import Analysis
 from tests.topology import brute_force
 from tests.topology.meshes import CASE, random_mesh
 
@@ -74,7 +74,7 @@ def test_loops_and_chains_of_case(name: str, loops: int, chains: int) -> None:
 
 
 def test_chains_partition_the_boundary_edges() -> None:
-    analysis = analyse(*splat_like(20))
+    analysis = Analysis(*splat_like(20))
     boundary = analysis.boundary
     assert boundary.loops > 0
     assert boundary.open_chains > 0

@@ -12,8 +12,9 @@ import pytest
 from docs.make_definitions import PAGE, page
 from msb.errors import UsageError
 from msb.topology import audit
-from msb.topology.audit import Counts, Metrics
+from msb.topology.audit import Metrics
 from msb.topology.explain import EXPLANATIONS, explain
+from msb.topology.findings import Counts
 from tests.conftest import BOOK, ROOT
 from tests.topology.meshes import COUNT_OF, METRIC_OF
 

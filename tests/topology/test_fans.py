@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from data_stubs.splat_like import splat_like
-from msb.topology.analysis import Analysis, analyse
+from msb.topology.analysis import Analysis
 from msb.topology.fans import corners_at_ends
 from msb.topology.halfedge import NONE
 from tests.topology.meshes import CASE, CASES, Case, random_mesh
 
 
 def analysed(case: Case) -> Analysis:
-    return analyse(case.vertices, case.faces.astype(np.int32))
+    return Analysis(case.vertices, case.faces.astype(np.int32))
 
 
 def assert_identity(analysis: Analysis) -> None:
@@ -35,11 +35,11 @@ def test_several_fans_means_multifan_or_edge_endpoint_on_random_meshes() -> None
     random = np.random.default_rng(11)
     for _ in range(500):
         points, faces = random_mesh(random)
-        assert_identity(analyse(points, faces.astype(np.int32)))
+        assert_identity(Analysis(points, faces.astype(np.int32)))
 
 
 def test_several_fans_means_multifan_or_edge_endpoint_on_a_splat_like_mesh() -> None:
-    analysis = analyse(*splat_like(20))
+    analysis = Analysis(*splat_like(20))
     assert len(analysis.nonmanifold_vertices) > 1000
     assert_identity(analysis)
 
@@ -48,7 +48,7 @@ def test_every_corner_of_a_proper_face_is_in_one_fan_around_its_vertex() -> None
     random = np.random.default_rng(12)
     for _ in range(200):
         points, faces = random_mesh(random)
-        analysis = analyse(points, faces.astype(np.int32))
+        analysis = Analysis(points, faces.astype(np.int32))
         fan = analysis.fans.corner_fan
         proper = np.repeat(~analysis.mesh.repeated_index, 3)
         assert (fan[~proper] == NONE).all()

@@ -1,0 +1,85 @@
+"""Meshes that stand in the way of a fast audit, of any number of faces: each the worst for some idea."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Mesh = tuple[int, NDArray[Any]]
+
+
+def star(count: int) -> Mesh:
+    """One vertex in every face, the others at random."""
+    faces = np.random.default_rng(0).integers(1, count // 2, (count, 3))
+    faces[:, 0] = 0
+    return count // 2, faces
+
+
+def fan(count: int) -> Mesh:
+    """One vertex in every face, and they form one fan around it."""
+    rim = np.arange(1, count + 1)
+    return count + 2, np.stack([np.zeros_like(rim), rim, rim + 1], axis=1)
+
+
+def book(count: int) -> Mesh:
+    """One edge in every face."""
+    page = np.arange(2, count + 2)
+    return count + 2, np.stack([np.zeros_like(page), np.ones_like(page), page], axis=1)
+
+
+def same(count: int) -> Mesh:
+    """All faces are the same."""
+    return 3, np.tile([0, 1, 2], (count, 1))
+
+
+def soup(count: int) -> Mesh:
+    """No two faces share a vertex."""
+    return 3 * count, np.arange(3 * count).reshape(-1, 3)
+
+
+def strip(count: int) -> Mesh:
+    """One strip of triangles, in order."""
+    first = np.arange(count)
+    return count + 2, np.stack([first, first + 1, first + 2], axis=1)
+
+
+def shuffled_strip(count: int) -> Mesh:
+    """The same with faces and vertices in no order: long paths for a union of neighbours."""
+    random = np.random.default_rng(0)
+    return count + 2, random.permutation(count + 2)[strip(count)[1][random.permutation(count)]]
+
+
+def noise(count: int) -> Mesh:
+    """Any three vertices."""
+    return count // 2, np.random.default_rng(0).integers(0, count // 2, (count, 3))
+
+
+def few(count: int) -> Mesh:
+    """Any three of thirty vertices; no face uses the others."""
+    return count // 2, np.random.default_rng(0).integers(0, 30, (count, 3))
+
+
+def collapsed(count: int) -> Mesh:
+    """Every face names a vertex twice."""
+    faces = np.random.default_rng(0).integers(0, count // 2, (count, 3))
+    faces[:, 1] = faces[:, 0]
+    return count // 2, faces
+
+
+HOSTILE: dict[str, Callable[[int], Mesh]] = {
+    make.__name__: make
+    for make in (star, fan, book, same, soup, strip, shuffled_strip, noise, few, collapsed)
+}
+
+
+def hostile(name: str, count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return vertices at random places and `count` faces."""
+    vertices, faces = HOSTILE[name](count)
+    points = np.random.default_rng(1).random((vertices, 3), np.float32)
+    return points, np.ascontiguousarray(faces, np.int32)

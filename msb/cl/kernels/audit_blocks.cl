@@ -1,0 +1,135 @@
+// The vertices of a block, one after the other, each with all its faces.
+
+// Order the records of a block by vertex into `sorted`; starts[i] is where those of the block's vertex i begin.
+void sort_block(__global const Record *restrict records, uint count, uint first, uint vertices,
+    __global uint *restrict starts, __global Record *restrict sorted)
+{
+    for (uint i = 0; i <= vertices; i++)
+        starts[i] = 0;
+    for (uint i = 0; i < count; i++)
+        starts[records[i].x - first]++;
+    for (uint i = 0, sum = 0; i <= vertices; i++)
+        starts[i] = sum += starts[i];
+    // Every end comes down to its start; from the last record to the first, so that they keep their order.
+    for (uint i = count; i-- > 0;)
+        sorted[--starts[records[i].x - first]] = records[i];
+}
+
+// The same in place, for a block so large that a copy would be too much memory: a record goes where it belongs, and
+// the one that lay there is next. `next` has room for as many as `starts`.
+void sort_block_in_place(__global Record *records, uint count, uint first, uint vertices, __global uint *starts,
+    __global uint *next)
+{
+    for (uint i = 0; i <= vertices; i++)
+        starts[i] = 0;
+    for (uint i = 0; i < count; i++)
+        starts[records[i].x - first + 1]++;
+    for (uint i = 0, sum = 0; i <= vertices; i++)
+        next[i] = starts[i] = sum += starts[i];
+    for (uint i = 0; i < vertices; i++)
+        while (next[i] < starts[i + 1]) {
+            Record r = records[next[i]];
+            for (uint k = r.x - first; k != i; k = r.x - first) {
+                Record other = records[next[k]];
+                records[next[k]++] = r;
+                r = other;
+            }
+            records[next[i]++] = r;
+        }
+}
+
+// Put the records of proper faces before the others; return how many they are.
+uint proper_first(__global Record *records, uint count)
+{
+    uint n = 0;
+    for (uint i = 0; i < count; i++) {
+        Record r = records[i];
+        if (r.w & IMPROPER)
+            continue;
+        records[i] = records[n];
+        records[n++] = r;
+    }
+    return n;
+}
+
+void visit_vertex(__global Record *records, uint count, Visit *visit, uint v, uint vertices)
+{
+    Star star;
+    uint n = 0;
+    visit->tally->shared_vertices += count > 1;
+    if (count > MOST) {
+        n = proper_first(records, count);
+    } else {
+        for (uint i = 0; i < count; i++) {
+            Record r = records[i];
+            star.neighbour[n] = r.y;
+            star.neighbour[MOST + n] = r.z;
+            star.face[n] = r.w;
+            n += !(r.w & IMPROPER);
+        }
+        for (uint i = n; i & 7; i++)
+            star.neighbour[i] = star.neighbour[MOST + i] = NOBODY;
+        star.count = n;
+    }
+    int duplicates = count > n || n > MOST;
+    if (n == 0) {
+        count_vertex(visit->tally, UNREFERENCED_VERTICES, v);
+        count_valence(visit, 0);
+    } else if (count > MOST) {
+        visit_large(records, n, visit, v, vertices);
+    } else {
+        duplicates |= visit_small(&star, visit, v);
+    }
+    if (duplicates)
+        count_duplicates(records, count, visit, v, vertices);
+}
+
+// Visit the blocks `first` to `first` + `count` - 1, each work-item one after the other, as long as there are any:
+// those of at most `limit` records, or with `large` those of more, which one work-item takes.
+__kernel void visit_blocks(__global Record *records, __global const uint *block_starts, __global ulong *block_edges,
+    __global uint *next_block, __global Tally *tallies, __global uint *valences, __global uint *next_valence,
+    __global uint2 *pairs, __global uint *fills, __global uint *next_chunk, __global ulong *scratch,
+    ulong scratch_words, uint limit, uint large, uint first, uint count, uint shift, uint vertices)
+{
+    size_t item = get_global_id(0);
+    Visit visit;
+    visit.tally = tallies + (large ? 0 : 1 + item);
+    visit.valences = valences;
+    visit.next_valence = next_valence;
+    visit.pairs = pairs;
+    visit.fills = fills;
+    visit.next_chunk = next_chunk;
+    for (int kind = 0; kind < KINDS; kind++)
+        visit.at[kind] = 0;
+    scratch += item * scratch_words;
+    // The scratch memory holds where vertices start, a copy of the block (16-byte words) unless it is large, and what
+    // the largest vertex needs: 4 words a corner.
+    uint size = 1u << shift;
+    __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
+    scratch += size + 1;
+    __global Record *copy = (__global Record *)(scratch + (size & 1 ? 0 : 1));
+    visit.scratch = scratch + 1 + (large ? 0 : 2 * (size_t)limit);
+    for (;;) {
+        uint k = atomic_inc(next_block);
+        if (k >= count)
+            break;
+        uint corners = block_starts[k + 1] - block_starts[k], v = (first + k) << shift;
+        if ((corners > limit) != (large != 0))
+            continue;
+        uint here = MIN(size, vertices - v);
+        __global Record *sorted = records + block_starts[k];
+        if (large)
+            sort_block_in_place(sorted, corners, v, here, starts, next);
+        else {
+            sort_block(sorted, corners, v, here, starts, copy);
+            sorted = copy;
+        }
+        visit.block = first + k;
+        visit.rank = 0;
+        for (uint i = 0; i < here; i++)
+            visit_vertex(sorted + starts[i], starts[i + 1] - starts[i], &visit, v + i, vertices);
+        block_edges[first + k] = visit.rank;
+    }
+    for (int kind = 0; kind < KINDS; kind++)
+        close_list(&visit, kind);
+}

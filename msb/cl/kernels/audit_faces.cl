@@ -1,0 +1,113 @@
+// Faces one by one, and the sums over each component.
+
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+
+#ifdef __clang__
+#define SQUARE_ROOT(x) __builtin_sqrt(x) // one instruction; a call with PoCL's own
+#else
+#define SQUARE_ROOT(x) sqrt(x)
+#endif
+
+// Half the norm of the cross product, each operation rounded as NumPy's are: nothing may be fused.
+double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __global const COORDINATE *r)
+{
+#pragma OPENCL FP_CONTRACT OFF
+    double a0 = (double)q[0] - (double)p[0], a1 = (double)q[1] - (double)p[1], a2 = (double)q[2] - (double)p[2];
+    double b0 = (double)r[0] - (double)p[0], b1 = (double)r[1] - (double)p[1], b2 = (double)r[2] - (double)p[2];
+    double x = a1 * b2 - a2 * b1, y = a2 * b0 - a0 * b2, z = a0 * b1 - a1 * b0;
+    return 0.5 * SQUARE_ROOT(x * x + y * y + z * z);
+}
+
+// Few components are large, and one is most often very large: a work-item counts in a table of its own, and adds to
+// `sizes`, where others do too, only what must make room in it.
+#define TABLE 64
+
+#define SOON 12 // faces ahead, whose vertices and component are then in the cache when they are needed
+
+// For each face its area (0 where that is not finite), its component in `parents` (the lowest face in it), and a
+// start for the union of rims. `sizes` begins as zeros. `found` has for each work-item how many areas are zero though
+// the vertices differ, the first of these faces, and the same for areas that are not finite.
+__kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
+    __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,
+    __global uint *restrict found, uint face_count, uint chunk)
+{
+    size_t item = get_global_id(0);
+    uint from = MIN((ulong)face_count, item * (ulong)chunk), to = MIN(face_count, from + chunk);
+    uint keys[TABLE], counts[TABLE], zeros = 0, strange = 0;
+    for (int i = 0; i < TABLE; i++)
+        keys[i] = counts[i] = 0;
+    found += 2 * (SAMPLES + 1) * item;
+    for (uint f = from; f < to; f++) {
+        uint soon = MIN(f + SOON, to - 1);
+        PREFETCH(parents + parents[soon]);
+        for (int k = 0; k < 3; k++)
+            PREFETCH(points + 3 * (size_t)faces[3 * (size_t)soon + k]);
+        __global const uint *face = faces + 3 * (size_t)f;
+        uint a = face[0], b = face[1], c = face[2];
+        double area = face_area(points + 3 * (size_t)a, points + 3 * (size_t)b, points + 3 * (size_t)c);
+        int proper = a != b && b != c && a != c;
+        if (!(area <= DBL_MAX)) {
+            area = 0;
+            if (strange < SAMPLES)
+                found[SAMPLES + 2 + strange] = f;
+            strange++;
+        } else if (area == 0 && proper) {
+            if (zeros < SAMPLES)
+                found[1 + zeros] = f;
+            zeros++;
+        }
+        areas[f] = area;
+        rims[f] = f;
+        if (!proper)
+            continue;
+        uint root = find_root(parents, f), slot = root % TABLE;
+        parents[f] = root;
+        if (keys[slot] != root) {
+            if (counts[slot])
+                atomic_add(sizes + keys[slot], counts[slot]);
+            PREFETCH(sizes + root);
+            keys[slot] = root;
+            counts[slot] = 0;
+        }
+        counts[slot]++;
+    }
+    for (int i = 0; i < TABLE; i++)
+        if (counts[i])
+            atomic_add(sizes + keys[i], counts[i]);
+    found[0] = zeros;
+    found[SAMPLES + 1] = strange;
+}
+
+// The component with most faces; of several, the one with the largest area, then with the lowest face: its faces, the
+// components of one face, and its area. By one work-item, so that areas are added in the order of the faces.
+__kernel void sum_largest(__global const double *restrict areas, __global const uint *restrict parents,
+    __global const uint *restrict sizes, __global double *restrict sums, __global uint *restrict counts,
+    __global double *restrict area, uint face_count)
+{
+    uint most = 0, alone = 0, candidates = 0, largest = NOBODY;
+    for (uint f = 0; f < face_count; f++) {
+        most = MAX(most, sizes[f]);
+        alone += sizes[f] == 1;
+    }
+    for (uint f = 0; f < face_count; f++)
+        candidates += sizes[f] == most;
+    volatile double best = 0; // volatile, or Intel's compiler adds in an order of its own
+    if (most > 0 && candidates == 1) { // as on most meshes: then nothing must be looked up
+        for (uint f = 0; f < face_count; f++)
+            largest = sizes[f] == most ? f : largest;
+        for (uint f = 0; f < face_count; f++)
+            best += parents[f] == largest ? areas[f] : 0.0;
+    } else if (most > 0) {
+        for (uint f = 0; f < face_count; f++) {
+            uint root = parents[f];
+            if (sizes[root] == most)
+                sums[root] = (root == f ? 0 : sums[root]) + areas[f];
+        }
+        for (uint f = 0; f < face_count; f++)
+            if (sizes[f] == most && sums[f] > best)
+                best = sums[f];
+    }
+    counts[0] = most;
+    counts[1] = alone;
+    area[0] = best;
+}

@@ -1,0 +1,195 @@
+// A vertex of at most MOST faces (a multiple of 8, up to 32): which of them share a neighbour is kept in a word of bits
+// for each side of each face, found by comparing all with all, eight at a time. That is quadratic, but of a constant,
+// and cheaper than sorting: there is no branch that a processor cannot foresee.
+
+typedef uint8 __attribute__((aligned(4))) loose_uint8;
+#define LANES(words) (*(loose_uint8 *)(words))
+
+// A face at the vertex has two sides, y and z: the edges to the two other vertices, in the order in which it runs.
+typedef struct {
+    uint neighbour[2 * MOST]; // of each side, those of z behind all of y; lanes beyond the last have NOBODY
+    uint sharing[2 * MOST];   // the faces that have this neighbour too
+    uint same[2 * MOST];      // those that have it on the same side
+    uint face[MOST];
+    uint count;
+} Star;
+
+uint or_lanes(uint8 v) { return (uint)or8(as_int8(v)); }
+
+uint sum_lanes(uint8 v)
+{
+    uint4 four = v.lo + v.hi;
+    uint2 two = four.lo + four.hi;
+    return two.x + two.y;
+}
+
+#define BIT(i) (1u << (i))
+#define REST(bits) ((bits) & ((bits) - 1)) // without the lowest
+
+// What the sides of a vertex come to, by lanes: the number of its edges, of those to higher vertices, and of these
+// the boundary ones, those with two faces that run along it the same way, and those with more faces, each in as many
+// bits of `counts` as it can take with 64 sides; which sides are boundary edges, which have a higher neighbour in
+// common with an earlier side; not zero where an edge has more than two faces; faces that share both neighbours.
+typedef struct {
+    uint8 counts, rim[2], paired[2], crowd, twins;
+} Sides;
+#define VALENCE(counts) ((counts) & 127)
+#define EDGES(counts) ((counts) >> 7 & 127)
+#define BOUNDARY(counts) ((counts) >> 14 & 127)
+#define FLIPPED(counts) ((counts) >> 21 & 63)
+#define CROWDS(counts) ((counts) >> 27)
+
+void count_sides(Sides *sums, int side, uint8 bit, uint8 neighbour, uint8 sharing, uint8 same, uint v)
+{
+    const uint8 none = 0;
+    uint8 rest = REST(sharing), more = REST(rest);
+    uint8 one = as_uint8(sharing != none) & as_uint8(rest == none);
+    uint8 two = as_uint8(rest != none) & as_uint8(more == none), crowd = as_uint8(more != none);
+    uint8 first = as_uint8((sharing & -sharing) == bit), up = as_uint8(neighbour > v);
+    uint8 flipped = two & as_uint8(REST(same) != none);
+    sums->counts += first & (1 | (up & (BIT(7) | (one & BIT(14)) | (flipped & BIT(21)) | (crowd & BIT(27)))));
+    sums->rim[side] |= one & bit;
+    sums->paired[side] |= up & ~first & as_uint8(rest != none) & bit;
+    sums->crowd |= crowd;
+}
+
+// Fill `sharing` and `same`, and sum up.
+void compare_sides(Star *s, Sides *sums, uint v)
+{
+    sums->counts = sums->rim[0] = sums->rim[1] = sums->paired[0] = sums->paired[1] = sums->crowd = sums->twins = 0;
+    for (uint c = 0; c < s->count; c += 8) {
+        uint8 y = LANES(s->neighbour + c), z = LANES(s->neighbour + MOST + c);
+        uint8 at_y = 0, at_z = 0, same_y = 0, same_z = 0;
+        for (uint i = 0; i < s->count; i++) {
+            uint8 bit = BIT(i), other_y = s->neighbour[i], other_z = s->neighbour[MOST + i];
+            uint8 yy = as_uint8(y == other_y) & bit, zz = as_uint8(z == other_z) & bit;
+            same_y |= yy;
+            same_z |= zz;
+            at_y |= yy | (as_uint8(y == other_z) & bit);
+            at_z |= zz | (as_uint8(z == other_y) & bit);
+        }
+        LANES(s->sharing + c) = at_y;
+        LANES(s->sharing + MOST + c) = at_z;
+        LANES(s->same + c) = same_y;
+        LANES(s->same + MOST + c) = same_z;
+        uint8 bits = (uint8)(1, 2, 4, 8, 16, 32, 64, 128) << c;
+        count_sides(sums, 0, bits, y, at_y, same_y, v);
+        count_sides(sums, 1, bits, z, at_z, same_z, v);
+        sums->twins |= REST(at_y & at_z);
+    }
+}
+
+// List the edges of a kind from v upwards, `number` of which are listed. A search for each edge: for a few vertices.
+void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
+{
+    uint last = v;
+    for (ulong rank = visit->rank;; rank++) {
+        uint next = NOBODY, faces = 0, same = 0;
+        for (uint i = 0; i < 2 * MOST; i++)
+            if (i % MOST < s->count && s->neighbour[i] > last && s->neighbour[i] < next) {
+                next = s->neighbour[i];
+                faces = COUNT_BITS(s->sharing[i]);
+                same = COUNT_BITS(s->same[i]);
+            }
+        if (next == NOBODY)
+            return;
+        last = next;
+        // An edge that both faces run along the same way is on the same side of both.
+        int is_kind = kind == BOUNDARY_EDGES ? faces == 1 : kind == NONMANIFOLD_EDGES ? faces > 2
+            : faces == 2 && same != 1;
+        if (is_kind)
+            list_edge(visit->tally, kind, number++, visit->block, rank, v, next);
+    }
+}
+
+// Follow the fan of face i, one of whose edges here is a boundary edge, to its other side; return the face there if
+// that is a boundary edge too, else NOBODY. `rim_y` and `rim_z` are the faces with a boundary edge on that side.
+uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
+{
+    uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];
+    while (COUNT_BITS(through) == 2) {
+        i = LOWEST_BIT(through & ~BIT(i));
+        int by_y = s->sharing[i] == through; // on a fan with ends, no two faces share both neighbours
+        if ((by_y ? rim_z : rim_y) & BIT(i))
+            return i;
+        through = s->sharing[by_y ? MOST + i : i];
+    }
+    return NOBODY;
+}
+
+void link_rims(const Star *s, Visit *visit, uint rim_y, uint rim_z)
+{
+    uint links = COUNT_BITS(rim_y & rim_z); // fans of one face
+    for (uint ends = rim_y ^ rim_z; ends; ends &= ends - 1) {
+        uint i = LOWEST_BIT(ends), j = other_end(s, i, rim_y, rim_z);
+        if (j != NOBODY) {
+            ends &= ~BIT(j);
+            visit->pairs[visit->at[RIM]++] = (uint2)(s->face[i], s->face[j]);
+            links++;
+        }
+    }
+    visit->tally->rim_links += links;
+}
+
+// Whether the faces, joined across every shared edge, are in several groups.
+int in_groups(const Star *s)
+{
+    uint reached = 1, done = 0;
+    for (uint todo = 1; todo; todo = reached & ~done) {
+        uint i = LOWEST_BIT(todo);
+        done |= BIT(i);
+        reached |= s->sharing[i] | s->sharing[MOST + i];
+    }
+    return COUNT_BITS(done) != s->count;
+}
+
+uint most_sharing(const Star *s)
+{
+    uint most = 0;
+    for (uint i = 0; i < s->count; i++)
+        most = MAX(most, MAX(COUNT_BITS(s->sharing[i]), COUNT_BITS(s->sharing[MOST + i])));
+    return most;
+}
+
+// Pair the faces of sides that share a neighbour, each with the first. Both lists are written, one is kept.
+void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
+{
+    __global uint2 *pairs = visit->pairs;
+    ulong two_at = visit->at[TWO_FACE], crowd_at = visit->at[CROWDED];
+    for (ulong paired = paired_y | (ulong)paired_z << MOST; paired; paired &= paired - 1) {
+        uint side = LOWEST_BIT_OF_LONG(paired), sharing = s->sharing[side];
+        uint2 pair = (uint2)(s->face[LOWEST_BIT(sharing)], s->face[side % MOST]);
+        int two = REST(REST(sharing)) == 0;
+        pairs[two_at] = pair;
+        two_at += two;
+        pairs[crowd_at] = pair;
+        crowd_at += !two;
+    }
+    visit->at[TWO_FACE] = two_at;
+    visit->at[CROWDED] = crowd_at;
+}
+
+// Visit vertex v, whose faces are `s`; there is at least one. Return whether two of them share both neighbours.
+int visit_small(Star *s, Visit *visit, uint v)
+{
+    __global Tally *t = visit->tally;
+    Sides sums;
+    compare_sides(s, &sums, v);
+    for (int kind = 0; kind < KINDS; kind++)
+        make_room(visit, kind, 2 * MOST);
+    uint counts = sum_lanes(sums.counts), rim_y = or_lanes(sums.rim[0]), rim_z = or_lanes(sums.rim[1]);
+    pair_faces(s, visit, or_lanes(sums.paired[0]), or_lanes(sums.paired[1]));
+    count_valence(visit, VALENCE(counts));
+    if (count_edges(t, BOUNDARY_EDGES, BOUNDARY(counts)))
+        list_small(s, visit, BOUNDARY_EDGES, t->edge_counts[BOUNDARY_EDGES] - BOUNDARY(counts), v);
+    if (count_edges(t, FLIPPED_EDGES, FLIPPED(counts)))
+        list_small(s, visit, FLIPPED_EDGES, t->edge_counts[FLIPPED_EDGES] - FLIPPED(counts), v);
+    if (count_edges(t, NONMANIFOLD_EDGES, CROWDS(counts)))
+        list_small(s, visit, NONMANIFOLD_EDGES, t->edge_counts[NONMANIFOLD_EDGES] - CROWDS(counts), v);
+    visit->rank += EDGES(counts);
+    if (rim_y | rim_z)
+        link_rims(s, visit, rim_y, rim_z);
+    uint most = or_lanes(sums.crowd) ? most_sharing(s) : EDGES(counts) > BOUNDARY(counts) ? 2 : 1;
+    count_fans(visit, v, most, in_groups(s));
+    return or_lanes(sums.twins) != 0;
+}

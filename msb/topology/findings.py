@@ -1,0 +1,119 @@
+"""What an audit finds, as plain numbers: the one shape that NumPy and the OpenCL kernels both give."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from msb.topology.analysis import Analysis
+
+SAMPLES = 3
+"""Offending elements shown of each kind: enough to go and look, few enough to read."""
+First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
+"""Key of the counts -> number and vertices of the first few elements behind it, ascending."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Integers. `msb-audit --explain NAME` prints the definition of each (docs/definitions.md)."""
+
+    vertices: int
+    referenced_vertices: int
+    unreferenced_vertices: int
+    faces: int
+    repeated_index_faces: int
+    zero_area_faces: int
+    nonfinite_faces: int
+    duplicate_faces: int
+    edges: int
+    boundary_edges: int
+    manifold_edges: int
+    nonmanifold_edges: int
+    max_edge_faces: int
+    nonmanifold_vertices: int
+    multifan_vertices: int
+    nonmanifold_edge_endpoints: int
+    inconsistent_winding_edges: int
+    boundary_loops: int
+    open_boundary_chains: int
+    components: int
+    components_manifold_edges: int
+    largest_component_faces: int
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The counts of a mesh, and what else the report needs.
+
+    Attributes
+    ----------
+    counts : Counts
+    shares_vertices : bool
+        Some vertex is used by two faces.
+    total_area, largest_component_area : float
+        Squared length units; added in the order of the faces, so that they do not depend on who adds them.
+    valence_histogram : dict of int to int
+        Number of edges at a vertex -> number of such vertices, ascending.
+    first : dict
+        Edges, vertices and faces behind the counts. An edge's number is its place among the vertex pairs.
+    timings_ms : dict of str to float
+        Stage -> milliseconds; not compared, as is who found it.
+    computed_by : str
+    """
+
+    counts: Counts
+    shares_vertices: bool
+    total_area: float
+    largest_component_area: float
+    valence_histogram: dict[int, int]
+    first: First
+    timings_ms: dict[str, float] = field(compare=False)
+    computed_by: str = field(compare=False)
+
+
+def find_by_numpy(analysis: Analysis) -> Findings:
+    """Return what `analysis` comes to: the readable twin of `msb.topology.kernel`."""
+    mesh, components, found = analysis.mesh, analysis.components, analysis.offending
+    listed = {
+        kind: len(ids) for group in (found.edges, found.vertices, found.faces) for kind, ids in group.items()
+    }
+    largest = components.largest()
+    counts = Counts(
+        vertices=mesh.vertex_count,
+        referenced_vertices=mesh.vertex_count - listed["unreferenced_vertices"],
+        faces=mesh.face_count,
+        edges=mesh.edge_count,
+        manifold_edges=int(np.count_nonzero(mesh.multiplicity == 2)),
+        max_edge_faces=int(mesh.multiplicity.max(initial=0)),
+        boundary_loops=analysis.boundary.loops,
+        open_boundary_chains=analysis.boundary.open_chains,
+        components=components.count,
+        components_manifold_edges=analysis.two_face_components,
+        largest_component_faces=0 if largest is None else int(components.sizes[largest]),
+        **listed,
+    )
+    valences = np.bincount(np.bincount(mesh.edge_vertices.reshape(-1), minlength=counts.vertices))
+    return Findings(
+        counts=counts,
+        shares_vertices=not analysis.soup,
+        total_area=float(analysis.area.sum()),
+        largest_component_area=0.0 if largest is None else float(components.areas[largest]),
+        valence_histogram={int(k): int(valences[k]) for k in np.flatnonzero(valences)},
+        first={
+            **{kind: first_of(ids, mesh.edge_vertices) for kind, ids in found.edges.items()},
+            **{kind: first_of(ids) for kind, ids in found.vertices.items()},
+            **{kind: first_of(ids, mesh.faces) for kind, ids in found.faces.items()},
+        },
+        timings_ms=dict(analysis.timings_ms),
+        computed_by="NumPy",
+    )
+
+
+def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
+    """Return the first few of ascending element `numbers`, with their rows of `vertices` or themselves."""
+    return tuple(
+        (int(i), (int(i),) if vertices is None else tuple(map(int, vertices[i]))) for i in numbers[:SAMPLES]
+    )

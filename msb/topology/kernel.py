@@ -1,0 +1,338 @@
+"""What an audit finds, by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
+
+Corners are put into blocks of vertices that fit into a core's cache, with the rest of their face beside them.
+There each vertex is visited with all its faces at once: which of them share a neighbour says all of edges,
+fans, duplicates and the boundary, without a sort (audit_small.cl; with many faces, with one: audit_large.cl).
+What joins faces to components is left as a list of pairs, for a union with the lowest number as root
+(audit_pairs.cl). docs/audit_speed.md says why, with measurements.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.topology.findings import SAMPLES
+from msb.topology.tally import Totals, add_up, tally_dtype
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import DTypeLike, NDArray
+
+    from msb.cl import Device
+    from msb.cl.buffers import Buffer
+    from msb.cl.programs import Program
+    from msb.topology.findings import Findings
+
+TWO_FACE, CROWDED, RIM = range(3)
+"""The kinds of pairs of audit_pairs.cl."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What the kernels' time and memory depend on, and the results do not: tests make everything small.
+
+    Attributes
+    ----------
+    block_corners : int
+        Corners of a block of vertices on average: 200 KB, which a second-level cache holds twice.
+    most_blocks : int
+        Blocks at most: each is a stream to be written to.
+    large_block : int
+        Corners from which a block is sorted in place, if that is more than a share of all.
+    rounds : int
+        How often the memory for the corners is used.
+    most_compared : int
+        Faces of a vertex whose neighbours are compared all with all; a multiple of 8, up to 32.
+    chunk_pairs : int
+        Pairs of faces in a chunk of the list, more than four times `most_compared`.
+    valences : int
+        Vertices with fewer edges are counted in a table.
+    """
+
+    block_corners: int = 12288
+    most_blocks: int = 4096
+    large_block: int = 1 << 16
+    rounds: int = 2
+    most_compared: int = 32
+    chunk_pairs: int = 4096
+    valences: int = 256
+
+
+def find_by_kernels(
+    points: NDArray[Any],
+    faces: NDArray[np.int32],
+    device: Device,
+    *,
+    workers: int | None = None,
+    sizes: Sizes | None = None,
+) -> Findings:
+    """Return what the audit of arrays that `mesh_arrays` has checked finds.
+
+    Parameters
+    ----------
+    points : (V, 3) floating
+    faces : (F, 3) int32
+    device : Device
+        With double precision. Everything put on it is given back.
+    workers : int, optional
+        Work-items at a time; the compute units of the device by default.
+    sizes : Sizes, optional
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_MEMORY`, `DEVICE_BUILD` or `DEVICE_COMMAND`.
+
+    Notes
+    -----
+    O(V + F) time for meshes whose vertices have few faces, O(V + F log F) for any. About 45 bytes a face.
+    """
+    run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
+    try:
+        return run.findings()
+    finally:
+        run.release()
+
+
+class _Run:
+    """One audit: the buffers, and the stages in their order."""
+
+    def __init__(
+        self, points: NDArray[Any], faces: NDArray[np.int32], device: Device, workers: int, sizes: Sizes
+    ) -> None:
+        if points.dtype not in (np.float32, np.float64):
+            points = points.astype(np.float64)
+        self.points, self.faces = np.ascontiguousarray(points), faces
+        self.device, self.workers, self.sizes = device, workers, sizes
+        self.chunks = 2 * workers
+        """Contiguous parts of the faces; more than workers, so that one held up does not hold up all."""
+        self.chunk = -(-len(faces) // self.chunks)
+        self.tally = tally_dtype(sizes.valences)
+        self.timings: dict[str, float] = {}
+        self._held: list[Buffer] = []
+        self._clock = time.perf_counter()
+
+    def findings(self) -> Findings:
+        """Run all stages."""
+        self.program = self._program()
+        self.on_device = self._share(self.faces.view(np.uint32), "faces")
+        self._lap("open")
+        self._count_corners()
+        self._lap("blocks")
+        self._visit_vertices()
+        self._lap("vertices")
+        components, two_face_components = self._unite()
+        self._lap("components")
+        area, largest_area, largest, loops, strange = self._measure_faces()
+        self._lap("faces")
+        totals = Totals(
+            vertex_count=len(self.points),
+            faces=self.faces,
+            improper=self.improper,
+            strange=strange,
+            tallies=self.tallies.read().view(self.tally),
+            block_edges=self.block_edges.read(),
+            valences=self.valences.read()[: int(self.used[0].read()[0])],
+            components=components,
+            two_face_components=two_face_components,
+            boundary_loops=loops,
+            largest=largest,
+            area=area,
+            largest_area=largest_area,
+        )
+        return add_up(totals, self.timings, f"OpenCL, {self.device.record}")
+
+    def release(self) -> None:
+        """Give back all memory, once nothing uses it any more."""
+        self.device.finish()
+        for buffer in self._held:
+            buffer.release()
+
+    # ---- stages
+
+    def _count_corners(self) -> None:
+        """Lay out the blocks of vertices and the rounds in which they are visited."""
+        face_count, vertex_count, sizes = len(self.faces), len(self.points), self.sizes
+        wanted = min(max(3 * face_count // sizes.block_corners, 1), sizes.most_blocks)
+        self.shift = max((vertex_count // wanted).bit_length() - 1, 0)
+        self.blocks = -(-vertex_count >> self.shift)
+        counts = self._new((self.chunks, self.blocks), np.uint32, "corner counts")
+        improper = self._new((self.chunks, 1 + SAMPLES), np.uint32, "improper faces")
+        self.parents = self._large(face_count, np.uint32, "components")
+        scalars = _uints(face_count, self.chunk, self.blocks, self.shift)
+        self.program.count_corners(self.chunks, 1, self.on_device, counts, self.parents, improper, *scalars)
+        self.counts, self.improper = counts.read(), improper.read()
+        self.starts = np.concatenate([[0], np.cumsum(self.counts.sum(axis=0, dtype=np.int64))])
+
+    def _visit_vertices(self) -> None:
+        """Put the corners into their blocks and visit the vertices there, round after round."""
+        block_sizes, face_count = np.diff(self.starts), len(self.faces)
+        share = 3 * face_count // (16 * self.workers)
+        self.large = max(self.sizes.large_block, share)
+        largest = int(block_sizes.max(initial=0))
+        # A little more than a round's share, because blocks do not divide evenly.
+        room = max(int(self.starts[-1]) // self.sizes.rounds * 33 // 32, largest)
+        self.memory = _empty(max(room + 1, -(-3 * face_count // 2)) * 16)
+        records = self._share(self.memory, "corners")
+        words = (self.workers + 1) * self.tally.itemsize // 8
+        self.tallies = self._zeros(words, np.uint64, "tallies")
+        self.block_edges = self._zeros(self.blocks, np.uint64, "block edges")
+        self.valences = self._new(6 * face_count // self.sizes.valences + 1, np.uint32, "valences")
+        self.used = self._zeros(1, np.uint32, "valences used"), self._zeros(1, np.uint32, "chunks used")
+        self._make_lists()
+        small = self._scratch(self.workers, self.large)
+        large = self._scratch(1, min(largest, face_count), large=True) if largest > self.large else None
+        for first, end in self._rounds(room):
+            self._place_corners(records, first, end, room)
+            self._visit_blocks(records, first, end, small, large=False)
+            if large and block_sizes[first:end].max() > self.large:
+                self._visit_blocks(records, first, end, large, large=True)
+        self.device.finish()
+        for buffer in (records, small[0], *(large or ())[:1]):
+            buffer.release()
+
+    def _rounds(self, room: int) -> Iterator[tuple[int, int]]:
+        """Yield first and end of the blocks of each round: as many as there is room for."""
+        first = 0
+        while first < self.blocks:
+            end = int(np.searchsorted(self.starts, self.starts[first] + room, side="right")) - 1
+            yield first, max(end, first + 1)
+            first = end
+
+    def _place_corners(self, records: Buffer, first: int, end: int, spare: int) -> None:
+        """Give each chunk its place in each block, all chunks of a block one after the other."""
+        mine = self.counts[:, first:end]
+        cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)
+        cursors[:, :-1] = self.starts[first:end] - self.starts[first] + np.cumsum(mine, axis=0) - mine
+        buffer = self._share(cursors, "cursors")
+        scalars = _uints(len(self.faces), self.chunk, first, end - first, self.shift)
+        self.program.place_corners(self.chunks, 1, self.on_device, records, buffer, *scalars)
+
+    def _visit_blocks(
+        self, records: Buffer, first: int, end: int, scratch: tuple[Buffer, int], *, large: bool
+    ) -> None:
+        starts = (self.starts[first : end + 1] - self.starts[first]).astype(np.uint32)
+        following = self._zeros(1, np.uint32, "next block")
+        valences_used, chunks_used = self.used
+        self.program.visit_blocks(
+            1 if large else self.workers, 1,
+            records, self._share(starts, "block starts"), self.block_edges, following, self.tallies,
+            self.valences, valences_used, self.pairs, self.fills, chunks_used,
+            scratch[0], np.uint64(scratch[1]),
+            *_uints(self.large, large, first, end - first, self.shift, len(self.points)),
+        )  # fmt: skip
+
+    def _make_lists(self) -> None:
+        """Make room for the pairs: at most one for each half-edge, in chunks, some of which are not full."""
+        sizes, kinds = self.sizes, 3
+        full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
+        begun = kinds * (self.workers + 1) * (2 * sizes.rounds + 2)
+        self.pairs = self._large((full + begun + 1) * sizes.chunk_pairs, np.uint64, "pairs")
+        self.fills = self._new(full + begun + 1, np.uint32, "chunks of pairs")
+
+    def _scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
+        """Return what visit_blocks needs beside, and how many words of it each work-item has."""
+        starts = (1 << self.shift) + 1  # twice, as 32-bit numbers
+        words = starts + 1 + (4 if large else 6) * corners
+        words += words % 2
+        return self._large(words * workers, np.uint64, "scratch"), words
+
+    def _unite(self) -> tuple[int, int]:
+        """Return the components of both readings: unite across two-face edges, then across the others too."""
+        self.chunks_used = int(self.used[1].read()[0])
+        proper = len(self.faces) - int(self.improper[:, 0].sum())
+        two_face = proper - self._joined(TWO_FACE, self.parents)
+        return two_face - self._joined(CROWDED, self.parents), two_face
+
+    def _joined(self, kind: int, parents: Buffer) -> int:
+        """Unite the pairs of a kind; return how many of them joined two sets."""
+        joined = self._zeros(self.workers, np.uint32, "joined")
+        chunk = self._zeros(1, np.uint32, "next chunk")
+        scalars = _uints(self.chunks_used, kind)
+        self.program.unite_pairs(self.workers, 1, self.pairs, self.fills, parents, chunk, joined, *scalars)
+        return int(joined.read().sum(dtype=np.int64))
+
+    def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
+        """Return both areas, the faces of the largest component, the boundary loops and the strange areas."""
+        count = len(self.faces)
+        # In the memory of the corners, which has been touched and is large enough: 24 bytes a face.
+        cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
+        areas = self._share(cuts[0].view(np.float64), "areas")
+        sums = self._share(cuts[1].view(np.float64), "sums of areas")
+        sizes = self._share(cuts[2].view(np.uint32), "component sizes")
+        rims = self._share(cuts[3].view(np.uint32), "rims")
+        sizes.fill(0)
+        strange = self._new((self.chunks, 2, 1 + SAMPLES), np.uint32, "strange areas")
+        self.program.measure_faces(
+            self.chunks, 1, self._share(self.points, "points"), self.on_device,
+            areas, self.parents, sizes, rims, strange, *_uints(count, self.chunk),
+        )  # fmt: skip
+        # Faces that follow each other along the boundary are joined; a pair that closes a ring joins nothing.
+        joined = self._joined(RIM, rims)
+        counts = self._new(2, np.uint32, "largest component")
+        area = self._new(1, np.float64, "its area")
+        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, area, *_uints(count))
+        with areas.mapped() as each:
+            total = float(each.sum())
+        fills = self.fills.read()[1 : self.chunks_used + 1]
+        pairs = int((fills[fills % 4 == RIM] // 4).sum(dtype=np.int64))
+        largest, alone = (int(n) for n in counts.read())
+        # A face that shares no edge is a ring of its own three.
+        return total, float(area.read()[0]), largest, pairs - joined + alone, strange.read()
+
+    # ---- buffers
+
+    def _program(self) -> Program:
+        sizes = self.sizes
+        coordinate = "float" if self.points.dtype == np.float32 else "double"
+        return self.device.program(
+            "audit",
+            {
+                "COORDINATE": coordinate,
+                "SAMPLES": SAMPLES,
+                "MOST": sizes.most_compared,
+                "PAIRS": sizes.chunk_pairs,
+                "VALENCES": sizes.valences,
+            },
+        )
+
+    def _new(self, shape: int | tuple[int, ...], dtype: DTypeLike, use: str) -> Buffer:
+        return self._hold(self.device.allocate(shape, dtype, f"audit: {use}"))
+
+    def _zeros(self, count: int, dtype: DTypeLike, use: str) -> Buffer:
+        buffer = self._new(count, dtype, use)
+        buffer.fill(0)
+        return buffer
+
+    def _share(self, array: NDArray[Any], use: str) -> Buffer:
+        return self._hold(self.device.share(array, f"audit: {use}"))
+
+    def _large(self, count: int, dtype: DTypeLike, use: str) -> Buffer:
+        return self._share(_empty(count * np.dtype(dtype).itemsize).view(dtype), use)
+
+    def _hold(self, buffer: Buffer) -> Buffer:
+        self._held.append(buffer)
+        return buffer
+
+    def _lap(self, stage: str) -> None:
+        self.device.finish()
+        now = time.perf_counter()
+        self.timings[stage] = (now - self._clock) * 1e3
+        self._clock = now
+
+
+def _uints(*values: int) -> list[np.uint32]:
+    return [np.uint32(value) for value in values]
+
+
+def _empty(nbytes: int) -> NDArray[np.uint8]:
+    """Return memory that begins on a page: NumPy's is in huge pages, where the system has them."""
+    page = 4096
+    memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - only what kernels have written is read
+    start = -memory.ctypes.data % page
+    return memory[start : start + nbytes]

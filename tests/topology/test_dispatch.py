@@ -1,0 +1,118 @@
+"""Which way a mesh is audited, and that nobody notices but by the time it takes."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from data_stubs.splat_like import splat_like
+from msb.errors import DeviceError
+from msb.topology import audit, audit_arrays, dispatch
+from tests.topology import brute_force
+from tests.topology.meshes import random_mesh
+
+MESH = splat_like(12)
+
+
+@pytest.fixture
+def kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the kernels have every mesh that has a face."""
+    monkeypatch.setattr(dispatch, "FEWEST_FACES", 1)
+
+
+def report(**options: object) -> dict[str, object]:
+    data = audit(*MESH, **options).to_dict()  # type: ignore[call-overload]
+    return {key: value for key, value in data.items() if key not in ("timings_ms", "computed_by")}
+
+
+@pytest.mark.parametrize("weld", [None, "exact", 0.02])
+def test_the_report_is_the_same_either_way(monkeypatch: pytest.MonkeyPatch, weld: object) -> None:
+    by_numpy = report(weld=weld)
+    monkeypatch.setattr(dispatch, "FEWEST_FACES", 1)
+    assert audit(*MESH).computed_by.startswith("OpenCL, ")
+    assert report(weld=weld) == by_numpy
+
+
+def test_a_small_mesh_never_waits_for_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "_the_device", None)
+    assert audit(*MESH).computed_by == "NumPy"
+
+
+@pytest.mark.usefixtures("kernels")
+def test_the_kernels_agree_with_the_brute_force_twin() -> None:
+    random = np.random.default_rng(77)
+    for _ in range(300):
+        points, faces = random_mesh(random)
+        result = audit(points, faces)
+        assert result.computed_by.startswith("OpenCL" if len(faces) else "NumPy")
+        expected = brute_force.audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
+        got = {**vars(result.counts), **vars(result.metrics)}
+        got |= {key: getattr(result, key) for key in ("valence_histogram", "is_soup", "topology")}
+        assert got == {
+            key: pytest.approx(value, rel=1e-9) if isinstance(value, float) else value
+            for key, value in expected.items()
+        }
+
+
+@pytest.mark.usefixtures("kernels")
+def test_the_analysis_is_made_when_it_is_asked_for() -> None:
+    result, analysis = audit_arrays(*MESH)
+    assert analysis.timings_ms == {}
+    assert len(analysis.nonmanifold_vertices) == result.counts.nonmanifold_vertices
+    assert "fans" in analysis.timings_ms
+
+
+@pytest.mark.usefixtures("kernels")
+def test_without_a_device_numpy_does_it_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = report()
+
+    def none() -> None:
+        raise DeviceError("DEVICE_NOT_FOUND", "there is no OpenCL device")
+
+    monkeypatch.setattr(dispatch, "_the_device", dispatch._SharedDevice())
+    monkeypatch.setattr(dispatch, "_open_cpu", none)
+    assert report() == expected
+    assert audit(*MESH).computed_by == "NumPy (there is no OpenCL device)"
+
+
+@pytest.mark.usefixtures("kernels")
+def test_a_variable_that_names_no_device_does_not_fail_an_audit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatch, "_the_device", dispatch._SharedDevice())
+    for selector, words in (("nosuch", "names no OpenCL device"), ("::", "is not cpu, gpu or PLATFORM")):
+        monkeypatch.setenv("MSB_DEVICE", selector)
+        assert words in audit(*MESH).computed_by
+
+
+@pytest.mark.usefixtures("kernels")
+def test_vertex_numbers_beyond_32_bits_are_left_to_numpy() -> None:
+    points, faces = MESH
+    found, _ = dispatch.find(points, faces.astype(np.int64))
+    assert found.computed_by == "NumPy"
+
+
+@pytest.mark.usefixtures("kernels")
+def test_a_forked_process_leaves_its_parents_device_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    audit(*MESH)
+    monkeypatch.setattr(dispatch._the_device, "_process", -1)
+    assert "forked" in audit(*MESH).computed_by
+
+
+def test_a_gpu_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    gpu = SimpleNamespace(record=SimpleNamespace(kind="gpu"), selector="gpu")
+    monkeypatch.setattr("msb.cl.devices.choose_device", lambda: gpu)
+    with dispatch._open_cpu() as device:
+        assert device.record.kind == "cpu"
+
+
+@pytest.mark.usefixtures("kernels")
+def test_several_threads_may_audit_at_once() -> None:
+    expected, results = audit(*MESH).counts, []
+    threads = [threading.Thread(target=lambda: results.append(audit(*MESH).counts)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [expected] * 4

@@ -1,0 +1,233 @@
+"""The OpenCL kernels find what NumPy finds, to the last bit, whatever the mesh, the sizes and the threads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from data_stubs.splat_like import splat_like
+from msb.cl import open_device
+from msb.errors import DeviceError
+from msb.topology.analysis import Analysis
+from msb.topology.arrays import mesh_arrays
+from msb.topology.findings import Findings, find_by_numpy
+from msb.topology.kernel import Sizes, find_by_kernels
+from tests.conftest import BOOK
+from tests.topology.meshes import CASES, random_mesh
+from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.cl import Device
+
+DEFAULT = Sizes()
+TINY = Sizes(
+    block_corners=6,
+    most_blocks=64,
+    large_block=4,
+    rounds=3,
+    most_compared=8,
+    chunk_pairs=64,
+    valences=4,
+)
+"""So small that a dozen faces have large vertices and blocks, several rounds, and lists of many chunks."""
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[Device]:
+    """Return an open CPU device."""
+    with open_device("cpu") as opened:
+        yield opened
+
+
+def found(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | None = None) -> Findings:
+    """Return what the kernels find, after asserting that NumPy finds the same."""
+    points, faces = mesh_arrays(*mesh)
+    kernels = find_by_kernels(points, faces, device, sizes=sizes, workers=workers)
+    assert kernels == find_by_numpy(Analysis(points, faces))
+    return kernels
+
+
+def everywhere(device: Device, mesh: Mesh) -> Findings:
+    """Return the same of default and of tiny sizes, with one, two and many work-items."""
+    found(device, mesh, workers=1)
+    found(device, mesh, TINY, workers=1)
+    found(device, mesh, TINY, workers=5)
+    return found(device, mesh, TINY, workers=2)
+
+
+# --- any mesh
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if c.valid and len(c.faces)], ids=lambda c: c.name)
+def test_cases(device: Device, case: object) -> None:
+    everywhere(device, (case.vertices, case.faces))  # type: ignore[attr-defined]
+
+
+@QUICK
+@given(mesh=meshes())
+def test_small_meshes(device: Device, mesh: Mesh) -> None:
+    if len(mesh[1]):
+        everywhere(device, mesh)
+
+
+@st.composite
+def crowded(draw: st.DrawFn) -> Mesh:
+    """Draw hundreds of faces on few vertices, or fans and books of them, at places of full precision."""
+    random = draw(seeds)
+    count = draw(st.integers(3, 80))
+    faces = random.integers(0, count, (draw(st.integers(1, 300)), 3))
+    match draw(st.sampled_from(["any", "star", "book", "fan", "strip", "twice"])):
+        case "star":
+            faces[:, 0] = count - 1
+        case "book":
+            faces[:, :2] = 0, count // 2
+        case "fan":
+            turn = random.permutation(count)
+            faces = np.stack([np.full(count, turn[0]), turn, np.roll(turn, 1)], axis=1)
+        case "strip":
+            faces = np.lib.stride_tricks.sliding_window_view(random.permutation(count), 3)
+        case "twice":
+            faces = np.concatenate([faces, random.permuted(faces, axis=1)])
+    return random.standard_normal((count + 2, 3)) * 10.0 ** random.integers(-3, 4), faces
+
+
+@settings(QUICK, max_examples=100)
+@given(mesh=crowded())
+def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
+    everywhere(device, mesh)
+
+
+def test_random_meshes(device: Device) -> None:
+    random = np.random.default_rng(8)
+    for _ in range(200):
+        points, faces = random_mesh(random)
+        if len(faces):
+            found(device, (points, faces), TINY, workers=2)
+
+
+@pytest.mark.parametrize("shuffle", [False, True])
+def test_splat_like_mesh(device: Device, shuffle: bool) -> None:
+    mesh = splat_like(24, shuffle=shuffle)
+    for sizes in (DEFAULT, replace(DEFAULT, block_corners=512), TINY):
+        for workers in (1, 2, 7):
+            found(device, mesh, sizes, workers)
+
+
+# --- what stands in the way of speed
+
+
+def points(count: int) -> np.ndarray:
+    return np.random.default_rng(count).random((count, 3))
+
+
+def test_one_vertex_in_every_face(device: Device) -> None:
+    ring = np.arange(1, 1000)
+    faces = np.stack([np.zeros(999, int), ring, np.roll(ring, -1)], axis=1)
+    closed = found(device, (points(1000), faces))
+    assert closed.counts.nonmanifold_vertices == 0
+    assert closed.valence_histogram == {3: 999, 999: 1}
+    opened = found(device, (points(1000), faces[:-1]))
+    assert (opened.counts.boundary_loops, opened.counts.boundary_edges) == (1, 1000)
+    assert found(device, (points(1000), faces[::2])).counts.multifan_vertices == 1
+
+
+def test_one_edge_in_every_face(device: Device) -> None:
+    faces = np.stack([np.zeros(500, int), np.ones(500, int), np.arange(2, 502)], axis=1)
+    counts = found(device, (points(502), faces)).counts
+    assert (counts.max_edge_faces, counts.nonmanifold_edges, counts.components) == (500, 1, 1)
+    assert counts.components_manifold_edges == counts.open_boundary_chains == 500
+
+
+def test_all_faces_the_same(device: Device) -> None:
+    result = found(device, (points(3), np.tile([0, 1, 2], (500, 1))))
+    assert result.counts.duplicate_faces == 499
+    assert result.first["duplicate_faces"] == tuple((i, (0, 1, 2)) for i in (1, 2, 3))
+
+
+def test_all_faces_collapsed(device: Device) -> None:
+    faces = np.random.default_rng(1).integers(0, 40, (500, 3))
+    faces[:, 2] = faces[:, 1]
+    counts = everywhere(device, (points(40), faces)).counts
+    assert (counts.repeated_index_faces, counts.edges, counts.components) == (500, 0, 0)
+    assert counts.duplicate_faces > 0
+
+
+def test_a_soup(device: Device) -> None:
+    result = everywhere(device, (points(900), np.arange(900).reshape(-1, 3)))
+    assert not result.shares_vertices
+    assert result.counts.components == result.counts.boundary_loops == 300
+
+
+def test_vertices_that_no_face_uses(device: Device) -> None:
+    faces = np.array([[70_000, 5, 99_999], [5, 99_999, 70_001]])
+    result = everywhere(device, (points(100_000), faces))
+    assert result.counts.unreferenced_vertices == 100_000 - 4
+    assert result.first["unreferenced_vertices"] == ((0, (0,)), (1, (1,)), (2, (2,)))
+
+
+# --- arrays
+
+
+@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8", ">f8", "longdouble"])
+def test_vertices_of_any_precision(device: Device, dtype: str) -> None:
+    vertices, faces = splat_like(8)
+    found(device, (vertices.astype(dtype), faces))
+
+
+def test_arrays_nobody_may_write_and_arrays_in_odd_places(device: Device) -> None:
+    vertices, faces = splat_like(8)
+    raw = bytearray(faces.nbytes + 1)
+    odd = np.frombuffer(raw, np.int32, faces.size, offset=1).reshape(-1, 3)
+    odd[:] = faces
+    frozen = faces.copy()
+    frozen.flags.writeable = False
+    wide = np.zeros((len(vertices), 5), np.float32)
+    wide[:, 1:4] = vertices
+    for points_, faces_ in ((vertices, odd), (vertices, frozen), (wide[:, 1:4], faces)):
+        found(device, (points_, faces_))
+    np.testing.assert_array_equal(odd, faces)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e-200])
+def test_areas_that_are_strange(device: Device, value: float) -> None:
+    vertices = np.array(BOOK[0], np.float64)
+    vertices[2] = value
+    found(device, (vertices, BOOK[1]))
+
+
+def test_ties_for_the_largest_component_go_to_the_area_then_to_the_first(device: Device) -> None:
+    faces = np.arange(12).reshape(-1, 3)
+    flat = np.zeros((12, 3))
+    assert found(device, (flat, faces)).largest_component_area == 0
+    flat[[4, 8], 0] = flat[[5, 9], 1] = 2.0
+    flat[[7, 1], 0] = flat[[8, 2], 1] = 1.0
+    assert everywhere(device, (flat, faces)).largest_component_area == 2
+
+
+# --- the device
+
+
+def test_everything_on_the_device_is_given_back(device: Device) -> None:
+    before = device.memory()
+    result = found(device, splat_like(8))
+    assert device.memory() == before
+    assert result.computed_by.startswith("OpenCL, ")
+    assert sum(result.timings_ms.values()) > 0
+
+
+def test_everything_is_given_back_after_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise DeviceError("DEVICE_MEMORY", "no more")
+
+    with open_device("cpu") as device:
+        monkeypatch.setattr("msb.topology.kernel._Run._make_lists", fail)
+        with pytest.raises(DeviceError):
+            find_by_kernels(*splat_like(8), device)
+        assert device.memory() == {}
