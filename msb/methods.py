@@ -13,6 +13,12 @@ from typing import Literal
 Tier = Literal["reference", "dedicated", "standard"]
 TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 
+Order = Literal["tile", "global", "none"]
+ORDERS: tuple[Order, ...] = ("tile", "global", "none")
+Sampling = Literal["official", "engine"]
+SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
+"""How primitives are ordered and sampled on the tiers that show a method's own look: docs/dedicated.md."""
+
 SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")

@@ -13,16 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset.drawable import check_drawable
-from msb.asset.settings import effective_settings
+from msb.asset.settings import check_modes, effective_settings
 from msb.errors import Unsupported
 from msb.methods import METHODS
 from msb.reference import diffsoup, mesh_splatting, triangle_splatting, two_dts
 from msb.reference.frame import ReferenceFrame
+from msb.reference.modes import Modes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from msb.asset import Asset
+    from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
 __all__ = ["RENDERERS", "ReferenceFrame", "render_reference"]
@@ -44,8 +46,10 @@ def render_reference(
     background: Sequence[float] = (0, 0, 0),
     settings: Mapping[str, Any] | None = None,
     dtype: type[Any] = np.float32,
+    order: Order = "tile",
+    sampling: Sampling = "official",
 ) -> ReferenceFrame:
-    """Return `asset` as its method's official renderer would show it to `camera`.
+    """Return `asset` as its method's official renderer, or a game engine, would show it to `camera`.
 
     Parameters
     ----------
@@ -59,13 +63,15 @@ def render_reference(
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
         float32: the official order of operations in strict IEEE float32. float64: the same in double.
+    order, sampling : str
+        "tile" and "official" are as officially; the others are what an engine does (docs/dedicated.md).
 
     Raises
     ------
     Unsupported
         UNSUPPORTED_TIER: the method has no appearance of its own.
     UsageError
-        SETTING_UNKNOWN or SETTING_VALUE.
+        SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order or sampling.
     AssetError
         TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER_REQUIRED,
         TRIASSET_BUFFER_SHAPE or TRIASSET_FIELD_VALUE: the buffers cannot be drawn.
@@ -90,6 +96,7 @@ def render_reference(
         raise ValueError(text)
     dtype = np.dtype(dtype).type
     values = effective_settings(asset.manifest, settings)
+    check_modes(order, sampling)
     check_drawable(asset)
     color = np.asarray(background, dtype)
     if color.shape != (3,) or not np.isfinite(color).all():
@@ -97,4 +104,4 @@ def render_reference(
         raise ValueError(text)
     # Dropped faces are computed with too, and give what they give.
     with np.errstate(all="ignore"):
-        return RENDERERS[method](asset, camera, color, values, dtype)
+        return RENDERERS[method](asset, camera, color, values, dtype, Modes(order, sampling))

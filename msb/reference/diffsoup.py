@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
+    from msb.reference.modes import Modes
     from msb.scenes import Camera
 
 FEATURES = 7
@@ -52,11 +53,18 @@ class Seen:
 
 
 def render(
-    asset: Asset, camera: Camera, background: Reals, settings: Mapping[str, Any], dtype: type[Any]
+    asset: Asset,
+    camera: Camera,
+    background: Reals,
+    settings: Mapping[str, Any],
+    dtype: type[Any],
+    modes: Modes,
 ) -> ReferenceFrame:
     """Return `asset` seen by `camera`; see `render_reference`.
 
-    Pixels without a face show `background`; upstream's is black in the COLMAP layout, white in the other.
+    A z-buffer shows the same in whatever order faces are drawn. What an engine's sampling changes are faces
+    that reach behind the camera: its hardware clips them. Pixels without a face show `background`; upstream's
+    is black in the COLMAP layout, white in the other.
     """
     near, far, layout = settings["z_near"], settings["z_far"], settings["layout"]
     mvp, inverse = diffsoup_projection(camera, layout, near, far, dtype)
@@ -64,7 +72,7 @@ def render(
     level, lattice, opacity = lattices(asset, dtype)
     clip = transform(mvp, asset.buffers["positions"].astype(dtype))
     columns, rows = ndc_centers(camera.width, dtype), ndc_centers(camera.height, dtype)
-    seen = rasterize(clip[indices], opacity, level, columns, rows)
+    seen = rasterize(clip[indices], opacity, level, columns, rows, clips=modes.engine)
 
     hit = seen.face >= 0
     b0, b1, face = seen.b0[hit], seen.b1[hit], seen.face[hit]
@@ -130,7 +138,9 @@ def ndc_centers(size: int, dtype: type[Any]) -> Reals:
     return np.asarray(-1 + 2 * (np.arange(size).astype(dtype) + dtype(0.5)) / dtype(size))
 
 
-def rasterize(corners: Reals, opacity: Reals, level: int, columns: Reals, rows: Reals) -> Seen:
+def rasterize(
+    corners: Reals, opacity: Reals, level: int, columns: Reals, rows: Reals, *, clips: bool = False
+) -> Seen:
     """Return what each pixel sees of triangles with clip coordinates (F, 3 corners, 4).
 
     Nearest NDC depth wins, equal depths go to the lowest face number. What is compared is float32(depth + 2),
@@ -145,7 +155,7 @@ def rasterize(corners: Reals, opacity: Reals, level: int, columns: Reals, rows: 
         ndc_depth=np.zeros(shape, dtype),
         camera_depth=np.zeros(shape, dtype),
     )
-    dropped, boxes = pixel_boxes(corners, len(columns), len(rows))
+    dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
     for face in np.flatnonzero(~dropped).tolist():
         left, right, top, bottom = boxes[face].tolist()
         part = (slice(top, bottom + 1), slice(left, right + 1))
@@ -169,23 +179,30 @@ def rasterize(corners: Reals, opacity: Reals, level: int, columns: Reals, rows: 
     return seen
 
 
-def pixel_boxes(corners: Reals, width: int, height: int) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def pixel_boxes(
+    corners: Reals, width: int, height: int, *, clips: bool = False
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return which of F triangles are dropped, and the pixels of the others.
 
     The latter are the first and last column and the first and last row, (F, 4).
-    A triangle with a corner at or behind the camera plane vanishes; there is no clipping.
+    A triangle with a corner at or behind the camera plane vanishes. If `clips`, its part in front is kept:
+    all pixels are looked at, and the test of NDC depth leaves none of the part behind.
     """
     w = corners[..., 3]
-    dropped = ~(w > 0).all(axis=1)
+    behind = ~(w > 0)
+    crosses = behind.any(axis=1)
+    dropped = np.asarray(behind.all(axis=1) if clips else crosses)
     for axis in range(3):
         dropped |= (corners[..., axis] < -w).all(axis=1) | (corners[..., axis] > w).all(axis=1)
     ndc = corners[..., :2] * (1 / w)[..., None]
     ndc = np.where(np.isfinite(ndc), ndc, np.where(ndc > 0, 1, -1)).astype(corners.dtype)
     ndc = np.clip(ndc, -1, 1)
+    low, high = ndc.min(axis=1), ndc.max(axis=1)
+    low[crosses], high[crosses] = -1, 1
     size = np.array([width, height], corners.dtype)
     edge = np.array([width - 1, height - 1])
-    first = np.maximum(np.floor(0.5 * (ndc.min(axis=1) + 1) * size).astype(np.int64), 0)
-    last = np.minimum(np.floor(0.5 * (ndc.max(axis=1) + 1) * size).astype(np.int64), edge)
+    first = np.maximum(np.floor(0.5 * (low + 1) * size).astype(np.int64), 0)
+    last = np.minimum(np.floor(0.5 * (high + 1) * size).astype(np.int64), edge)
     dropped |= (last < first).any(axis=1)
     return dropped, np.stack([first[:, 0], last[:, 0], first[:, 1], last[:, 1]], axis=1)
 

@@ -6,7 +6,7 @@ meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from msb.reference.arithmetic import (
     Reals,
     centroid,
     cross,
+    cross_2d,
     dot,
     fast_power,
     ndc_to_pixel,
@@ -22,11 +23,13 @@ from msb.reference.arithmetic import (
     rotate,
     transform,
 )
+from msb.reference.engine import EngineTriangles, project_engine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.reference.camera_matrices import SplattingCamera
+    from msb.reference.modes import Modes
     from msb.reference.tiles import Integers
 
 NEAR, FAR = 0.01, 100.0
@@ -71,6 +74,36 @@ class Windows:
     edge_offset: Reals
     inradius: Reals
     radius: Reals
+
+    def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the distance to the nearest edge over the inradius, of K faces at P samples; NaN outside."""
+        normal, offset = self.edge_normal[faces, :, :, None], self.edge_offset[faces, :, None]
+        distances = normal[:, :, 0] * x + normal[:, :, 1] * y + offset
+        nearest: Reals = np.fmax.reduce(distances, axis=1)
+        return np.where(nearest > 0, np.nan, nearest * (1 / self.inradius[faces, 2])[:, None])
+
+    def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the depth of K faces at any sample, (K, 1): that of the centroid."""
+        return np.asarray(self.depth[faces, None])
+
+    def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
+        """Return the weights of the three corners of K faces at P samples, (K, P): affine in screen space."""
+        corners = self.corners[faces]
+        first = corners[:, None, 0]
+        e1, e2 = corners[:, None, 1] - first, corners[:, None, 2] - first
+        e = np.stack([x, y], axis=-1) - first
+        inverse = 1 / cross_2d(e1, e2)
+        b1 = cross_2d(e, e2) * inverse
+        b2 = cross_2d(e1, e) * inverse
+        return 1 - b1 - b2, b1, b2
+
+
+def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Windows | EngineTriangles:
+    """Return triangles (F, 3 corners, 3) on the screen, as officially or as in an engine."""
+    if not modes.engine:
+        return project_windows(triangles, view)
+    shapes = project_engine(triangles, view, incentre=True)
+    return replace(shapes, normal=shapes.facing_normal())
 
 
 def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
@@ -128,23 +161,18 @@ def _to_samples(points: Reals, view: SplattingCamera) -> Reals:
     return np.stack([x, y], axis=-1) + view.shift
 
 
-def window_alpha(
-    windows: Windows, faces: Integers, x: Reals, y: Reals, opacity: Reals, sigma: Reals, cap: float
-) -> Reals:
+def window_alpha(phi: Reals, opacity: Reals, sigma: Reals, cap: float) -> Reals:
     """Return min(cap, o phi^sigma) of K faces at P samples, (K, P); 0 outside.
-
-    phi is the distance to the nearest edge, 0 on an edge (which is inside) and 1 at the incentre.
 
     Parameters
     ----------
+    phi : (K, P)
+        0 on an edge (which is inside), 1 at the incentre, NaN outside.
     opacity, sigma : (K,)
     """
-    normal, offset = windows.edge_normal[faces, :, :, None], windows.edge_offset[faces, :, None]
-    distances = normal[:, :, 0] * x + normal[:, :, 1] * y + offset
-    nearest: Reals = np.fmax.reduce(distances, axis=1)
-    face, sample = np.nonzero(~(nearest > 0))
-    phi = nearest[face, sample] * (1 / windows.inradius[faces, 2])[face]
-    alpha = np.zeros_like(nearest)
-    coverage = np.fmax(0, fast_power(phi, sigma[face]))
+    face, sample = np.nonzero(~np.isnan(phi))
+    inside = phi[face, sample]
+    alpha = np.zeros_like(phi)
+    coverage = np.fmax(0, fast_power(inside, sigma[face]))
     alpha[face, sample] = np.fmin(phi.dtype.type(cap), opacity[face] * coverage)
     return alpha

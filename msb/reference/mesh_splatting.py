@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.reference.arithmetic import Reals, cross_2d, transform
+from msb.reference.arithmetic import Reals, transform
 from msb.reference.blend import Layers, Rule, composite, expected_depth
 from msb.reference.camera_matrices import SplattingCamera, splatting_camera
-from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_windows, window_alpha
+from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_shapes, window_alpha
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import opacities, sh_coefficients
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number, tiles_front_to_back
+from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from msb.asset import Asset
+    from msb.reference.modes import Modes
     from msb.scenes import Camera
 
 MAX_ALPHA = 0.999
@@ -33,7 +34,12 @@ _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
 def render(
-    asset: Asset, camera: Camera, background: Reals, settings: Mapping[str, Any], dtype: type[Any]
+    asset: Asset,
+    camera: Camera,
+    background: Reals,
+    settings: Mapping[str, Any],
+    dtype: type[Any],
+    modes: Modes,
 ) -> ReferenceFrame:
     """Return `asset` seen by `camera`; see `render_reference`."""
     samples = settings["supersample"]
@@ -48,22 +54,23 @@ def render(
     coefficients = sh_coefficients(asset, vertices, dtype)
     color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
-    windows = project_windows(positions[indices], view)
-    rectangles = corner_tiles(windows, view)
-    kept = ~(windows.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
+    shapes = project_shapes(positions[indices], view, modes)
+    rectangles = corner_tiles(shapes, view) if isinstance(shapes, Windows) else shapes.rectangles
+    kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
-        alpha = window_alpha(windows, chosen, x, y, opacity[chosen], sigma[chosen], MAX_ALPHA)
-        b0, b1, b2 = screen_barycentrics(windows.corners[chosen], x, y)
+        phi = shapes.phi(chosen, x, y)
+        alpha = window_alpha(phi, opacity[chosen], sigma[chosen], MAX_ALPHA)
+        b0, b1, b2 = shapes.barycentrics(chosen, x, y)
         c, z = color[chosen, None], depth[chosen, None]
         return Layers(
             alpha,
             b0[..., None] * c[..., 0, :] + b1[..., None] * c[..., 1, :] + b2[..., None] * c[..., 2, :],
             b0 * z[..., 0] + b1 * z[..., 1] + b2 * z[..., 2],
-            windows.normal[chosen, None],
+            shapes.normal[chosen, None],
         )
 
-    tiles = tiles_front_to_back(rectangles, windows.depth, kept, view.width, view.height)
+    tiles = modes.tiles(rectangles, shapes.depth, kept, view)
     blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
     raster = blended.over(background)
     alpha = box_mean(blended.alpha, samples)
@@ -85,7 +92,7 @@ def render(
             f"{name}normal_cam": blended.normal,
             f"{name}face_id": blended.face_median,
             f"faces_kept_ss{samples}": int(kept.sum()),
-            "radii": np.where(kept, np.ceil(windows.radius), 0).astype(np.int32),
+            "radii": np.where(kept, np.ceil(shapes.radius), 0).astype(np.int32),
         },
     )
 
@@ -97,17 +104,6 @@ def corner_tiles(windows: Windows, view: SplattingCamera) -> Rectangles:
     low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
     high = tile_number(np.ceil((windows.corners + margin) / TILE), grid).max(axis=1)
     return Rectangles(low, high)
-
-
-def screen_barycentrics(corners: Reals, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-    """Return the weights (K, P) of the three corners (K, 3, 2) at P samples: affine in screen space."""
-    first = corners[:, None, 0]
-    e1, e2 = corners[:, None, 1] - first, corners[:, None, 2] - first
-    e = np.stack([x, y], axis=-1) - first
-    inverse = 1 / cross_2d(e1, e2)
-    b1 = cross_2d(e, e2) * inverse
-    b2 = cross_2d(e1, e) * inverse
-    return 1 - b1 - b2, b1, b2
 
 
 def box_mean(raster: Reals, size: int) -> Reals:

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb._version import __version__
+from msb.asset.settings import check_modes
 from msb.reference import ReferenceFrame, render_reference
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from msb.asset import Asset
+    from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
 
@@ -26,6 +28,8 @@ class ReferenceRenderer:
         As for `render_reference`.
     dtype : "float32" or "float64"
         float32 repeats the official order of operations.
+    order, sampling
+        As for `render_reference`.
     """
 
     name = "msb-reference"
@@ -38,14 +42,26 @@ class ReferenceRenderer:
         device: Any = None,
         settings: Mapping[str, Any] | None = None,
         dtype: str = "float32",
+        order: Order = "tile",
+        sampling: Sampling = "official",
     ) -> None:
+        check_modes(order, sampling)
         self._asset, self._settings = asset, settings
+        self._order, self._sampling = order, sampling
         self._dtype: type[Any] = np.dtype(dtype).type
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
         """Draw the asset from `camera` over `background`; `timings` has the time NumPy took."""
         start = time.perf_counter()
-        frame = render_reference(self._asset, camera, background, self._settings, self._dtype)
+        frame = render_reference(
+            self._asset,
+            camera,
+            background,
+            self._settings,
+            self._dtype,
+            order=self._order,
+            sampling=self._sampling,
+        )
         frame.timings["numpy"] = 1000 * (time.perf_counter() - start)
         return frame
 

@@ -57,16 +57,16 @@ def tile_number(value: Reals, limit: Integers) -> Integers:
 
 
 def tiles_front_to_back(
-    rectangles: Rectangles, depth: Reals, kept: NDArray[np.bool_], width: int, height: int
+    rectangles: Rectangles | None, depth: Reals, kept: NDArray[np.bool_], width: int, height: int
 ) -> Iterator[Tile]:
     """Yield every tile of the raster that lists a face.
 
     Parameters
     ----------
-    rectangles : Rectangles
-        Of F faces.
+    rectangles : Rectangles, optional
+        Of F faces; without, every tile lists every face.
     depth : (F,)
-        Sort key, positive; equal keys keep ascending face number.
+        Sort key, not negative; equal keys keep ascending face number.
     kept : (F,) bool
         Faces that take part.
 
@@ -75,9 +75,13 @@ def tiles_front_to_back(
     The official kernels sort (tile number << 32 | bits of the float32 depth) with a stable radix sort; for
     positive depths that is this order.
     """
-    columns, _ = grid_size(width, height).tolist()
+    columns, tile_rows = grid_size(width, height).tolist()
     faces = np.flatnonzero(kept)
     faces = faces[np.argsort(depth[faces].astype(np.float32), kind="stable")]
+    if rectangles is None:
+        for tile in range(columns * tile_rows if len(faces) else 0):
+            yield _tile(tile, columns, width, height, faces)
+        return
     extent = np.maximum(rectangles.high - rectangles.low, 0)[faces]
     counts = extent.prod(axis=1)
     listed = np.repeat(np.arange(len(faces)), counts)
@@ -88,6 +92,10 @@ def tiles_front_to_back(
     order = np.argsort(number, kind="stable")
     numbers, starts, sizes = np.unique(number[order], return_index=True, return_counts=True)
     for tile, start, size in zip(numbers.tolist(), starts.tolist(), sizes.tolist(), strict=True):
-        x, y = TILE * (tile % columns), TILE * (tile // columns)
-        rows, samples = np.mgrid[y : min(y + TILE, height), x : min(x + TILE, width)]
-        yield Tile(samples.ravel(), rows.ravel(), faces[listed[order[start : start + size]]])
+        yield _tile(tile, columns, width, height, faces[listed[order[start : start + size]]])
+
+
+def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -> Tile:
+    x, y = TILE * (number % columns), TILE * (number // columns)
+    rows, samples = np.mgrid[y : min(y + TILE, height), x : min(x + TILE, width)]
+    return Tile(samples.ravel(), rows.ravel(), faces)

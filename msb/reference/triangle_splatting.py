@@ -15,16 +15,17 @@ from msb.asset.drawable import required_buffer
 from msb.reference.arithmetic import Reals, centroid, exponential, fast_power, norm
 from msb.reference.blend import Layers, Rule, composite, expected_depth
 from msb.reference.camera_matrices import SplattingCamera, splatting_camera
-from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_windows, window_alpha
+from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_shapes, window_alpha
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import number, opacities, require, sh_coefficients, triangles
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number, tiles_front_to_back
+from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from msb.asset import Asset
+    from msb.reference.modes import Modes
     from msb.scenes import Camera
 
 MAX_ALPHA = 0.99
@@ -34,7 +35,12 @@ _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
 def render(
-    asset: Asset, camera: Camera, background: Reals, settings: Mapping[str, Any], dtype: type[Any]
+    asset: Asset,
+    camera: Camera,
+    background: Reals,
+    settings: Mapping[str, Any],
+    dtype: type[Any],
+    modes: Modes,
 ) -> ReferenceFrame:
     """Return `asset` seen by `camera`; see `render_reference`."""
     view = splatting_camera(camera, NEAR, FAR, dtype)
@@ -50,15 +56,19 @@ def render(
         view.center,
         settings["sh_degree"],
     )
-    windows = project_windows(vertices, view)
-    rectangles = contour_tiles(windows, opacity, sigma, view)
-    kept = ~(windows.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
+    shapes = project_shapes(vertices, view, modes)
+    rectangles = (
+        contour_tiles(shapes, opacity, sigma, view) if isinstance(shapes, Windows) else shapes.rectangles
+    )
+    kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
-        alpha = window_alpha(windows, chosen, x, y, opacity[chosen], sigma[chosen], MAX_ALPHA)
-        return Layers(alpha, color[chosen, None], windows.depth[chosen, None], windows.normal[chosen, None])
+        phi = shapes.phi(chosen, x, y)
+        alpha = window_alpha(phi, opacity[chosen], sigma[chosen], MAX_ALPHA)
+        depth = shapes.depth_at(chosen, x, y)
+        return Layers(alpha, color[chosen, None], depth, shapes.normal[chosen, None])
 
-    tiles = tiles_front_to_back(rectangles, windows.depth, kept, view.width, view.height)
+    tiles = modes.tiles(rectangles, shapes.depth, kept, view)
     blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
     return ReferenceFrame(
         image=blended.over(background),
@@ -73,7 +83,7 @@ def render(
             "depth_accum": blended.depth,
             "depth_median": blended.depth_median,
             "normal_accum": blended.normal,
-            "radii": np.where(kept, np.ceil(windows.radius), 0).astype(np.int32),
+            "radii": np.where(kept, np.ceil(shapes.radius), 0).astype(np.int32),
             "full_projection": view.full_projection,
             "camera_center": view.center,
         },

@@ -27,10 +27,11 @@ from msb.reference.arithmetic import (
 )
 from msb.reference.blend import Layers, Rule, composite, expected_depth
 from msb.reference.camera_matrices import SplattingCamera, splatting_camera
+from msb.reference.engine import project_engine
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import opacities, sh_coefficients, triangles
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number, tiles_front_to_back
+from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
+    from msb.reference.modes import Modes
     from msb.scenes import Camera
 
 NEAR, FAR = 1.0, 1000.0
@@ -50,7 +52,12 @@ _RULE = Rule(blends_crossing=True, weight_first=True)
 
 
 def render(
-    asset: Asset, camera: Camera, background: Reals, settings: Mapping[str, Any], dtype: type[Any]
+    asset: Asset,
+    camera: Camera,
+    background: Reals,
+    settings: Mapping[str, Any],
+    dtype: type[Any],
+    modes: Modes,
 ) -> ReferenceFrame:
     """Return `asset` seen by `camera`; see `render_reference`."""
     scale = settings["render_up_scale"] or 1
@@ -64,8 +71,13 @@ def render(
         opacity = straight_through(opacity, settings["ste_threshold"])
     coefficients = sh_coefficients(asset, faces, dtype)
     color = colors_from_sh(coefficients, centroid(vertices), view.center, settings["sh_degree"])
-    rasterizer = AffineRasterizer if settings["rasterizer"] == "2D" else PlanarRasterizer
-    raster = rasterizer(vertices, view, settings["back_culling"])
+    raster: EngineRasterizer | AffineRasterizer | PlanarRasterizer
+    if modes.engine:
+        reached = reach(opacity, settings["gamma"])
+        raster = EngineRasterizer(vertices, view, settings["back_culling"], reached)
+    else:
+        official = AffineRasterizer if settings["rasterizer"] == "2D" else PlanarRasterizer
+        raster = official(vertices, view, settings["back_culling"])
 
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
         eccentricity, depth = raster.sample(chosen, x, y)
@@ -73,7 +85,7 @@ def render(
         return Layers(alpha, color[chosen, None], depth, raster.normal[chosen, None])
 
     kept = ~raster.dropped
-    tiles = tiles_front_to_back(raster.rectangles, raster.depth, kept, view.width, view.height)
+    tiles = modes.tiles(raster.rectangles, raster.depth, kept, view)
     blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
     background_depth = norm(view.center - stored).max()
     alpha = resize(blended.alpha, scale)
@@ -238,6 +250,40 @@ class PlanarRasterizer:
         a2 = dot(cross(arms[..., 2, :], arms[..., 0, :]), normal) * scale
         a3 = 1 - a1 - a2
         return np.where(meets, eccentricity(a1, a2, a3), np.nan), depth
+
+
+class EngineRasterizer:
+    """Either rasterizer in an engine: hardware sampling, exact perspective, no low-pass filter.
+
+    Hardware makes no fragments outside of a triangle, where this method's coverage goes on. So what is drawn
+    are the triangles grown about their centroids until they hold all of it, as a vertex shader can do.
+
+    Attributes as of `AffineRasterizer`; there is no official radius. `reached` (F,) is from `reach`.
+    """
+
+    def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool, reached: Reals) -> None:
+        center, self.reached = centroid(vertices)[:, None], reached
+        grown = center + reached[:, None, None] * (vertices - center)
+        self.shapes = shapes = project_engine(grown, view, incentre=False)
+        self.dropped: NDArray[np.bool_] = shapes.dropped | ~(reached > 0) | (shapes.back & back_culling)
+        self.depth, self.normal = shapes.depth, shapes.normal
+        self.rectangles, self.radius = shapes.rectangles, shapes.radius
+
+    def sample(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
+        """Return eccentricity and depth (K, P) of K triangles at P samples."""
+        # At the centroid rounding may leave less than nothing.
+        outwards = np.maximum(1 - self.shapes.phi(faces, x, y), 0)
+        return self.reached[faces, None] * outwards, self.shapes.depth_at(faces, x, y)
+
+
+def reach(opacity: Reals, gamma: float) -> Reals:
+    """Return a little more than the eccentricity at which o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
+
+    0 where alpha is less even at the centroid.
+    """
+    squared = 2 * np.log(255 * np.maximum(opacity.astype(np.float64), 1e-300)) + 1e-5
+    found = np.maximum(squared, 0) ** (1 / (2 * gamma)) * 1.0001
+    return np.asarray(np.minimum(found, MAX_ECCENTRICITY), opacity.dtype)
 
 
 def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:

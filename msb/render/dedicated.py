@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
+from msb.render.protocol import check_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,6 +34,7 @@ class DedicatedRenderer:
     ) -> None:
         module, _, attribute = _PIPELINES[asset.manifest.compositing["kind"]].partition(":")
         pipeline = getattr(import_module(module), attribute)
+        check_options(pipeline, options, asset, "tier dedicated")
         self._pipeline: Backend = pipeline(asset, device=device, settings=settings or {}, **options)
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:

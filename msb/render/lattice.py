@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from msb._version import __version__
-from msb.asset.settings import effective_settings
+from msb.asset.settings import check_modes, effective_settings
 from msb.cl import Device, open_device
 from msb.render.frame import Frame, chosen_extras
 from msb.render.lattice_camera import lattice_matrices, pixel_centers
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Buffer, Program
     from msb.cl.source import Define
+    from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
 HARMONICS = 9
@@ -73,15 +74,20 @@ class LatticePipeline:
         Overrides of `layout`, `z_near`, `z_far`.
     outputs : "auto", "all" or iterable of str
         With "raw" among them the frame has the official kernels' buffers too, which costs a quarter more.
+    order : {"tile", "global", "none"}
+        Of no effect: a z-buffer shows the same in whatever order triangles are drawn.
+    sampling : {"official", "engine"}
+        "engine": a triangle that crosses the camera plane is clipped, as hardware does, not dropped. All
+        else is sampled as hardware does anyway.
     viewer : bool
         What the official viewers draw: lattices truncated to bytes, features rounded to bytes once more
-        after interpolation. Their hardware rasterization is not imitated: triangles that cross the
-        camera plane are dropped, not clipped, and pixels are sampled exactly at their centres.
+        after interpolation. They clip triangles: `sampling` "engine".
 
     Raises
     ------
     UsageError
-        An unknown setting or value; `render` too, if `z_near` and `z_far` are no range of depths.
+        An unknown setting, value, output, order or sampling; `render` too, if `z_near` and `z_far` are no
+        range of depths.
     AssetError
         As `msb.render.lattice_model.lattice_model`.
     DeviceError
@@ -98,8 +104,11 @@ class LatticePipeline:
         device: Device | str | None = None,
         settings: Mapping[str, Any] | None = None,
         outputs: str | Iterable[str] = "auto",
+        order: Order = "tile",
+        sampling: Sampling = "official",
         viewer: bool = False,
     ) -> None:
+        check_modes(order, sampling)
         self._settings = effective_settings(asset.manifest, settings)
         model = lattice_model(asset, quantise=viewer)
         self._viewer, self._raw = viewer, "raw" in chosen_extras(outputs)
@@ -123,6 +132,7 @@ class LatticePipeline:
             defines: dict[str, Define] = {"TEXEL": "float", "TEXEL_SCALE": 1}
             if model.features.dtype == np.uint8:
                 defines = {"TEXEL": "uchar", "TEXEL_SCALE": 255}
+            defines["ENGINE"] = sampling == "engine"
             self._program: Program = (
                 self._device.program("lattice_cpu", defines)
                 if self._bands

@@ -12,7 +12,7 @@ from msb.reference.arithmetic import fast_power, ndc_to_pixel, power, sigmoid
 from msb.reference.camera_matrices import splatting_camera
 from msb.reference.diffsoup import fragments, interpolate, ndc_centers, towards_camera
 from msb.reference.edge_window import project_windows, window_alpha
-from msb.reference.mesh_splatting import box_mean, screen_barycentrics
+from msb.reference.mesh_splatting import box_mean
 from msb.reference.sh import colors_from_sh
 from msb.reference.triangle_splatting import contour_tiles, points_seen
 from msb.reference.two_dts import coverage_alpha, rescale, resize, straight_through
@@ -117,7 +117,7 @@ def test_windows_are_one_at_the_incentre_and_zero_on_the_edges() -> None:
         np.testing.assert_allclose(windows.inradius[face], -2 * area / sides.sum(), rtol=1e-9)
         halfway = (incentre + (a + b) / 2) / 2
         x, y = np.stack([incentre, halfway, 2 * a - incentre]).T
-        alpha = window_alpha(windows, np.array([face]), x, y, 0.8 * one, 2.0 * one, 0.99)[0]
+        alpha = window_alpha(windows.phi([face], x, y), 0.8 * one, 2.0 * one, 0.99)[0]
         assert alpha[0] == pytest.approx(0.8)
         assert 0 < alpha[1] < 0.8
         assert alpha[2] == 0
@@ -135,9 +135,7 @@ def test_tiles_of_triangle_splatting_hold_the_contour_of_one_hundredth() -> None
     checked = 0
     for face in np.flatnonzero(~windows.dropped):
         with np.errstate(divide="ignore"):
-            alpha = window_alpha(
-                windows, np.array([face]), columns, rows, opacity[[face]], sigma[[face]], 0.99
-            )[0]
+            alpha = window_alpha(windows.phi([face], columns, rows), opacity[[face]], sigma[[face]], 0.99)[0]
         inside = alpha >= 0.01
         if not inside.any():
             continue
@@ -158,13 +156,16 @@ def test_points_seen() -> None:
     np.testing.assert_array_equal(points_seen(triangles, "broadcast_z"), [[5, 5, 5]])
 
 
-def test_screen_barycentrics() -> None:
-    corners = np.array([[[0, 0], [4, 0], [0, 2]]], np.float64)
-    x, y = np.array([0, 4, 0, 1.0]), np.array([0, 0, 2, 0.5])
-    b0, b1, b2 = screen_barycentrics(corners, x, y)
-    np.testing.assert_allclose(b0, [[1, 0, 0, 0.5]])
-    np.testing.assert_allclose(b1, [[0, 1, 0, 0.25]])
-    np.testing.assert_allclose(b2, [[0, 0, 1, 0.25]])
+def test_official_barycentrics_are_affine_on_the_screen() -> None:
+    view = splatting_camera(front_camera(400, 280), 0.01, 100.0, np.float64)
+    windows = project_windows(random_triangles(1).astype(np.float64), view)
+    for face in range(20):
+        a, b, c = windows.corners[face]
+        x, y = np.stack([a, b, c, (a + b) / 2]).T
+        b0, b1, b2 = windows.barycentrics([face], x, y)
+        np.testing.assert_allclose(b0, [[1, 0, 0, 0.5]], atol=1e-9)
+        np.testing.assert_allclose(b1, [[0, 1, 0, 0.5]], atol=1e-9)
+        np.testing.assert_allclose(b2, [[0, 0, 1, 0]], atol=1e-9)
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 5])

@@ -198,6 +198,20 @@ def test_one_triangle_over_everything(device: Device) -> None:
     np.testing.assert_allclose(frame.depth, 3, rtol=1e-6)
 
 
+def test_many_triangles_in_one_tile(device: Device) -> None:
+    """Each covers all of the picture: the nearest is seen, wherever it stands among the 100,000."""
+    count = 100_000
+    depth = np.random.default_rng(0).permutation(np.linspace(3, 9, count))
+    corners = np.array([[-20, -20], [20, -20], [0, 20]]) * depth[:, None, None] / 9
+    positions = np.concatenate([corners, np.repeat(depth, 3).reshape(-1, 3, 1)], axis=2)
+    positions[77_777, :, 2] = 2.9
+    indices = np.arange(3 * count).reshape(-1, 3)
+    asset = model(positions.reshape(-1, 3), indices, 0, opacity=np.ones((count, 3)))
+    frame = draw(device, asset, camera(16, 16), outputs=())
+    assert (frame.face_id == 77_777).all()
+    np.testing.assert_allclose(frame.depth, 2.9, rtol=1e-6)
+
+
 def test_a_corner_behind_the_camera_drops_the_triangle(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, -0.001]])
     asset = model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))

@@ -12,7 +12,7 @@ from msb.errors import AssetError, DeviceError, UsageError
 from msb.reference import render_reference
 from msb.reference.camera_matrices import splatting_camera
 from msb.reference.edge_window import FAR, NEAR, project_windows
-from msb.render import splatting
+from msb.render import splat_view, splatting
 from msb.render.splatting import SplattingPipeline
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR
@@ -176,12 +176,13 @@ def test_an_empty_view_is_background(method: str, cpu: Device, gpu: Device) -> N
 
 @methods
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 16), (15, 33), (129, 3)])
-def test_any_size(method: str, size: tuple[int, int], cpu: Device) -> None:
+def test_any_size(method: str, size: tuple[int, int], cpu: Device, gpu: Device) -> None:
     asset, camera = model(method, 5), front_camera(*size)
-    frame = draw(asset, cpu, camera)
     wanted = render_reference(asset, camera, (0.2, 0.7, 0.4))
-    assert frame.image.shape == (size[1], size[0], 3)
-    assert np.abs(frame.image - wanted.image).max() <= 2e-3
+    for device in (cpu, gpu):
+        frame = draw(asset, device, camera)
+        assert frame.image.shape == (size[1], size[0], 3)
+        assert np.abs(frame.image - wanted.image).max() <= 2e-3
 
 
 @methods
@@ -213,7 +214,7 @@ def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> No
     if method == "triangle_splatting":
         faint["sigma"] = np.full(count, -1, np.float32)
     settings = {"opacity_floor": 0.0, "supersample": 1} if method == "mesh_splatting" else {}
-    asset, camera = soup(method, triangles, **faint), front_camera(16, 16)
+    asset, camera = soup(method, triangles, **faint), front_camera(8, 8)
     first, second = (draw(asset, device, camera, settings) for device in (cpu, gpu))
     wanted = render_reference(asset, camera, (0.2, 0.7, 0.4), settings)
     assert np.abs(first.image - wanted.image).max() <= 2e-4
@@ -243,14 +244,13 @@ def test_an_8k_image_is_drawn_in_bands(method: str, cpu: Device) -> None:
     """Planes of all samples would take 10 GB where there are 4 x 4 to a pixel."""
     asset = soup(method, random_triangles(1, 60, 0.2))
     camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
-    settings = {"supersample": 2} if method == "mesh_splatting" else {}
-    pipeline = SplattingPipeline(asset, device=cpu, settings=settings, outputs=())
+    pipeline = SplattingPipeline(asset, device=cpu, outputs=())
     frame = pipeline.render(camera, (0, 0, 0))
     assert pipeline.memory()["splat planes"] <= 80 << 20
     pipeline.close()
     assert frame.image.shape == (4320, 7680, 3)
     small = Camera(480, 270, 504, 540, 240, 135, np.eye(4))
-    low = draw(asset, cpu, small, settings, background=(0, 0, 0)).image
+    low = draw(asset, cpu, small, background=(0, 0, 0)).image
     blocks = frame.image.reshape(270, 16, 480, 16, 3).mean(axis=(1, 3))
     assert np.abs(blocks - low).mean() < 0.02
 
@@ -278,9 +278,13 @@ def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pyt
         assert caught.value.code == "DEVICE_MEMORY"
 
 
-@pytest.mark.parametrize("name", ["positions", "opacity", "f_dc", "f_rest", "sigma"])
-def test_nan_is_refused(name: str, cpu: Device) -> None:
-    asset = model("triangle_splatting", 1)
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [(method, name) for method in SPLATTING for name in ("positions", "opacity", "f_dc", "f_rest")]
+    + [("triangle_splatting", "sigma")],
+)
+def test_nan_is_refused(method: str, name: str, cpu: Device) -> None:
+    asset = model(method, 1)
     array = asset.buffers[name].copy()
     array.reshape(-1)[17] = np.nan
     row = 17 // (array.size // len(array))
@@ -310,18 +314,16 @@ def test_wrong_options_are_refused(cpu: Device) -> None:
         SplattingPipeline(asset, device=cpu, settings={"sigma": 1.0})
 
 
-@methods
-def test_orders_of_an_engine(method: str, cpu: Device, gpu: Device) -> None:
-    """Without tiles more of each rim is seen; without sorting what is drawn first stays in front."""
-    asset, camera = model(method, 6), front_camera(64, 48)
+@variants
+def test_what_saves_time_changes_no_pixel(
+    method: str, settings: dict[str, Any], cpu: Device, gpu: Device
+) -> None:
+    asset, camera = model(method, 9), front_camera(71, 45)
     for device in (cpu, gpu):
-        official = draw(asset, device, camera).image
-        assert np.abs(draw(asset, device, camera, order="none").image - official).max() > 0.05
-        everywhere = draw(asset, device, camera, order="global").image
-        if method == "mesh_splatting":  # its tiles never cut a face
-            np.testing.assert_array_equal(everywhere, official)
-        else:
-            assert 0 < np.abs(everywhere - official).mean() < 0.05
+        frame = draw(asset, device, camera, settings)
+        plain = draw(asset, device, camera, settings, early_stop=False, exact_tiles=False)
+        np.testing.assert_array_equal(plain.image, frame.image)
+        np.testing.assert_array_equal(plain.depth, frame.depth)
 
 
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
@@ -331,18 +333,53 @@ def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> No
     with open_device(SELECTOR, style=style) as device:
         frame = draw(asset, device, camera, {"supersample": 3})
         count = asset.manifest.face_count
-        faces = device.scratch("splat faces", (count, 37), np.float32).read()
+        faces = device.scratch("splat faces", (count, 40), np.float32).read()
         keys = device.scratch("splat keys", count, np.float32).read()
-        listed = device.scratch("splat tile counts", count, np.uint32).read() > 0
+        items = 1 if style == "cpu" else count
+        listed = device.scratch("splat listed", items, np.uint32).read()
     triangles = asset.buffers["positions"].reshape(-1, 3, 3)
     with np.errstate(all="ignore"):
         windows = project_windows(triangles, splatting_camera(camera, NEAR, FAR, np.float32, 3))
     assert frame.visible is not None
     assert listed.sum() > 50
-    assert (listed <= frame.visible).all()
-    np.testing.assert_array_equal(keys[listed], windows.depth[listed])
-    np.testing.assert_array_equal(faces[listed, 11:13], windows.corners[listed, 0])
-    np.testing.assert_array_equal(faces[listed, 6:9], windows.edge_offset[listed])
+    places = np.arange(listed[0]) if style == "cpu" else np.flatnonzero(listed)
+    numbers = faces[places, 37].view(np.int32)
+    assert frame.visible[numbers].all()
+    np.testing.assert_array_equal(keys[places], windows.depth[numbers])
+    np.testing.assert_array_equal(faces[places, 11:13], windows.corners[numbers, 0])
+    np.testing.assert_array_equal(faces[places, 6:9], windows.edge_offset[numbers])
+
+
+@methods
+@pytest.mark.parametrize("sampling", ["official", "engine"])
+@pytest.mark.parametrize("offset", [0.0, 3000.0])
+def test_bounding_spheres_drop_nothing_that_is_kept(
+    method: str, sampling: Any, offset: float, cpu: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Slivers, pixel-sized and huge faces all around the camera, near the origin and far from it."""
+    random = np.random.default_rng(5)
+    count = 30_000
+    corners = random.normal(size=(count, 3, 3)) * np.exp(random.uniform(-7, 0, (count, 1, 3)))
+    corners[:300] *= 20
+    corners[300:400, 2] = corners[300:400, 0]
+    triangles = (corners + random.normal(scale=4, size=(count, 1, 3)) + offset).astype(np.float32)
+    window = {"sigma": np.zeros(count, np.float32)} if method == "triangle_splatting" else {}
+    asset = soup(method, triangles, **window)
+    turned = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    pose = np.eye(4)
+    pose[:3, :3] = turned * np.sign(np.linalg.det(turned))
+    pose[:3, 3] = -pose[:3, :3] @ np.full(3, offset)
+    cameras = [Camera(80, 60, 70, 75, 35.5, 31, pose), Camera(50, 120, 400, 400, 25, 60, pose)]
+    settings = {"supersample": 1} if method == "mesh_splatting" else {}
+    found = [draw(asset, cpu, camera, settings, sampling=sampling) for camera in cameras]
+    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres, which nothing drops
+    monkeypatch.setattr(splat_view, "_limits", lambda *_: no_limits)
+    for frame, camera in zip(found, cameras, strict=True):
+        everything = draw(asset, cpu, camera, settings, sampling=sampling)
+        assert frame.visible is not None
+        assert 20 < frame.visible.sum() < 0.5 * count
+        np.testing.assert_array_equal(frame.visible, everything.visible)
+        np.testing.assert_array_equal(frame.image, everything.image)
 
 
 def test_timings_and_memory_by_use() -> None:

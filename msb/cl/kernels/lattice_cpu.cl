@@ -62,12 +62,14 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
         a[i] = k.w * j.y - j.w * k.y;
         s.b[i] = j.w * k.x - k.w * j.x;
         s.c[i] = j.x * k.y - k.x * j.y;
-        size += (fabs(j.x) + j.w) * (fabs(k.y) + k.w) + (fabs(k.x) + k.w) * (fabs(j.y) + j.w);
+        j = fabs(j);
+        k = fabs(k);
+        size += (j.x + j.w) * (k.y + k.w) + (k.x + k.w) * (j.y + j.w);
     }
     // 2^-20 is sixteen rounding errors; they add up to less than ten.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
     // Seen too nearly edge-on (or too large, or too small, for float32) the signs of A are anybody's guess.
-    s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (p0.w + p1.w + p2.w);
+    s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {
         float slope = sign * a[i];

@@ -46,8 +46,10 @@ __kernel void project(__global const float *positions, __global const uint *indi
     corners[3 * face + 1] = p1;
     corners[3 * face + 2] = p2;
 
-    // There is no clipping: a triangle with a corner at or behind the camera plane vanishes.
-    if (!(p0.w > 0.0f && p1.w > 0.0f && p2.w > 0.0f))
+    // Officially nothing is clipped: a triangle with a corner at or behind the camera plane vanishes. An engine
+    // keeps the part in front: all pixels are looked at, and their depth test leaves none of the part behind.
+    bool crosses = !(p0.w > 0.0f && p1.w > 0.0f && p2.w > 0.0f);
+    if (crosses && (!ENGINE || !(p0.w > 0.0f || p1.w > 0.0f || p2.w > 0.0f)))
         return;
     int4 below = (p0 < -p0.w) & (p1 < -p1.w) & (p2 < -p2.w);
     int4 above = (p0 > p0.w) & (p1 > p1.w) & (p2 > p2.w);
@@ -56,6 +58,10 @@ __kernel void project(__global const float *positions, __global const uint *indi
     float i0 = 1.0f / p0.w, i1 = 1.0f / p1.w, i2 = 1.0f / p2.w;
     int2 c = pixel_range(in_range(p0.x * i0), in_range(p1.x * i1), in_range(p2.x * i2), width);
     int2 r = pixel_range(in_range(p0.y * i0), in_range(p1.y * i1), in_range(p2.y * i2), height);
+    if (crosses) {
+        c = (int2)(0, (int)width - 1);
+        r = (int2)(0, (int)height - 1);
+    }
     if (c.x > c.y || r.x > r.y)
         return;
     first_rows[face] = (ushort)r.x;

@@ -1,0 +1,173 @@
+"""Measure what an engine's choices cost: `python -m docs.make_losses`.
+
+Every golden view (tests/golden, or the folders given) is drawn on the dedicated tier with each order and
+sampling, and compared with the official image, on pixels that rounding does not decide. The synthetic
+captures of benchmarks/dedicated.py, which have no official image, are compared with our official rendering.
+Prints the table of the README and that of docs/dedicated.md; --picture FILE.png also shows one view of each
+method.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+import msb
+import msb.methods
+from benchmarks.dedicated import camera as capture_camera
+from benchmarks.dedicated import model
+from tests.golden.views import scenes, views
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ROOT = Path(__file__).parent.parent
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
+TITLES = {name: msb.methods.METHODS[name].title for name in METHODS}
+CHOICES: dict[str, dict[str, str]] = {
+    "`order=global`": {"order": "global"},
+    "`order=none`": {"order": "none"},
+    "`sampling=engine`": {"sampling": "engine"},
+    "both: `engine`, `none`": {"order": "none", "sampling": "engine"},
+}
+SINGLE = {"supersample": 1}
+"""MeshSplatting is measured with one sample a pixel, too, as an engine has."""
+EQUAL = 90.0
+"""dB from which on images differ by rounding alone."""
+CAPTURE = 100_000
+"""Faces of the synthetic captures."""
+SHOWN = ("orb_diffuse/0", "torus_sh0_white/0", "bumpy_sphere_sh3/0", "soup_l1_black_noview/0")
+
+WIDTH = 900
+"""Of the picture, pixels."""
+
+Figures = dict[str, list[float]]
+"""Choice -> PSNR of views in dB."""
+
+
+class Row(NamedTuple):
+    """Of the longer table; `note` is what was changed."""
+
+    method: str
+    scene: str
+    note: str = ""
+
+    def __str__(self) -> str:
+        return f"{TITLES[self.method]}, {self.scene}{self.note}"
+
+
+def psnr(image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None) -> float:
+    """Return the PSNR in dB of two images as a screen shows them, clamped to [0, 1]."""
+    first, second = np.clip(image, 0, 1), np.clip(official, 0, 1)
+    if stable is not None:
+        first, second = first[stable][None], second[stable][None]
+    return msb.metrics.psnr(first, second)
+
+
+def draw(asset: msb.Asset, camera: msb.Camera, **options: Any) -> NDArray[np.float32]:
+    """Return the image of the dedicated tier."""
+    return msb.render(asset, camera, tier="dedicated", outputs=(), **options).image
+
+
+def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], list[Any]]:
+    """Return the figures by method and scene, and the rows of the picture."""
+    found: dict[Row, Figures] = {}
+    strips = []
+    for method in METHODS:
+        for scene in (folder for root in roots for folder in scenes(root, method)):
+            asset = msb.export(scene / "checkpoint")
+            for name, camera, background, settings, official, stable in views(scene, method):
+                for changed in ({}, SINGLE) if method == "mesh_splatting" else ({},):
+                    row = Row(method, f"`{scene.name}`", ", one sample a pixel" if changed else "")
+                    figures = found.setdefault(row, {choice: [] for choice in CHOICES})
+                    common = {"background": background, "settings": {**settings, **changed}, "device": device}
+                    images = [draw(asset, msb.Camera(**camera), **common, **o) for o in CHOICES.values()]
+                    for choice, image in zip(CHOICES, images, strict=True):
+                        figures[choice].append(psnr(image, official, stable))
+                    if name in SHOWN and not changed:
+                        strips.append(np.concatenate([official, *images], axis=1))
+    return found, strips
+
+
+def captures(device: str | None) -> dict[Row, Figures]:
+    """Return the figures of the benchmark's models, which have no order that a user could know of."""
+    found = {}
+    for method in ("two_dts", "triangle_splatting", "mesh_splatting"):
+        asset, camera = model(method, CAPTURE), capture_camera(620, 411)
+        shuffled = np.random.default_rng(0).permutation(asset.buffers["indices"])
+        if method == "mesh_splatting":  # soups are as random as this already
+            asset = replace(asset, buffers={**asset.buffers, "indices": shuffled})
+        official = draw(asset, camera, device=device)
+        found[Row(method, f"synthetic capture of {CAPTURE:,} faces, 620 x 411")] = {
+            choice: [psnr(draw(asset, camera, device=device, **options), official)]
+            for choice, options in CHOICES.items()
+        }
+    return found
+
+
+def cell(values: list[float]) -> str:
+    """Return the median and the range of PSNR over views, in whole dB."""
+    if min(values) >= EQUAL:
+        return "equal"
+    middle, low, high = (
+        "equal" if value >= EQUAL else f"{value:.0f}" for value in (median(values), min(values), max(values))
+    )
+    return low if low == high else f"{middle} ({low} to {high})"
+
+
+def table(figures: dict[str, Figures], first: str) -> str:
+    """Return a Markdown table with a row for each key of `figures`."""
+    lines = [f"| {first} | " + " | ".join(CHOICES) + " |", "|---" * (len(CHOICES) + 1) + "|"]
+    for row, by_choice in figures.items():
+        lines.append(f"| {row} | " + " | ".join(cell(by_choice[choice]) for choice in CHOICES) + " |")
+    return "\n".join(lines)
+
+
+def by_method(found: dict[Row, Figures]) -> dict[str, Figures]:
+    """Return the figures of all scenes of a method together, with its own settings."""
+    rows: dict[str, Figures] = {title: {choice: [] for choice in CHOICES} for title in TITLES.values()}
+    for row, figures in found.items():
+        for choice in CHOICES if not row.note else ():
+            rows[TITLES[row.method]][choice] += figures[choice]
+    return rows
+
+
+def save(strips: list[NDArray[np.float32]], path: Path) -> None:
+    """Write the strips below each other: official, then every choice."""
+    from PIL import Image
+
+    rows = []
+    for strip in strips:
+        height = round(strip.shape[0] * WIDTH / strip.shape[1])
+        pixels = np.floor(np.clip(strip, 0, 1) * 255 + 0.5).astype(np.uint8)
+        rows.append(np.asarray(Image.fromarray(pixels).resize((WIDTH, height), Image.Resampling.LANCZOS)))
+    Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folders", nargs="*", type=Path, default=[ROOT / "tests" / "golden"])
+    parser.add_argument("--device")
+    parser.add_argument("--picture", type=Path)
+    arguments = parser.parse_args()
+    found, strips = golden(arguments.folders, arguments.device)
+    sys.stdout.write(table(by_method(found), "PSNR in dB, median (least to most)") + "\n\n")
+    everything = found | captures(arguments.device)
+    ordered = sorted(everything, key=lambda row: METHODS.index(row.method))
+    rows = {str(row): everything[row] for row in ordered}
+    sys.stdout.write(table(rows, "scene") + "\n")
+    if arguments.picture is not None:
+        save(strips, arguments.picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+// How a game engine samples triangles: by the rasterisation of graphics hardware. What it means and why it
+// needs no clipped polygon: msb/reference/engine.py, whose order of operations this is.
+//
+// A method's file includes this where ENGINE is 1, after its Face, whose first member is
+// `float lines[LINES]`, and calls project_engine. Of the functions that splat_stages.cl names those for samples
+// are here, but for cover and shade.
+
+// `lines` are barycentric coordinates over depth, times `weight`, which makes the least of them 1 in the
+// middle, then 1 / depth: of each the factors of a sample's x and y, and a constant.
+#define ENGINE_NEAR 0.01f
+#define ENGINE_SLACK 0.1f // samples by which a box is wider than the corners, so that rounding cuts nothing
+
+// The ray's step from sample to sample, and the sample the optical axis meets.
+typedef struct {
+    float step_x, step_y, middle_x, middle_y;
+} Raster;
+
+Raster raster_of(__constant View *view)
+{
+    float width = (float)view->width, height = (float)view->height;
+    return (Raster){2.0f * view->tan_fov[0] / width, 2.0f * view->tan_fov[1] / height,
+                    (width - 1.0f) * 0.5f + view->shift[0], (height - 1.0f) * 0.5f + view->shift[1]};
+}
+
+// n . ray of a sample, times `scale`.
+void set_line(Raster r, vec3 n, real scale, real *line)
+{
+    real p = n.x * r.step_x, q = n.y * r.step_y;
+    line[0] = p * scale;
+    line[1] = q * scale;
+    line[2] = ((n.z - p * r.middle_x) - q * r.middle_y) * scale;
+}
+
+// Takes a point of camera space at depth z into the bounds, in samples, where it is `seen`.
+void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *high)
+{
+    real u = x / z / r.step_x + r.middle_x, v = y / z / r.step_y + r.middle_y;
+    low->x = (seen & (u < low->x)) ? u : low->x;
+    low->y = (seen & (v < low->y)) ? v : low->y;
+    high->x = (seen & (u > high->x)) ? u : high->x;
+    high->y = (seen & (v > high->y)) ? v : high->y;
+}
+
+// The samples of what the near plane leaves of a triangle in camera space.
+Box engine_box(__constant View *view, const vec3 *p)
+{
+    Raster r = raster_of(view);
+    vec2 low = {(real)INFINITY, (real)INFINITY}, high = {(real)-INFINITY, (real)-INFINITY};
+    for (int k = 0; k < 3; k++) {
+        vec3 from = p[k], to = p[k == 2 ? 0 : k + 1];
+        mask inside = from.z >= ENGINE_NEAR;
+        hold_point(r, from.x, from.y, from.z, inside, &low, &high);
+        real share = (ENGINE_NEAR - from.z) / (to.z - from.z);
+        real x = from.x + share * (to.x - from.x), y = from.y + share * (to.y - from.y);
+        hold_point(r, x, y, (real)ENGINE_NEAR, inside != (to.z >= ENGINE_NEAR), &low, &high);
+    }
+    vec2 slack = {(real)ENGINE_SLACK, (real)ENGINE_SLACK};
+    return box_of(sub2(low, slack), add2(high, slack), view);
+}
+
+// Sets of a face its lines, normal, depth, reach and tiles. The window is 1 at the incentre of the triangle
+// itself, or at its centroid; the normal is turned towards the camera for the methods of the incentre. Returns
+// which triangles there is something of to see. `back`: corners run clockwise on the screen.
+mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre, Faces *f, Box *official,
+                    real *depth, real *weight, mask *back)
+{
+    vec3 p[3] = {to_camera(view, a), to_camera(view, b), to_camera(view, c)};
+    vec3 normal = cross3(sub3(p[1], p[0]), sub3(p[2], p[0]));
+    real volume = dot3(p[0], normal);
+    *back = volume > 0.0f;
+
+    vec3 opposite[3] = {sub3(p[2], p[1]), sub3(p[0], p[2]), sub3(p[1], p[0])};
+    real length[3] = {length3(opposite[0]), length3(opposite[1]), length3(opposite[2])};
+    Raster r = raster_of(view);
+    real perimeter = length[0] + length[1] + length[2];
+    for (int k = 0; k < 3; k++) {
+        weight[k] = incentre ? perimeter / length[k] : (real)3.0f;
+        set_line(r, cross3(p[k == 2 ? 0 : k + 1], opposite[k]), weight[k] / volume, f->lines + 3 * k);
+    }
+    set_line(r, normal, 1.0f / volume, f->lines + 9);
+    normal = div3(normal, length3(normal));
+    if (incentre)
+        normal = mul3(normal, *back ? (real)-1.0f : (real)1.0f);
+    f->normal[0] = normal.x;
+    f->normal[1] = normal.y;
+    f->normal[2] = normal.z;
+
+    real z = affine(view->world_to_camera + 8, center_of(a, b, c));
+    *depth = z > 0.0f ? z : (real)0.0f; // keys are bits of numbers that are not negative
+    Box box = engine_box(view, p);
+    f->x0 = box.x0;
+    f->y0 = box.y0;
+    f->x1 = box.x1;
+    f->y1 = box.y1;
+    *official = (Box){box.x0 >> 4, box.y0 >> 4, (box.x1 >> 4) + 1, (box.y1 >> 4) + 1};
+    return (magnitude(volume) >= FLT_MIN) & (box.x1 >= box.x0) & (box.y1 >= box.y0);
+}
+
+// ---- at the samples of a row
+
+typedef struct {
+    real line[4]; // what the row does not change
+} Columns;
+
+typedef struct {
+    real phi;    // 0 on the edges, 1 in the middle
+    real z;      // camera depth
+    real e1, e2; // barycentric coordinates 1 and 2 over depth, weighted
+    real alpha;
+} Sample;
+
+Columns columns_of(FACE_POINTER f, real x, __constant View *view)
+{
+    Columns c;
+    for (int k = 0; k < 4; k++)
+        c.line[k] = f->lines[3 * k] * x + f->lines[3 * k + 2];
+    return c;
+}
+
+// Behind the camera what is inside has three negative ones, so there is nothing to clip.
+mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
+{
+    real e0 = c->line[0] + f->lines[1] * y;
+    s->e1 = c->line[1] + f->lines[4] * y;
+    s->e2 = c->line[2] + f->lines[7] * y;
+    real nearest = lesser(lesser(e0, s->e1), s->e2);
+    s->z = 1.0f / (c->line[3] + f->lines[10] * y);
+    s->phi = nearest * s->z;
+    return (nearest >= 0.0f) & (s->z >= ENGINE_NEAR) & (s->z < INFINITY);
+}
+
+#if LANES == 8
+// Which pairs of rows y, y + 1 (a lane a pair) an edge leaves samples of the eight columns from `left` on: at
+// the corner of those samples that is farthest inside, give or take rounding.
+mask reaches(FACE_POINTER f, float left, real y)
+{
+    mask found = (mask)-1;
+    for (int k = 0; k < 3; k++) {
+        float along_x = f->lines[3 * k], along_y = f->lines[3 * k + 1], start = f->lines[3 * k + 2];
+        float most = (along_x > 0.0f ? 7.0f * along_x : 0.0f) + (along_y > 0.0f ? along_y : 0.0f);
+        float size = fabs(along_x) * (left + 8.0f) + fabs(along_y) * (y.s7 + 2.0f) + fabs(start);
+        found &= !(MAD((real)along_y, y, (real)(along_x * left + start + most + 4e-6f * size)) < 0.0f);
+    }
+    return found;
+}
+#endif

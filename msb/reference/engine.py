@@ -1,0 +1,178 @@
+"""How a game engine samples a splatting method's triangles: by the rasterisation of graphics hardware.
+
+Fragments exist at pixel centres inside the projected triangle and nowhere else; what lies nearer than the
+near plane is clipped away; attributes are interpolated perspective-correctly. There are no tiles, and nothing
+is dropped for its size or distance. Of a method its coverage window, colours and blending are left.
+
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth: homogeneous edge
+functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997). They need no
+clipped polygon: behind the camera all three are negative where the triangle is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.reference.arithmetic import Reals, centroid, cross, dot, norm, transform
+from msb.reference.tiles import TILE, Rectangles
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.reference.camera_matrices import SplattingCamera
+    from msb.reference.tiles import Integers
+
+NEAR = 0.01
+"""Camera depth of the near plane: that of the standard tier."""
+SLACK = 0.1
+"""Samples by which a triangle's box is wider than its corners, so that rounding cuts nothing."""
+
+
+@dataclass(frozen=True)
+class EngineTriangles:
+    """F triangles on the screen, in samples; sample (i, j) has its centre at (i, j), as everywhere here.
+
+    Attributes
+    ----------
+    dropped : (F,) bool
+        Seen edge-on or without area, wholly in front of the near plane, or beside the raster.
+    back : (F,) bool
+        Corners run clockwise on the screen.
+    depth : (F,)
+        Camera z of the centroid, 0 where that is behind the camera: the sort key.
+    normal : (F, 3)
+        Unit normal in camera space, by the order of the corners.
+    edges : (F, 3, 3)
+        Barycentric coordinate k over depth, times `weights`: factors of x and y, and a constant.
+    inverse_depth : (F, 3)
+        1 / depth, likewise.
+    weights : (F, 3)
+        What makes the least weighted barycentric coordinate 1 in the middle.
+    rectangles : Rectangles
+    """
+
+    dropped: NDArray[np.bool_]
+    back: NDArray[np.bool_]
+    depth: Reals
+    normal: Reals
+    edges: Reals
+    inverse_depth: Reals
+    weights: Reals
+    rectangles: Rectangles
+
+    @property
+    def radius(self) -> Reals:
+        """0: an engine drops no triangle for its size, so it has no use for the official radius."""
+        return np.zeros_like(self.depth)
+
+    def facing_normal(self) -> Reals:
+        """Return the normals turned towards the camera."""
+        return np.where(self.back[:, None], -self.normal, self.normal)
+
+    def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the least weighted barycentric coordinate of K of the triangles at P samples, (K, P).
+
+        0 on the edges, 1 in the middle, NaN where there is no fragment.
+        """
+        nearest = _affine(self.edges[faces], x, y).min(axis=1)
+        depth = self.depth_at(faces, x, y)
+        fragment = (nearest >= 0) & (depth >= depth.dtype.type(NEAR)) & np.isfinite(depth)
+        return np.where(fragment, nearest * depth, np.nan)
+
+    def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the camera depth of the triangles' planes at the samples, (K, P)."""
+        return np.asarray(1 / _affine(self.inverse_depth[faces, None], x, y)[:, 0])
+
+    def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the weights of the corners, (3, K, P): linear on the triangle, not on the screen."""
+        weighted = _affine(self.edges[faces], x, y) * self.depth_at(faces, x, y)[:, None]
+        return np.asarray((weighted / self.weights[faces, :, None]).transpose(1, 0, 2))
+
+
+def _affine(factors: Reals, x: Reals, y: Reals) -> Reals:
+    """Return a x + c + b y of (K, n, 3) factors a, b, c at P samples: (K, n, P)."""
+    a, b, c = (factors[..., k, None] for k in range(3))
+    return np.asarray((a * x + c) + b * y)
+
+
+def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -> EngineTriangles:
+    """Return triangles (F, 3 corners, 3) as an engine's hardware samples them.
+
+    Parameters
+    ----------
+    incentre : bool
+        The window is 1 at the incentre, the distance to the nearest edge over the inradius, both measured on
+        the triangle itself; else 1 at the centroid, three times the least barycentric coordinate.
+
+    Notes
+    -----
+    For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1):
+    1 / depth = N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N and i, j the two
+    other corners, in order. The distance to the edge opposite of corner k, over the inradius, is b_k times
+    the perimeter over that edge's length.
+    """
+    real = triangles.dtype.type
+    corners = transform(view.world_to_camera[:3], triangles)
+    following, last = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
+    opposite = last - following
+    normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = dot(corners[:, 0], normal)
+    # Not "<": a NaN drops a triangle.
+    dropped = ~(np.abs(volume) >= np.finfo(np.float32).tiny)
+
+    if incentre:
+        length = norm(opposite)
+        perimeter = length[:, 0] + length[:, 1] + length[:, 2]
+        weights = perimeter[:, None] / length
+    else:
+        weights = np.full((len(triangles), 3), 3, real)
+    edges = _on_raster(cross(following, opposite), view) * (weights / volume[:, None])[..., None]
+    inverse_depth = _on_raster(normal, view) * (1 / volume)[:, None]
+
+    first, final = _sample_box(corners, view)
+    dropped |= (final < first).any(axis=1)
+    depth = transform(view.world_to_camera[2:3], centroid(triangles))[:, 0]
+    return EngineTriangles(
+        dropped=dropped,
+        back=volume > 0,
+        depth=np.where(depth > 0, depth, real(0)),
+        normal=normal / norm(normal)[:, None],
+        edges=edges,
+        inverse_depth=inverse_depth,
+        weights=weights,
+        rectangles=Rectangles(first // TILE, final // TILE + 1),
+    )
+
+
+def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
+    """Return the ray's step from sample to sample, and the sample the optical axis meets, (2,) each."""
+    size = np.array([view.width, view.height], view.tan_fov.dtype)
+    return 2 * view.tan_fov / size, (size - 1) * size.dtype.type(0.5) + view.shift
+
+
+def _on_raster(planes: Reals, view: SplattingCamera) -> Reals:
+    """Return products n . ray of normals (..., 3) as factors of a sample's x and y, and a constant."""
+    step, middle = _scale(view)
+    a, b = planes[..., 0] * step[0], planes[..., 1] * step[1]
+    return np.stack([a, b, (planes[..., 2] - a * middle[0]) - b * middle[1]], axis=-1)
+
+
+def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Integers]:
+    """Return the first and last samples (F, 2) of what the near plane leaves of triangles in camera space."""
+    real = corners.dtype.type
+    near, (step, middle) = real(NEAR), _scale(view)
+    z, following = corners[..., 2], np.roll(corners, -1, axis=1)
+    share = (near - z) / (following[..., 2] - z)
+    cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
+    inside = z >= near
+    crosses = inside != np.roll(inside, -1, axis=1)
+    points = np.concatenate([corners[..., :2] / z[..., None], cut / near], axis=1) / step + middle
+    seen = np.concatenate([inside, crosses], axis=1)[..., None]
+    low = np.fmin.reduce(np.where(seen, points, np.inf), axis=1) - real(SLACK)
+    high = np.fmax.reduce(np.where(seen, points, -np.inf), axis=1) + real(SLACK)
+    size = np.array([view.width, view.height])
+    first = np.clip(np.ceil(low), 0, size).astype(np.int64)
+    return first, np.clip(np.floor(high), -1, size - 1).astype(np.int64)

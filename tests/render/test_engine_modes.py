@@ -1,0 +1,231 @@
+"""Orders and samplings of an engine: kernels of both styles against the NumPy reference, and their limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.cl import Device, open_device
+from msb.errors import Unsupported, UsageError
+from msb.reference import render_reference
+from msb.render.dedicated import DedicatedRenderer
+from msb.render.lattice import LatticePipeline
+from msb.scenes import Camera
+from tests.cl.conftest import SELECTOR
+from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
+from tests.render.test_lattice import TAME, VIEWS, exported, raster_rows
+from tests.render.test_splatting import model
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.asset import Asset
+    from msb.render.frame import Frame
+
+VARIANTS: list[tuple[str, dict[str, Any]]] = [
+    ("two_dts", {}),
+    ("two_dts", {"sh_degree": 1, "gamma": 7.5, "back_culling": True, "gamma_rescale": True}),
+    ("two_dts", {"rasterizer": "3D", "gamma": 50.0, "ste_threshold": 0.4, "render_up_scale": 2}),
+    ("triangle_splatting", {"view_dir": "centroid", "sh_degree": 2}),
+    ("mesh_splatting", {"opacity_floor": 0.1, "sigma": 0.3, "supersample": 1}),
+    ("mesh_splatting", {}),
+]
+PLAIN = [VARIANTS[0], VARIANTS[3], VARIANTS[4]]
+CASES = [
+    *((*variant, "tile", "engine") for variant in VARIANTS),
+    *((*variant, "none", "engine") for variant in PLAIN),
+    *((*variant, order, "official") for variant in PLAIN for order in ("global", "none")),
+]
+GREEN = (0.2, 0.7, 0.4)
+
+
+@pytest.fixture(scope="module", params=["cpu", "gpu"])
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_device(SELECTOR, style=request.param) as opened:
+        yield opened
+
+
+def draw(asset: Asset, device: Device, camera: Camera, background: Any = GREEN, **options: Any) -> Frame:
+    renderer = DedicatedRenderer(asset, device=device, **{"outputs": "all", **options})
+    try:
+        return renderer.render(camera, background)
+    finally:
+        renderer.close()
+
+
+def crossing(method: str, seed: int) -> Asset:
+    """Return a model some of whose triangles cross the near plane, with the camera among them."""
+    asset = model(method, seed)
+    positions = asset.buffers["positions"].copy()
+    positions.reshape(-1, 3, 3)[130:200] -= (0, 0, 4)
+    object.__setattr__(asset, "buffers", {**asset.buffers, "positions": positions})
+    return asset
+
+
+@pytest.mark.parametrize(("method", "settings", "order", "sampling"), CASES)
+def test_equals_the_reference(
+    method: str, settings: dict[str, Any], order: Any, sampling: Any, device: Device
+) -> None:
+    asset, camera = crossing(method, 1), front_camera(64, 44, cx=20.5, cy=31.25)
+    frame = draw(asset, device, camera, settings=settings, order=order, sampling=sampling)
+    wanted = render_reference(asset, camera, GREEN, settings, order=order, sampling=sampling)
+    assert wanted.alpha.mean() > 0.1
+    np.testing.assert_array_equal(frame.visible, wanted.visible)
+    for name in ("image", "alpha", "depth", "normal", "depth_median"):
+        found, right = getattr(frame, name), getattr(wanted, name)
+        if right is None or found is None:
+            continue
+        scale = max(1.0, float(np.abs(right).max()))
+        off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
+        assert (off > 1e-4).mean() <= 2e-3, name
+    for name in frame.raw.keys() & wanted.raw.keys():
+        assert (
+            np.abs(frame.raw[name] - wanted.raw[name]) > 1e-4 * max(1, np.abs(wanted.raw[name]).max())
+        ).mean() <= 2e-3
+
+
+@pytest.mark.parametrize("method", SPLATTING)
+def test_orders(method: str, device: Device) -> None:
+    """Without tiles more of each rim is seen; without sorting what is drawn first stays in front."""
+    asset, camera = model(method, 6), front_camera(64, 48)
+    official = draw(asset, device, camera).image
+    assert np.abs(draw(asset, device, camera, order="none").image - official).max() > 0.05
+    everywhere = draw(asset, device, camera, order="global").image
+    if method == "mesh_splatting":  # its tiles never cut a face
+        np.testing.assert_array_equal(everywhere, official)
+    else:
+        assert 0 < np.abs(everywhere - official).mean() < 0.05
+
+
+def test_an_engine_sees_what_the_official_renderers_drop(device: Device) -> None:
+    for method in SPLATTING:
+        asset = crossing(method, 2)
+        official = draw(asset, device, front_camera())
+        engine = draw(asset, device, front_camera(), sampling="engine")
+        assert official.visible is not None
+        assert engine.visible is not None
+        assert (engine.visible & ~official.visible).sum() > 10
+        assert np.abs(engine.image - official.image).max() > 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_tiles_do_not_matter_to_an_engine(method: str, device: Device) -> None:
+    asset = soup(method, random_triangles(2))
+    first, second = (
+        draw(asset, device, front_camera(), order=order, sampling="engine") for order in ("tile", "global")
+    )
+    np.testing.assert_array_equal(first.image, second.image)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 16), (129, 3)])
+def test_any_size(size: tuple[int, int], device: Device) -> None:
+    for method in SPLATTING:
+        asset, camera = crossing(method, 5), front_camera(*size)
+        frame = draw(asset, device, camera, sampling="engine")
+        wanted = render_reference(asset, camera, GREEN, sampling="engine")
+        assert frame.image.shape == (size[1], size[0], 3)
+        assert (np.abs(frame.image - wanted.image).max(axis=-1) > 1e-4).mean() <= 0.01
+
+
+@pytest.mark.parametrize("method", SPLATTING)
+def test_limits(method: str, device: Device) -> None:
+    """Nothing in view, one triangle through the camera plane over everything, equal depths."""
+    away = Camera(37, 23, 40, 40, 18.5, 11.5, np.diag([-1.0, 1, -1, 1]))
+    empty = draw(soup(method, random_triangles(2)), device, away, sampling="engine")
+    assert empty.visible is not None
+    assert not empty.visible.any()
+    assert not empty.alpha.any()
+    np.testing.assert_array_equal(empty.image, np.broadcast_to(np.float32(GREEN), empty.image.shape))
+
+    rows = 3 if method == "mesh_splatting" else 1
+    sharp = {"sigma": np.full(1, -9, np.float32)} if method == "triangle_splatting" else {}
+    opaque = {"opacity": np.full(rows, 12, np.float32), "f_dc": constant_color(rows, (0.9, 0.5, 0.1))}
+    floor = np.array([[[-60, 0.4, -50], [60, 0.4, -50], [0, 0.4, 900]]], np.float32)
+    below = front_camera(90, 70, cy=-5.0)
+    frame = draw(soup(method, floor, **opaque, **sharp), device, below, sampling="engine")
+    wanted = render_reference(soup(method, floor, **opaque, **sharp), below, GREEN, sampling="engine")
+    assert frame.alpha.min() > 0.3
+    np.testing.assert_allclose(frame.image, wanted.image, atol=2e-5)
+    np.testing.assert_allclose(frame.depth, wanted.depth, rtol=1e-4)
+
+    triangle = np.array([[-1, -1, 4], [1, -1, 4], [0, 1.2, 4]], np.float32)
+    colors = [constant_color(rows, c) for c in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    same = {"f_dc": np.concatenate(colors), "opacity": np.full(3 * rows, 5, np.float32)}
+    if method == "triangle_splatting":
+        same["sigma"] = np.full(3, -5, np.float32)
+    tied = soup(method, np.stack([triangle] * 3), **same)
+    middle = draw(tied, device, front_camera(), (0, 0, 0), sampling="engine").image[14, 20]
+    assert middle[0] > 0.8
+    assert middle[0] > middle[1] >= middle[2]
+
+
+@pytest.mark.parametrize("method", SPLATTING)
+def test_an_8k_image(method: str) -> None:
+    """Positions are as exact at the far corner as at the first one."""
+    spread = random_triangles(1, 20)
+    far = random_triangles(1, 20, 0.1) * (0.1, 0.1, 1) + spread[..., 2:] * (0.45, 0.24, 0)
+    asset = soup(method, far.astype(np.float32))
+    camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
+    settings = {"supersample": 1} if method == "mesh_splatting" else {}
+    with open_device(SELECTOR, style="cpu") as opened:
+        frame = draw(asset, opened, camera, settings=settings, outputs=(), sampling="engine")
+    assert frame.image.shape == (4320, 7680, 3)
+    left, top, side = 7168, 3872, 256
+    part = frame.image[top : top + side, left : left + side]
+    assert (part != np.float32(GREEN)).any(axis=-1).mean() > 0.05
+    corner = Camera(side, side, 8064, 8640, 3840 - left, 2160 - top, np.eye(4))
+    wanted = render_reference(asset, corner, GREEN, settings, np.float64, sampling="engine")
+    assert (np.abs(part - wanted.image).max(axis=-1) > 1e-3).mean() < 5e-3
+
+
+@pytest.mark.parametrize("view", [VIEWS[5], VIEWS[6], TAME[0]], ids=str)
+def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> None:
+    """Golden pictures of a real rasterizer; officially a triangle that crosses the camera plane vanishes."""
+    asset = exported(view.scene / "web_export" / view.scene.name)
+    camera, settings = view.camera, view.settings
+    wanted = render_reference(asset, camera, view.background, settings, sampling="engine")
+    equal = {}
+    for sampling in ("official", "engine"):
+        pipeline = LatticePipeline(
+            asset,
+            device=device,
+            settings=settings,
+            viewer=True,
+            sampling=sampling,  # type: ignore[arg-type]
+        )
+        frame = pipeline.render(camera, view.background)
+        pipeline.close()
+        levels = np.rint(255 * raster_rows(view, frame.image)) - view.shown["viewer_image"].astype(int)
+        equal[sampling] = (np.abs(levels).max(axis=-1) == 0).mean()
+    np.testing.assert_array_equal(frame.face_id, wanted.face_id)
+    np.testing.assert_array_equal(frame.visible, wanted.visible)
+    assert equal["engine"] > 0.998
+    assert (equal["official"] < 0.8) == (view in VIEWS[5:7])
+
+
+def test_modes_are_refused_where_they_are_not() -> None:
+    asset = soup("two_dts", random_triangles(1))
+    with pytest.raises(Unsupported, match='two_dts on tier standard: there is no option "order"') as caught:
+        msb.Renderer(asset, tier="standard", order="none")
+    assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_OPTION", 4)
+    with pytest.raises(Unsupported, match="there are early_stop, exact_tiles, order, outputs, sampling"):
+        msb.Renderer(asset, tier="dedicated", viewer=True)
+    for tier in ("dedicated", "reference"):
+        with pytest.raises(UsageError, match="there is no sampling"):
+            msb.Renderer(asset, tier=tier, sampling="center")  # type: ignore[arg-type]
+        with pytest.raises(UsageError, match="there is no order"):
+            msb.Renderer(soup("diffsoup", random_triangles(1)), tier=tier, order="depth")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("tier", ["dedicated", "reference"])
+@pytest.mark.parametrize("method", METHODS)
+def test_both_tiers_take_the_modes(tier: Any, method: str) -> None:
+    asset = soup(method, random_triangles(3, 20))
+    frames = [
+        msb.render(asset, front_camera(), tier=tier, order="none", sampling=sampling)
+        for sampling in ("official", "engine")
+    ]
+    assert all(frame.alpha.any() for frame in frames)

@@ -1,0 +1,127 @@
+"""A scene that does not fit on the device is refused with the figure, whatever it is that does not fit."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.cl import Device, open_device
+from msb.errors import DeviceError
+from msb.render import splatting
+from msb.render.dedicated import DedicatedRenderer
+from tests.cl.conftest import SELECTOR
+from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.asset import Asset
+
+CAMERA = front_camera(90, 60)
+BLACK = (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(params=["cpu", "gpu"])
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_device(SELECTOR, style=request.param) as opened:
+        yield opened
+
+
+def limit(device: Device, **changes: int) -> None:
+    """Make `device` one of less memory."""
+    device._queue.record = dataclasses.replace(device.record, **changes)
+
+
+def model(method: str, faces: int = 600) -> Asset:
+    return soup(method, random_triangles(1, faces, 0.5), degree=0 if method == "diffsoup" else 3)
+
+
+def draw(asset: Asset, device: Device, outputs: Any = "all") -> None:
+    renderer = DedicatedRenderer(asset, device=device, outputs=outputs)
+    try:
+        renderer.render(CAMERA, BLACK)
+    finally:
+        renderer.close()
+
+
+def refused(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
+    """Return why `asset` cannot be drawn, and for what there is no room."""
+    try:
+        draw(asset, device)
+    except DeviceError as error:
+        figure, _, use = error.message.partition(" do not fit: ")[0].partition(" MiB for ")
+        return (error if float(figure.replace(",", "")) >= 0 else None), use
+    return None, ""
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
+    """From no memory to enough: model, projected faces, lists, samples and pixels are met in turn."""
+    asset, whole = model(method), device.record.global_memory
+    draw(asset, device)
+    held = device.memory()
+    device.release_scratch("")
+    uses = set()
+    for step in np.linspace(0, 0.98 * sum(held.values()), 14, dtype=int).tolist():
+        limit(device, global_memory=step)
+        error, use = refused(asset, device)
+        assert error is not None
+        assert error.code == "DEVICE_MEMORY"
+        assert f" has {step / 2**20:,.1f} MiB, " in error.message
+        assert error.value > error.limit
+        uses.add(use)
+        # Nothing of the model stays behind.
+        assert all(name.startswith(("splat", "lattice", "scan", "sort")) for name in device.memory())
+        device.release_scratch("")
+    assert len(uses) >= 4
+    assert {"positions"} < uses
+    assert any(use.startswith(("splat ", "lattice ")) for use in uses)
+    limit(device, global_memory=whole)
+    draw(asset, device)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("faces", [20, 20_000], ids=["few", "many"])
+def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: int, device: Device) -> None:
+    """Of a large model that is its own data, of a small one what a frame needs."""
+    asset = model(method, faces)
+    draw(asset, device)
+    largest = max(device.memory().values())
+    device.release_scratch("")
+    limit(device, max_allocation=largest // 2)
+    error, use = refused(asset, device)
+    assert error is not None
+    assert f"and takes at most {largest / 2**21:,.1f} at once" in error.message
+    assert use.startswith(("splat ", "lattice ")) == (faces == 20)
+
+
+@pytest.mark.parametrize("method", SPLATTING)
+def test_samples_are_drawn_in_bands_that_fit(
+    method: str, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only all of them at once (`raw`) may be too many."""
+    monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
+    asset = model(method, 20)
+    needed = 10 * 4 * 96 * 64 * (16 if method == "mesh_splatting" else 1)
+    limit(device, max_allocation=needed // 2)
+    draw(asset, device, outputs=("normal",))
+    with pytest.raises(DeviceError, match="MiB for splat planes do not fit"):
+        draw(asset, device)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_memory_is_told_by_use(method: str) -> None:
+    asset = model(method)
+    with DedicatedRenderer(asset, device=SELECTOR)._pipeline._device as opened:  # type: ignore[attr-defined]
+        renderer = DedicatedRenderer(asset, device=opened)
+        before = dict(renderer.memory())
+        assert {"positions", "f_rest" if method != "diffsoup" else "lattice features"} <= before.keys()
+        renderer.render(CAMERA, BLACK)
+        after = renderer.memory()
+        image = "lattice image" if method == "diffsoup" else "splat image"
+        assert after[image] >= 90 * 60 * 12
+        assert sum(after.values()) > sum(before.values())
+        renderer.close()
