@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +25,8 @@ from msb_viewers.viewer import TopologyViewer
 
 HERE = Path(__file__).parent
 IMAGES = HERE / "images"
-ASSET = HERE.parent / "data_stubs" / "splat_like.triasset"
+STUBS = HERE.parent / "data_stubs"
+ASSET = STUBS / "splat_like.triasset"
 SHADES = 5
 """Bits of each channel that are kept in the figure: a third of the bytes, no colour moves visibly."""
 
@@ -73,9 +77,22 @@ def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     return Image.fromarray(Composer().compose(state, shots, size).image)
 
 
+def tutorial_picture() -> Image.Image:
+    """Return what the tutorial's `msb view --compare` writes."""
+    with tempfile.TemporaryDirectory() as folder:
+        asset, picture = Path(folder) / "pebble.triasset", Path(folder) / "compare.png"
+        msb.save(msb.export(STUBS / "models" / "walled" / "mesh_splatting"), asset)
+        options = ["--camera", "DSC07950", "--screenshot", str(picture), "--size", "1000x760"]
+        command = [sys.executable, "-m", "msb", "view", "--compare", *options]
+        scene = STUBS / "scenes" / "mipnerf360" / "pebble"
+        subprocess.run([*command, "--cameras", str(scene), str(asset)], check=True)
+        return Image.open(picture).convert("RGB")
+
+
 if __name__ == "__main__":
     demo = demo_model()
     viewer_picture(demo).save(IMAGES / "viewer.png", optimize=True)
     figure_picture(demo).save(IMAGES / "viewer_topology.png", optimize=True)
     compare_picture("side", (1200, 640)).save(IMAGES / "viewer_side.png", optimize=True)
     compare_picture("difference", (1100, 680)).save(IMAGES / "viewer_difference.png", optimize=True)
+    tutorial_picture().save(IMAGES / "tutorial.png", optimize=True)

@@ -187,7 +187,13 @@ def finding(
     value: Any = None,
     limit: Any = None,
 ) -> Finding:
-    """Make a `Finding` whose code is known to be registered."""
+    """Make a `Finding` of a registered code.
+
+    Raises
+    ------
+    KeyError
+        The code is not in `CODES`.
+    """
     if code not in CODES:
         raise KeyError(code)
     return Finding(code, severity, _one_line(message), pointer, file, value, limit)
@@ -249,8 +255,12 @@ CODES: dict[str, Code] = {
         GateFailed,
         {
             "GATE_FAILED": (
-                "A --fail-on condition holds.",
+                "A condition of --fail-on or of the --profile holds.",
                 "Look at the sample elements of the audit, repair the mesh, or relax the condition.",
+            ),
+            "BENCH_SLOWER": (
+                "It is slower than --fail-slower allows.",
+                "Measure again on an idle machine, look at the stages, or allow more.",
             ),
             "CROSS_CHECK_DISAGREES": (
                 "A peer library counts differently although its definition is ours.",
@@ -262,6 +272,10 @@ CODES: dict[str, Code] = {
         UsageError,
         {
             "USAGE": ("The command line is not one we understand.", "See --help, which shows an example."),
+            "CONFIG_INVALID": (
+                "A file or variable sets what no option is called, or to what it cannot be.",
+                "Correct the file or variable named; msb config show --all lists what can be set.",
+            ),
             "EXTRA_MISSING": (
                 "The command needs a library that is not installed.",
                 "Install the extra named in the message.",
@@ -332,7 +346,7 @@ CODES: dict[str, Code] = {
             ),
             "ENGINE_MISSING": (
                 "The engine that is to draw is not installed.",
-                "The message says what to install; docs/engines.md has more, msb devices shows what is there.",
+                "The message says what to install; so do docs/engines.md and msb devices.",
             ),
             "OFFICIAL_FORMAT": (
                 "The method's own exporter does not write that format.",
@@ -344,8 +358,8 @@ CODES: dict[str, Code] = {
         DeviceError,
         {
             "DEVICE_NOT_FOUND": (
-                "There is no OpenCL device, or none of the kind or platform asked for.",
-                "msb devices lists what there is; docs/opencl.md says how to get PoCL.",
+                "There is no device to compute on, or none of the kind or platform asked for.",
+                "msb devices lists what there is; docs/opencl.md and docs/engines.md say how to get more.",
             ),
             "DEVICE_MEMORY": (
                 "A buffer does not fit into the device.",

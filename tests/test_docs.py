@@ -1,12 +1,10 @@
-"""What the documentation shows is executed here: docstring examples, the README's Python, shipped data."""
+"""What the documentation shows holds: docstring examples, links, shipped data, sizes of modules."""
 
 from __future__ import annotations
 
 import doctest
 import importlib
 import re
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -33,22 +31,20 @@ def test_docstring_examples_give_what_they_show(module: str, monkeypatch: pytest
     assert result.failed == 0
 
 
-def test_readme_python_runs(tmp_path: Path) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert blocks
-    (tmp_path / "data_stubs").symlink_to(ROOT / "data_stubs")
-    for block in blocks:
-        done = subprocess.run(
-            [sys.executable, "-c", block], capture_output=True, text=True, cwd=tmp_path, check=False
-        )
-        assert done.returncode == 0, done.stderr
+def anchors(path: Path) -> set[str]:
+    """Return what a link to a heading of the Markdown file can name, as GitHub forms it."""
+    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
 
 
-def test_readme_links_lead_somewhere() -> None:
-    for name in ("README.md", "CONTRIBUTING.md"):
-        text = (ROOT / name).read_text()
-        for target in re.findall(r"\]\(([^)#:]+)\)", text):
-            assert (ROOT / target).exists(), f"{name}: {target}"
+def test_links_lead_somewhere() -> None:
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")):
+        for target, anchor in re.findall(
+            r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")
+        ):
+            place = path.parent / target if target else path
+            assert place.exists(), f"{path.name}: {target}"
+            assert not anchor or anchor in anchors(place), f"{path.name}: {target}#{anchor}"
 
 
 def test_shipped_asset_is_what_its_script_makes(tmp_path: Path) -> None:

@@ -84,7 +84,13 @@ class Buffer:
         return self._allocation.handle
 
     def view(self, shape: Shape, dtype: DTypeLike) -> Buffer:
-        """Return the same memory, from its start, as another array; it must fit into what is allocated."""
+        """Return the same memory, from its start, as another array.
+
+        Raises
+        ------
+        ValueError
+            It does not fit into what is allocated.
+        """
         other = Buffer(self._memory, self._allocation, shape, dtype)
         if other.nbytes > self._allocation.nbytes:
             raise ValueError(f"{self.use}: {other.nbytes} bytes of {self._allocation.nbytes}")

@@ -113,7 +113,13 @@ class Device:
 
     @contextlib.contextmanager
     def timing(self) -> Iterator[Timing]:
-        """Collect the events of the block by stage; ask the yielded `Timing` after the block."""
+        """Collect the events of the block by stage; ask the yielded `Timing` after the block.
+
+        Raises
+        ------
+        RuntimeError
+            Inside of another such block: they do not nest.
+        """
         if self._queue.timing is not None:
             raise RuntimeError("timing blocks do not nest")
         self._queue.timing = timing = Timing()

@@ -1,0 +1,238 @@
+"""All commands and Python that README and docs show are run; shipped data stands in for placeholders.
+
+What is shown as ``console`` is a command a line, or, where a line starts with $, commands and what they
+print. A document's commands run one after the other, in one process, in a folder of their own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import typer.main
+
+import msb
+from msb.bench.protocol import read_protocol
+from msb.bench.run import run_protocol
+from msb.cli.app import app
+from msb.meshes import write_mesh
+from msb.meshes.assets import mesh_from_asset
+from msb.render.protocol import what_is_missing
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DOCUMENTS = ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
+MODEL = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"
+TWO_DTS = ROOT / "data_stubs" / "models" / "walled" / "two_dts"
+
+NOT_RUN = {
+    r"make ": "installs everything; the continuous integration runs it",
+    r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
+    r"msb view (?!.*--(screenshot|figure|html|web) )": "opens a window",
+    r"msb run --scheduler ": "needs a cluster; tests/bench/test_cluster.py has one",
+}
+"""Commands that are not run, and why. Of ours at least the options are parsed."""
+NEEDS = {
+    r"msb view (?!.*--(compare|web)).*--(screenshot|figure)": "view",
+    r"msb-audit .*--cross-check": "crosscheck",
+    r"msb render .*--renderer wgpu": "wgpu",
+    r"msb bench .*--renderer threejs": "threejs",
+}
+"""Commands that need more than the core: an extra, or a renderer that `msb devices` says is missing."""
+PYTHON_NOT_RUN = {"docs/metrics.md": "it scores images, weights and scans of the reader's"}
+PEERS = {"view": "pyvista", "crosscheck": "pymeshlab"}
+
+DRIVER = """
+import json, sys
+from msb.cli import main, main_audit
+for words in json.loads(sys.stdin.read()):
+    print("$", *words, flush=True)
+    sys.argv = words
+    try:
+        {"msb": main, "msb-audit": main_audit}[words[0]]()
+    except SystemExit as end:
+        if end.code:
+            sys.exit(f"{' '.join(words)} ended with {end.code}")
+"""
+
+PROTOCOL = """
+results = "out/demo/results"
+timing = { frames = 0 }
+datasets = [{ name = "mipnerf360", path = "360_v2" }]
+methods = [
+  { name = "two_dts", model = "output/2dts/{scene}", conditions = ["standard"] },
+  { name = "mesh_splatting", model = "output/{scene}", conditions = ["dedicated", "standard"] },
+]
+"""
+
+
+def blocks(document: str, language: str) -> list[str]:
+    """Return the fenced blocks of `document` that are marked as `language`."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def commands(document: str) -> Iterator[str]:
+    """Yield what a reader would type, comments left out."""
+    for block in blocks(document, "console"):
+        lines = block.splitlines()
+        if any(line.startswith("$ ") for line in lines):
+            lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+        for line in lines:
+            if words := shlex.split(line, comments=True):
+                yield shlex.join(words)
+
+
+def first(table: dict[str, str], command: str) -> str | None:
+    return next((value for pattern, value in table.items() if re.match(pattern, command)), None)
+
+
+def cases() -> list[Any]:
+    """Return what to run: (document, need, commands), each command where it is shown first."""
+    seen: set[str] = set()
+    found: dict[tuple[str, str], list[str]] = {}
+    for document in DOCUMENTS:
+        for command in commands(document):
+            if command not in seen and first(NOT_RUN, command) is None:
+                found.setdefault((document, first(NEEDS, command) or ""), []).append(command)
+            seen.add(command)
+    return [pytest.param(*key, value, id="-".join(filter(None, key))) for key, value in found.items()]
+
+
+def skip_without(need: str) -> None:
+    if need in PEERS:
+        if importlib.util.find_spec(PEERS[need]) is None:
+            pytest.skip(f"extra {need} is not installed")
+    elif need and (missing := what_is_missing(need)) is not None:
+        pytest.skip(f"renderer {need}: {missing}")
+
+
+@pytest.fixture(scope="module")
+def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder in which everything exists that the documents name."""
+    folder = tmp_path_factory.mktemp("documents")
+    links = {
+        **{name: ROOT / name for name in ("data_stubs", "tests")},
+        **dict.fromkeys(("garden", "data/garden", "360_v2/garden"), SCENE),
+        **dict.fromkeys(("images_4", "renders"), SCENE / "images_4"),
+        "output/garden": MODEL,
+        **dict.fromkeys(("output/2dts/garden", "outputs/chair"), TWO_DTS),
+        "results/01_mip360/garden": MODEL.parent / "diffsoup",
+        "config/mesh.yaml": TWO_DTS / "config.yaml",
+    }
+    for name, target in links.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).symlink_to(target)
+    asset = msb.export(MODEL)
+    for name in ("garden.triasset", "asset.triasset", "exports/garden.triasset"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        msb.save(asset, folder / name)
+    for name in ("mesh.ply", "scan.obj", "soup.stl"):
+        write_mesh(mesh_from_asset(asset), folder / name, suffix=Path(name).suffix)
+    (folder / "train.py").write_text("print('trained')\n")
+    (folder / "protocol.toml").write_text(PROTOCOL)
+    assert run_protocol(read_protocol(folder / "protocol.toml")).exit_status == 0
+    for name in ("RESULTS", "first/results", "second/results"):
+        shutil.copytree(folder / "out" / "demo" / "results", folder / name)
+    return folder
+
+
+@pytest.mark.parametrize(("document", "need", "lines"), cases())
+def test_every_command_runs(
+    document: str, need: str, lines: list[str], stand_ins: Path, tmp_path: Path
+) -> None:
+    skip_without(need)
+    shutil.copytree(stand_ins, tmp_path, symlinks=True, dirs_exist_ok=True)
+    for line in lines:
+        if line.startswith("msb export "):  # it writes what else would stand in for it
+            (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
+    paths = [str(ROOT), str(ROOT / "viewers")]
+    if document == "docs/extending.md":
+        paths.append(str(installed(document, tmp_path / "site")))
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVER],
+        input=json.dumps([shlex.split(line) for line in lines]),
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(paths),
+            "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
+        },
+        timeout=300,
+    )
+    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    assert done.stdout.count("\n$ ") + 1 >= len(lines)
+
+
+@pytest.mark.parametrize(
+    "document", [name for name in DOCUMENTS if blocks(name, "python") and name not in PYTHON_NOT_RUN]
+)
+def test_python_runs(document: str, stand_ins: Path, tmp_path: Path) -> None:
+    shutil.copytree(stand_ins, tmp_path, symlinks=True, dirs_exist_ok=True)
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(blocks(document, "python"))],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def installed(document: str, site: Path) -> Path:
+    """Return a folder that holds the package of `document` as pip would have installed it."""
+    (module,), (text,) = blocks(document, "python"), blocks(document, "toml")
+    project = tomllib.loads(text)["project"]
+    ((group, entries),) = project["entry-points"].items()
+    ((_, place),) = entries.items()
+    info = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir(parents=True)
+    (site / f"{place.partition(':')[0]}.py").write_text(module)
+    (info / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
+    rows = "".join(f"{name} = {value}\n" for name, value in entries.items())
+    (info / "entry_points.txt").write_text(f"[{group}]\n{rows}")
+    return site
+
+
+def test_options_of_commands_that_are_not_run_exist() -> None:
+    shown = [command for document in DOCUMENTS for command in commands(document)]
+    ours = [command for command in shown if command.startswith("msb ") and first(NOT_RUN, command)]
+    assert ours
+    known = typer.main.get_command(app)
+    for command in ours:
+        _, name, *words = shlex.split(command)
+        found = known.get_command(typer.Context(known), name)  # type: ignore[attr-defined]
+        found.make_context(name, words).close()
+
+
+@pytest.mark.parametrize("pattern", [*NOT_RUN, *NEEDS])
+def test_every_exception_is_of_use(pattern: str) -> None:
+    assert any(re.match(pattern, command) for document in DOCUMENTS for command in commands(document))
+
+
+def test_shell_commands_are_marked_as_such() -> None:
+    for document in DOCUMENTS:
+        for block in blocks(document, ""):
+            assert not re.match(r"(msb|msb-audit|pip|make|\$) ", block), f"{document}: {block}"
+
+
+def test_every_document_is_linked_from_the_readme() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for document in DOCUMENTS[1:]:
+        assert f"]({document})" in text, document

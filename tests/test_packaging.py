@@ -1,0 +1,123 @@
+"""What is built: wheel and sdist hold every file of the packages, and a wheel works away from its source."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+pytest.importorskip("hatchling.builders", reason="extra test is not installed (hatchling)")
+PACKAGES = {"msb": ROOT / "msb", "msb_viewers": ROOT / "viewers" / "msb_viewers"}
+VIEW = ("--cameras", "data/views.json", "--camera", "0", "--scale", "0.2")
+
+
+def package_files() -> set[str]:
+    """Return every file of the packages by its name in a wheel, whatever kind it is of."""
+    return {
+        f"{name}/{path.relative_to(folder).as_posix()}"
+        for name, folder in PACKAGES.items()
+        for path in folder.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the wheel and the sdist of this tree."""
+    from hatchling.builders.sdist import SdistBuilder
+    from hatchling.builders.wheel import WheelBuilder
+
+    folder = tmp_path_factory.mktemp("dist")
+    for builder in (WheelBuilder, SdistBuilder):
+        list(builder(str(ROOT)).build(directory=str(folder), versions=["standard"]))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built: Path) -> Path:
+    (path,) = built.glob("*.whl")
+    return path
+
+
+def inside(wheel: Path) -> set[str]:
+    """Return the names in `wheel`, its own records left out."""
+    with zipfile.ZipFile(wheel) as archive:
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def test_wheel_holds_every_file_of_the_packages_and_nothing_else(wheel: Path) -> None:
+    there = package_files()
+    assert inside(wheel) == there
+    assert {Path(name).suffix for name in there} >= {".py", ".cl", ".json", ".html", ".js", ".css", ".typed"}
+
+
+def test_sdist_holds_what_is_needed_to_build_test_and_read(built: Path, wheel: Path, tmp_path: Path) -> None:
+    (path,) = built.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (tree,) = tmp_path.iterdir()
+    for name in ("README.md", "CHANGELOG.md", "LICENSE", "Makefile", "pyproject.toml", "docs/tutorial.md"):
+        assert (tree / name).is_file(), name
+    for name in ("tests/golden/views.py", "data_stubs/protocol.toml", "benchmarks/audit.py", ".ci/run"):
+        assert (tree / name).is_file(), name
+    from hatchling.builders.wheel import WheelBuilder
+
+    (again,) = WheelBuilder(str(tree)).build(directory=str(tmp_path / "again"), versions=["standard"])
+    assert inside(Path(again)) == inside(wheel)
+
+
+def test_wheel_works_away_from_its_source(wheel: Path, tmp_path: Path) -> None:
+    """A wheel of pure Python is installed by unpacking it; the process is shown nothing else of ours."""
+    site, work = tmp_path / "site packages", tmp_path / "work"
+    work.mkdir()
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    (work / "data").symlink_to(ROOT / "data_stubs")
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVER, str(ROOT), str(site), json.dumps(COMMANDS)],
+        capture_output=True,
+        text=True,
+        cwd=work,
+        env={**os.environ, "PYTHONPATH": str(site)},
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    for name in ("a.triasset", "s", "d", "v.html", "w.html", "c.html", "r/index.html"):
+        assert (work / name).exists(), name
+
+
+DRIVER = """
+import json, sys
+root, site, commands = sys.argv[1:]
+sys.path = [place for place in sys.path if place not in (root, root + "/viewers")]
+import msb, msb_viewers
+from importlib.metadata import distribution
+assert msb.__file__.startswith(site) and msb_viewers.__file__.startswith(site)
+found = {entry.name: entry.load() for entry in distribution("meshsplatbench").entry_points}
+for words in json.loads(commands):
+    sys.argv = ["msb", *words]
+    try:
+        found["msb"]()
+    except SystemExit as end:
+        assert not end.code, (words, end.code)
+"""
+COMMANDS = [
+    ["export", "data/checkpoint", "a.triasset"],
+    ["validate", "a.triasset"],  # the schema
+    ["audit", "data/splat_like.triasset"],
+    ["render", "--turntable", "1", "-o", "s", "a.triasset"],  # kernels
+    ["render", "--turntable", "1", "--tier", "dedicated", "-o", "d", "a.triasset"],
+    ["view", "--html", "v.html", "a.triasset"],  # pages of the viewers
+    ["view", "--web", "w.html", "a.triasset"],
+    ["view", "--compare", *VIEW, "--paths", "standard,dedicated", "--html", "c.html", "a.triasset"],
+    ["report", "--paper", "-o", "r"],  # the paper's tables, templates
+]
+"""Each needs files of the packages that are not code."""
