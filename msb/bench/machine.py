@@ -17,6 +17,8 @@ def machine(
 ) -> dict[str, Any]:
     """Return system, versions, and the OpenCL device that `device` selects, or what an engine draws with.
 
+    With an OpenCL device come the options its programs are built with and a SHA-256 of our kernels' text.
+
     Parameters
     ----------
     device : str, optional
@@ -44,7 +46,12 @@ def machine(
         record["device"] = dict(engine)
     elif opencl:
         from msb.cl.devices import choose_device
+        from msb.cl.programs import build_options
+        from msb.cl.source import kernels_hash
 
+        chosen = choose_device(device).record
         record["pyopencl"] = version("pyopencl")
-        record["device"] = choose_device(device).record.to_dict()
+        record["device"] = chosen.to_dict()
+        record["build_options"] = list(build_options(chosen))
+        record["kernels_sha256"] = kernels_hash()
     return record

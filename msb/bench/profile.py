@@ -5,6 +5,7 @@ Nothing is written and no pixel is read back while the clock runs.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -75,6 +76,8 @@ def profile(
     *,
     frames: int = TIMED_FRAMES,
     seconds: float = TIMED_SECONDS,
+    warm_up: int | None = None,
+    budget: float = math.inf,
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
     """Return how fast `renderer` draws `cameras`, in turn, over and over.
@@ -87,14 +90,23 @@ def profile(
     background : (3,) floats
     frames, seconds : int, float
         Timing goes on until both are reached.
+    warm_up : int, optional
+        Frames drawn before; without it as many as are ready first of 10 and a second's worth.
+    budget : float
+        Seconds, warm-up and at least one frame included, after which timing stops whatever was reached.
     step : callable
         Called after each timed frame, for a progress bar.
     """
     if not cameras:
         raise ValueError("there is no camera to time")
-    _repeat(renderer, cameras, background, WARM_UP_FRAMES, WARM_UP_SECONDS if frames > 1 else 0, any_of=True)
+    end = time.perf_counter() + budget
+    if warm_up is None:
+        short = min(WARM_UP_SECONDS if frames > 1 else 0, budget)
+        _repeat(renderer, cameras, background, WARM_UP_FRAMES, short, any_of=True)
+    elif warm_up:
+        _repeat(renderer, cameras, background, warm_up, 0, end=end)
     start = time.perf_counter()
-    drawn = _repeat(renderer, cameras, background, frames, seconds, step=step)
+    drawn = _repeat(renderer, cameras, background, frames, seconds, end=end, step=step)
     elapsed = time.perf_counter() - start
     spans = np.array([one.span for one in drawn])
     busy = np.array([sum(one.stages.values()) for one in drawn])
@@ -120,14 +132,16 @@ def _repeat(
     seconds: float,
     *,
     any_of: bool = False,
+    end: float = math.inf,
     step: Callable[[], None] = lambda: None,
 ) -> list[Drawn]:
-    """Draw until `frames` and `seconds` are both reached, or any of them."""
+    """Draw until `frames` and `seconds` are both reached, or any of them, or the clock says `end`."""
     drawn: list[Drawn] = []
     start = time.perf_counter()
     while True:
-        reached = (len(drawn) >= frames, time.perf_counter() - start >= seconds)
-        if (any(reached) if any_of else all(reached)) and drawn:
+        now = time.perf_counter()
+        reached = (len(drawn) >= frames, now - start >= seconds)
+        if drawn and (now >= end or (any(reached) if any_of else all(reached))):
             return drawn
         drawn.append(renderer.draw(cameras[len(drawn) % len(cameras)], background))
         step()

@@ -8,17 +8,22 @@ from msb.cli import (
     audit,
     bench,
     completion,
+    config,
     convert,
     devices,
     eval,
     export,
     info,
     methods,
+    protocol,
     render,
+    report,
+    scenes,
+    track,
     validate,
     view,
 )
-from msb.cli.options import Version, epilog
+from msb.cli.options import Version, epilog, with_shared
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -30,18 +35,31 @@ app = typer.Typer(
     context_settings=_SETTINGS,
     epilog=epilog("msb audit data_stubs/splat_like.triasset", "msb audit --help"),
 )
-app.command(epilog=audit.EPILOG)(audit.audit)
-app.command(epilog=export.EPILOG)(export.export)
-app.command(epilog=render.EPILOG)(render.render)
-app.command("eval", epilog=eval.EPILOG)(eval.evaluate)
-app.command(epilog=info.EPILOG)(info.info)
-app.command(epilog=validate.EPILOG)(validate.validate)
-app.command(epilog=convert.EPILOG)(convert.convert)
-app.command(epilog=methods.EPILOG)(methods.methods)
-app.command(epilog=view.EPILOG)(view.view)
-app.command(epilog=devices.EPILOG)(devices.devices)
-app.command(epilog=bench.EPILOG)(bench.bench)
-app.command(epilog=completion.EPILOG)(completion.completion)
+app.command(epilog=audit.EPILOG)(with_shared(audit.audit))
+app.command(epilog=export.EPILOG)(with_shared(export.export))
+app.command(epilog=render.EPILOG)(with_shared(render.render))
+app.command("eval", epilog=eval.EPILOG)(with_shared(eval.evaluate))
+app.command(epilog=info.EPILOG)(with_shared(info.info))
+app.command(epilog=validate.EPILOG)(with_shared(validate.validate))
+app.command(epilog=convert.EPILOG)(with_shared(convert.convert))
+app.command(epilog=methods.EPILOG)(with_shared(methods.methods))
+app.command(epilog=scenes.EPILOG)(with_shared(scenes.scenes))
+app.command(epilog=view.EPILOG)(with_shared(view.view))
+app.command(epilog=devices.EPILOG)(with_shared(devices.devices))
+app.command(epilog=bench.EPILOG)(with_shared(bench.bench))
+app.command(epilog=protocol.EPILOG)(with_shared(protocol.run))
+app.command(epilog=report.EPILOG)(with_shared(report.report))
+app.command(epilog=track.EPILOG, context_settings={**_SETTINGS, **track.CONTEXT})(with_shared(track.track))
+app.command(epilog=completion.EPILOG)(with_shared(completion.completion))
+
+config_app = typer.Typer(
+    help="What options are set to without being typed: by files and the environment.",
+    rich_markup_mode=None,
+    context_settings=_SETTINGS,
+    epilog=config.EPILOG,
+)
+config_app.command(epilog=config.EPILOG)(with_shared(config.show))
+app.add_typer(config_app, name="config")
 
 audit_app = typer.Typer(
     name="msb-audit", rich_markup_mode=None, pretty_exceptions_enable=False, context_settings=_SETTINGS
@@ -53,4 +71,4 @@ def _root(version: Version = False) -> None:
     """Decide whether a trained triangle or mesh splatting model is a usable graphics asset."""
 
 
-audit_app.command(epilog=audit.EPILOG)(audit.audit)
+audit_app.command(epilog=audit.EPILOG)(with_shared(audit.audit))

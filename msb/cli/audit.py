@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, Version, epilog
-from msb.cli.output import Output, csv_text
+from msb.cli.options import (
+    CsvFile,
+    FailFast,
+    Force,
+    JsonFile,
+    JsonLines,
+    Quiet,
+    Verbose,
+    Version,
+    epilog,
+)
+from msb.cli.output import Output, failure
 from msb.cli.run import about, report
 from msb.errors import GateFailed, MsbError, UsageError
 
 if TYPE_CHECKING:
-    from msb.cli.gates import Gate
+    from msb.cli.gates import Gate, Profile
     from msb.cli.inputs import MeshInput
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
@@ -32,12 +42,13 @@ EPILOG = epilog(
 def audit(
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="PATH...", help="A .triasset, mesh file or checkpoint, or a folder of these."),
+        typer.Argument(
+            metavar="PATH...", help="A .triasset, mesh file or checkpoint, or a folder or pattern of these."
+        ),
     ] = None,
     json_file: JsonFile = None,
-    csv_file: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write one row per mesh to FILE.")
-    ] = None,
+    json_lines: JsonLines = None,
+    csv_file: CsvFile = None,
     weld: Annotated[
         str | None,
         typer.Option(metavar="exact|EPS", help="Also audit with coincident vertices merged."),
@@ -57,6 +68,11 @@ def audit(
         list[str] | None,
         typer.Option(metavar="COND", help="Fail if e.g. 'components>1' holds. May be given again."),
     ] = None,
+    profile: Annotated[
+        Literal["game", "print", "research"] | None,
+        typer.Option(help="Fail unless it is fit for this; docs/cli.md has the conditions."),
+    ] = None,
+    fail_fast: FailFast = False,
     view: Annotated[
         bool, typer.Option("--view", help="Then look at it in a window, as msb view does; one mesh.")
     ] = False,
@@ -67,7 +83,6 @@ def audit(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
     version: Version = False,
 ) -> None:
     """Audit the structure of meshes exactly as they are stored.
@@ -75,23 +90,32 @@ def audit(
     Says how vertices are shared, where the surface is open, non-manifold or in pieces, and whether a
     technical artist can use it. Nothing is merged or repaired first.
     """
+    output = Output(json_file, quiet, verbose, force, json_lines, csv_file)
     if explain is not None:
-        _explain(explain, Output(json_file, quiet, verbose, force))
+        _explain(explain, output)
         return
     if not paths:
         raise UsageError(
             "USAGE", "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these"
         )
-    output = Output(json_file, quiet, verbose, force)
-    task = _Task(output, weld, cross_check, elements, fail_on or [], csv_file, paper, view)
+    task = _Task(output, weld, cross_check, elements, _gates(fail_on or [], profile), paper, view, fail_fast)
     raise typer.Exit(task.run(paths))
+
+
+def _gates(fail_on: list[str], profile: Profile | None) -> list[Gate]:
+    """Return what the user asked for and what the profile asks for; nothing is loaded for neither."""
+    if not fail_on and profile is None:
+        return []
+    from msb.cli.gates import PROFILES, parse_gate
+
+    return [parse_gate(text) for text in (*fail_on, *(PROFILES[profile] if profile else ()))]
 
 
 def _explain(key: str, output: Output) -> None:
     from msb.topology.explain import explain
 
     entry = explain(key)
-    output.write_json(entry.to_dict())
+    output.write_json({"schema": "msb.definition/1", **entry.to_dict()})
     if output.prints_text:
         typer.echo(entry.to_text())
 
@@ -105,25 +129,21 @@ class _Task:
         weld: str | None,
         cross_check: bool,
         elements: Path | None,
-        fail_on: list[str],
-        csv_file: Path | None,
+        gates: list[Gate],
         paper: bool,
         view: bool,
+        fail_fast: bool,
     ) -> None:
         self.output = output
         self.cross_check = cross_check
         self.elements = elements
-        self.csv_file = csv_file
+        self.gates = gates
         self.paper = paper
         self.view = view
-        self.gates: list[Gate] = []
+        self.fail_fast = fail_fast
         self.weld: Weld | None = None
         self.probe: GlProbe | None = None
         self.seen: tuple[Path, Audit, Analysis] | None = None
-        if fail_on:
-            from msb.cli.gates import parse_gate
-
-            self.gates = [parse_gate(text) for text in fail_on]
         if weld is not None:
             from msb.topology.weld import parse_weld
 
@@ -132,8 +152,8 @@ class _Task:
             from msb.cli.elements import check_suffix
 
             check_suffix(elements)
-        for path in (output.json_file, csv_file, elements):
-            output.check_free(path)
+        output.check_outputs()
+        output.check_free(elements)
         if view:
             from msb.cli.view import Files, open_probe
 
@@ -142,6 +162,7 @@ class _Task:
     def run(self, paths: list[Path]) -> int:
         """Audit everything below `paths`; return the highest exit status of all."""
         from msb.cli.inputs import expand
+        from msb.topology.audit import SCHEMA
 
         status = 0
         inputs: list[Path] = []
@@ -152,24 +173,26 @@ class _Task:
                 inputs += expand(path)
             except MsbError as error:
                 status = max(status, report(error))
-                results.append(_failure(path, error))
+                results.append(failure(SCHEMA, path, error))
         if self.elements is not None and len(inputs) > 1:
             raise UsageError("USAGE", f"--elements takes one mesh; there are {len(inputs)}")
         if self.view and len(inputs) > 1:
             raise UsageError("USAGE", f"--view takes one mesh; there are {len(inputs)}")
         for path in inputs:
+            if status and self.fail_fast:
+                break
             try:
                 found = self.audit_one(path)
             except MsbError as error:
                 status = max(status, report(error))
-                results.append(_failure(path, error))
+                results.append(failure(SCHEMA, path, error))
                 continue
             audits.append(found)
             results.append(found.to_dict())
             if self.output.prints_text:
                 self.print_one(found, first=len(audits) == 1)
-            for failure in self.failures(found, path):
-                status = max(status, report(failure))
+            for failed in self.failures(found, path):
+                status = max(status, report(failed))
         self.write_files(results, audits)
         if self.view and self.seen is not None:
             self.open_window(*self.seen)
@@ -244,32 +267,13 @@ class _Task:
         return failed
 
     def write_files(self, results: list[dict[str, Any]], audits: list[Audit]) -> None:
-        """Write what --json and --csv asked for: an object for one input, a list for several."""
-        single = len(results) == 1
-        if single and not audits:
+        """Write what --json, --jsonl and --csv asked for."""
+        if len(results) == 1 and not audits:
             return  # the one input failed; its line on standard error says it all
-        self.output.write_json(results[0] if single else results)
-        if self.csv_file is not None:
-            _write_csv(self.csv_file, audits)
+        self.output.write_documents(results)
+        rows = [_row(found.to_dict()) for found in audits]
+        self.output.write_csv(list(rows[0]) if rows else ["path"], rows)
 
 
-def _failure(path: Path, error: MsbError) -> dict[str, Any]:
-    from msb.topology.audit import SCHEMA
-
-    return {"schema": SCHEMA, "path": str(path), "error": {"code": error.code, "message": error.message}}
-
-
-def _write_csv(path: Path, audits: list[Audit]) -> None:
-    import csv
-
-    from msb.atomic import new_file
-
-    rows = []
-    for found in audits:
-        data = found.to_dict()
-        plain = {key: data[key] for key in ("path", "method", "topology")}
-        rows.append({**plain, **data["counts"], **data["metrics"]})
-    with new_file(path) as file, csv_text(file) as text:
-        writer = csv.DictWriter(text, fieldnames=list(rows[0]) if rows else ["path"])
-        writer.writeheader()
-        writer.writerows(rows)
+def _row(data: dict[str, Any]) -> dict[str, Any]:
+    return {**{key: data[key] for key in ("path", "method", "topology")}, **data["counts"], **data["metrics"]}

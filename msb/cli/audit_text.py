@@ -58,9 +58,8 @@ def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose:
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
     method = f", {audit.method}" if audit.method else ""
-    _print_line(f"[bold]{_escape(audit.path or 'mesh')}[/bold]", console)
+    print_verdict(audit, console)
     _print_line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}", console)
-    print_verdict(audit, console, with_path=False)
     console.print()
     rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
     if audit.welded:
@@ -77,7 +76,7 @@ def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose:
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, console, every=verbose)
     console.print()
-    print_verdict(audit, console, with_path=False)
+    print_verdict(audit, console)
 
 
 def _print_line(markup: str, console: Console) -> None:
@@ -85,12 +84,14 @@ def _print_line(markup: str, console: Console) -> None:
     console.print(markup, soft_wrap=not console.is_terminal)
 
 
-def print_verdict(audit: Audit, console: Console, *, with_path: bool = True) -> None:
-    """Print the verdict on one line, after the name of the mesh if `with_path`."""
+def print_verdict(audit: Audit, console: Console) -> None:
+    """Print the verdict on one line, after the name of the mesh."""
     verdict = judge(audit)
     mark, style = _MARKS[verdict.level]
-    path = f"{_escape(audit.path or 'mesh')}: " if with_path else ""
-    _print_line(f"{path}[{style}]{mark}[/{style}] {verdict.sentence}.", console)
+    path = _escape(audit.path or "mesh")
+    soup = audit.topology == "triangle_soup" and audit.welded is None
+    hint = " (--weld exact shows what merging coincident vertices would give)" if soup else ""
+    _print_line(f"[bold]{path}[/bold]: [{style}]{mark}[/{style}] {verdict.sentence}{hint}.", console)
 
 
 def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:

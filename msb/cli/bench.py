@@ -2,26 +2,44 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.options import Debug, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
-from msb.cli.views import Assignments, Background, Cameras, Chosen, RendererName, Scale, Size, TierName
-from msb.errors import InputError, UsageError
+from msb.cli.views import (
+    Assignments,
+    Background,
+    Cameras,
+    Chosen,
+    Ordering,
+    RendererName,
+    SamplingName,
+    Scale,
+    Size,
+    TierName,
+)
+from msb.errors import GateFailed, InputError, UsageError, shorten
 
 if TYPE_CHECKING:
     from msb.bench.profile import Profile
 
 EPILOG = epilog(
     "msb bench data_stubs/splat_like.triasset",
-    "msb bench --frames 20 --seconds 0.5 --json out/a.json data_stubs/checkpoint",
+    "msb bench --repeat 20 --seconds 0.5 --json out/a.json data_stubs/checkpoint",
     "msb bench --cameras data_stubs/views.json --scale 0.5 data_stubs/checkpoint",
 )
 SCHEMA = "msb.bench/1"
 _TURNTABLE = 8
+_SAME = (
+    "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
+    "machine.device.driver",
+)  # fmt: skip
+"""What must be equal for two records to be compared."""
 
 
 def bench(
@@ -32,19 +50,34 @@ def bench(
     size: Size = None,
     scale: Scale = None,
     background: Background = "black",
-    frames: Annotated[int, typer.Option(min=1, metavar="N", help="Time at least N frames ...")] = 100,
+    frames: Annotated[
+        int, typer.Option("--repeat", min=1, metavar="N", help="Time at least N frames ...")
+    ] = 100,
     seconds: Annotated[float, typer.Option(min=0, metavar="S", help="... and at least S seconds.")] = 3.0,
+    warm_up: Annotated[
+        int | None,
+        typer.Option("--warmup", min=0, metavar="N", help="Draw N frames before; 10 or a second's worth."),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option("--budget-seconds", min=0, metavar="S", help="Stop after S seconds in any case."),
+    ] = None,
     compare: Annotated[
         Path | None, typer.Option(metavar="OLD.json", help="Show ratios to an earlier --json.")
     ] = None,
+    fail_slower: Annotated[
+        str | None,
+        typer.Option(metavar="PERCENT", help="Fail if the device's P50 is so much above OLD.json's: 10%."),
+    ] = None,
     assignments: Assignments = None,
+    order: Ordering = None,
+    sampling: SamplingName = None,
     renderer_name: RendererName = None,
     device: DeviceName = None,
     json_file: JsonFile = None,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Time how an asset is drawn: P50 and P95 of the device, frames per second, stages, memory.
 
@@ -52,13 +85,16 @@ def bench(
     the asset are used.
     """
     from msb.asset.settings import parse_overrides
+    from msb.bench.machine import machine
     from msb.bench.profile import profile
-    from msb.cli.views import around, choose_cameras, lean_options, open_asset, parse_background
+    from msb.cli.views import around, choose_cameras, chosen_modes, open_asset, parse_background
     from msb.render import Renderer
+    from msb.render.protocol import lean_options
     from msb.scenes import read_cameras
 
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
+    limit = _limit(fail_slower, compare)
     old = _read_old(compare) if compare is not None else None
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path)
@@ -70,11 +106,15 @@ def bench(
         views = around(asset, _TURNTABLE, size, None, 20.0)
     settings = parse_overrides(asset.manifest.method, assignments or [])
     color = parse_background(background, asset)
-    options = lean_options(tier, renderer_name)
+    modes = chosen_modes(order, sampling)
+    options = lean_options(tier, renderer_name) | modes
     with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
         with output.counted("timing", frames) as step:
-            found = profile(renderer, views, color, frames=frames, seconds=seconds, step=step)
-        name = renderer.name
+            found = profile(
+                renderer, views, color, frames=frames, seconds=seconds, warm_up=warm_up,
+                budget=math.inf if budget is None else budget, step=step,
+            )  # fmt: skip
+        name, engine = renderer.name, renderer.device_info
     record: dict[str, Any] = {
         "schema": SCHEMA,
         "path": str(path),
@@ -82,35 +122,54 @@ def bench(
         "faces": asset.manifest.face_count,
         "tier": tier,
         "renderer": name,
+        **modes,
         "views": len(views),
         "sizes": sorted({f"{view.width}x{view.height}" for view in views}),
-        "machine": machine(device),
+        "machine": machine(device, engine=engine),
         **found.to_dict(),
     }
     output.write_json(record)
     if output.prints_text:
         _print(record, found, old, output)
+    if found.frames < frames:
+        output.note(f"{path}: {found.frames} of {frames} frames were timed within --budget-seconds")
+    if old is not None:
+        for key in _SAME:
+            if _part(old, key) != _part(record, key):
+                text = f"{key} was {_part(old, key)}, is {_part(record, key)}: not the same is compared"
+                output.note(f"{compare}: {text}")
+        if limit is not None:
+            _check_slower(found.p50, old, limit, path)
 
 
-def machine(device: str | None) -> dict[str, Any]:
-    """Return what the figures were measured on and with."""
-    import os
-    import platform
-    from importlib.metadata import version
+def _limit(text: str | None, compare: Path | None) -> float | None:
+    """Return 0.1 for "10%" or "10"."""
+    if text is None:
+        return None
+    if compare is None:
+        raise UsageError("USAGE", "--fail-slower needs --compare OLD.json")
+    match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?)\s*%?", text.strip())
+    if match is None:
+        raise UsageError("USAGE", f'--fail-slower is "{shorten(text, 40)}"; it must look like 10%')
+    return float(match[1]) / 100
 
-    from msb._version import __version__
-    from msb.cl.devices import choose_device
 
-    record = choose_device(device).record
-    return {
-        "system": platform.platform(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "numpy": version("numpy"),
-        "pyopencl": version("pyopencl"),
-        "meshsplatbench": __version__,
-        "device": record.to_dict(),
-    }
+def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> None:
+    """Raise GateFailed `BENCH_SLOWER` if the median frame takes longer than it did by more than `limit`."""
+    was = old["device_ms"].get("p50")
+    if not was:
+        raise UsageError("USAGE", "--fail-slower: the older record has no device P50")
+    if now > was * (1 + limit):
+        text = f"device P50 is {now:.3g} ms, was {was:.3g} ms: {now / was - 1:+.0%}, allowed {limit:+.0%}"
+        raise GateFailed("BENCH_SLOWER", text, file=path, value=now, limit=was * (1 + limit))
+
+
+def _part(record: dict[str, Any], key: str) -> Any:
+    """Return the value at a dotted key, or None."""
+    value: Any = record
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
 
 
 def _read_old(path: Path) -> dict[str, Any]:
@@ -150,8 +209,9 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
 
     console = output.console()
     about = record["machine"]["device"]
+    modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
     console.print(
-        f"{escape(record['path'])}: {record['faces']:,} faces, tier {record['tier']}, "
+        f"{escape(record['path'])}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
         f"{record['views']} views of {', '.join(record['sizes'])}, {found.frames} frames\n"
         f"{escape(record['renderer'])} on {escape(about['platform'])}: {escape(about['name'])}",
         soft_wrap=True,

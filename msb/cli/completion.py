@@ -6,14 +6,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from msb.cli.options import Debug, epilog
+from msb.cli.options import epilog
 
 EPILOG = epilog("msb completion bash", "msb completion zsh", "msb completion fish")
 
 
 def completion(
     shell: Annotated[Literal["bash", "zsh", "fish"], typer.Argument(help="The shell.")],
-    debug: Debug = False,
 ) -> None:
     """Print a completion script for msb and msb-audit, to be put where SHELL looks for it.
 

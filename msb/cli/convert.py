@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from msb.cli.options import Debug, Force, Quiet, Verbose, epilog
+from msb.cli.options import Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
 from msb.cli.run import about
 from msb.errors import UsageError
@@ -42,7 +42,6 @@ def convert(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Convert between .triasset and PLY, OBJ, OFF, STL and GLB, keeping rows, order and vertex colours.
 

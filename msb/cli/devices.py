@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from msb.cli.options import Debug, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.errors import DeviceError, MsbError
 
@@ -23,7 +23,6 @@ def devices(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """List the OpenCL devices, what to type to get each, which one is taken; and the renderers there are.
 

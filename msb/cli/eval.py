@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, csv_text, plain_table
+from msb.cli.options import CsvFile, FailFast, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
 from msb.cli.run import report
 from msb.errors import MsbError, UsageError, shorten
 
@@ -43,13 +43,11 @@ def evaluate(
     ] = None,
     subset: Annotated[bool, typer.Option("--subset", help="GT may hold more images than PRED.")] = False,
     json_file: JsonFile = None,
-    csv_file: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write one row per image to FILE.")
-    ] = None,
+    csv_file: CsvFile = None,
+    fail_fast: FailFast = False,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Compare images with their ground truth: PSNR, SSIM and LPIPS, each and in the mean.
 
@@ -57,14 +55,13 @@ def evaluate(
     equal, nothing is resized. All are clamped and rounded to 8 bits. A bad image costs a line on standard
     error and status 3; the others are still compared.
     """
-    output = Output(json_file, quiet, verbose, force)
-    for path in (json_file, csv_file):
-        output.check_free(path)
+    output = Output(json_file, quiet, verbose, force, csv_file=csv_file)
+    output.check_outputs()
     color = None if background is None else _parse_color(background)
     from msb.metrics import pair_images
 
     pairs = pair_images(pred, gt, subset=subset)
-    raise typer.Exit(_Task(output, pred, gt, color, vgg_weights).run(pairs, csv_file))
+    raise typer.Exit(_Task(output, pred, gt, color, vgg_weights).run(pairs, fail_fast=fail_fast))
 
 
 class _Task:
@@ -84,7 +81,7 @@ class _Task:
             for warning in self.network.warnings:
                 self.notes.append(f"{warning.code}: {vgg_weights}: {warning.message}")
 
-    def run(self, pairs: list[ImagePair], csv_file: Path | None) -> int:
+    def run(self, pairs: list[ImagePair], *, fail_fast: bool) -> int:
         """Compare all pairs, print and write; return the exit status."""
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
@@ -98,11 +95,12 @@ class _Task:
                 except MsbError as error:
                     status = max(status, report(error))
                     failed.append({"name": pair.name, "code": error.code, "message": str(error)})
+                    if fail_fast:
+                        break
                 step()
         data = self.summary(rows, failed)
         self.output.write_json(data)
-        if csv_file is not None:
-            _write_csv(csv_file, rows)
+        self.output.write_csv(_COLUMNS, rows)
         if self.output.prints_text and rows:
             self.show(rows, data)
         return status
@@ -197,14 +195,3 @@ def _parse_color(text: str) -> Color:
         pass
     shown = shorten(text, 40)
     raise UsageError("USAGE", f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1')
-
-
-def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    import csv
-
-    from msb.atomic import new_file
-
-    with new_file(path) as file, csv_text(file) as text:
-        writer = csv.DictWriter(text, fieldnames=_COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)

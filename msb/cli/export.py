@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.errors import UsageError
 
@@ -42,7 +42,6 @@ def export(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Turn a trained checkpoint into a .triasset, on any machine: no PyTorch, no CUDA.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.errors import shorten
 
@@ -24,7 +24,6 @@ def info(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Show what a .triasset holds: method, counts, bounds, settings and buffers.
 

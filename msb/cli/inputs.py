@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,9 @@ def is_asset(path: Path) -> bool:
 def expand(path: Path) -> list[Path]:
     """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted.
 
+    Where nothing has that name it is a pattern (``*``, ``?``, ``[...]``, ``**``), as a shell that leaves
+    patterns alone passes it on; what it matches is taken as if it were typed.
+
     Raises
     ------
     InputError
@@ -51,8 +55,19 @@ def expand(path: Path) -> list[Path]:
             raise InputError("FILE_NOT_RECOGNISED", text, file=path)
         return found
     if not os.path.lexists(path):
+        if found := _matches(path):
+            return found
         raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
     return [path]
+
+
+def _matches(pattern: Path) -> list[Path]:
+    text = str(pattern)
+    if not glob.has_magic(text):
+        return []
+    # Not Path.glob: that takes no absolute pattern.
+    names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207
+    return [one for name in names for one in expand(Path(name))]
 
 
 def _below(folder: Path) -> Iterator[Path]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ def methods(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Show the methods: what their representations have, what each tier keeps, their settings.
 

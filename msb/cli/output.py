@@ -7,20 +7,23 @@ import io
 import json
 import os
 import sys
+import time
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any
 
+from msb._version import __version__
 from msb.atomic import new_file
-from msb.errors import UsageError
+from msb.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from rich.console import Console
     from rich.table import Table
 
     from msb.asset.progress import Progress
+    from msb.errors import MsbError
 
 STDOUT = "-"
 
@@ -29,45 +32,61 @@ STDOUT = "-"
 class Output:
     """What the user wants to see, and where.
 
-    `json_file` "-" takes standard output for itself; the human text is then not printed at all.
+    A file "-" takes standard output for itself; the human text is then not printed at all.
     """
 
     json_file: Path | None = None
     quiet: bool = False
     verbose: int = 0
     force: bool = False
+    json_lines: Path | None = None
+    csv_file: Path | None = None
+
+    def __post_init__(self) -> None:
+        files = {"--json": self.json_file, "--jsonl": self.json_lines, "--csv": self.csv_file}
+        taken = [option for option, path in files.items() if str(path) == STDOUT]
+        if len(taken) > 1:
+            raise UsageError("USAGE", f"{' and '.join(taken)} cannot both go to standard output")
 
     @property
     def prints_text(self) -> bool:
         """Whether the human-readable result is wanted on standard output."""
-        return str(self.json_file) != STDOUT
+        return STDOUT not in map(str, (self.json_file, self.json_lines, self.csv_file))
+
+    @property
+    def shows_progress(self) -> bool:
+        """Whether bars and spinners are drawn: on a terminal, beside a result for people."""
+        return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     def console(self) -> Console:
-        """Return the console for results. Colour only on a terminal and without NO_COLOR."""
+        """Return the console for results. Rich heeds FORCE_COLOR and TERM=dumb; NO_COLOR is plain text."""
         from rich.console import Console
 
-        return Console(highlight=False)
+        return Console(highlight=False, color_system=None if os.environ.get("NO_COLOR") else "auto")
 
     def note(self, text: str, *, level: int = 0) -> None:
-        """Print a note on standard error, if the user wants this much."""
+        """Print a note on standard error, if the user wants this much; a log file gets it in any case."""
+        log(text, "DEBUG" if level > 1 else "INFO")
         if not self.quiet and self.verbose >= level:
             print(text, file=sys.stderr)  # noqa: T201 - notes go here
 
     @contextlib.contextmanager
     def progress(self, text: str) -> Iterator[None]:
-        """Show `text` with a spinner while the block runs, on a terminal only."""
-        if self.quiet or not sys.stderr.isatty():
-            yield
-            return
-        from rich.console import Console
+        """Show `text` with a spinner while the block runs, on a terminal; its time with -vv."""
+        start = time.perf_counter()
+        if self.shows_progress:
+            from rich.console import Console
 
-        with Console(stderr=True).status(text):
+            with Console(stderr=True).status(text, spinner="line"):  # of ASCII
+                yield
+        else:
             yield
+        self.note(f"{text}: {1000 * (time.perf_counter() - start):.1f} ms", level=2)
 
     @contextlib.contextmanager
     def bars(self) -> Iterator[Progress | None]:
         """Yield a function that draws a bar in bytes for each stage, on a terminal only; else None."""
-        if self.quiet or not sys.stderr.isatty():
+        if not self.shows_progress:
             yield None
             return
         from rich.console import Console
@@ -88,7 +107,7 @@ class Output:
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
         """Yield a function to call after each of `total` steps; it draws a bar, on a terminal only."""
-        if self.quiet or not sys.stderr.isatty():
+        if not self.shows_progress:
             yield lambda: None
             return
         from rich.console import Console
@@ -111,17 +130,92 @@ class Output:
         if path is not None and str(path) != STDOUT and os.path.lexists(path) and not self.force:
             raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
 
+    def check_outputs(self) -> None:
+        """Refuse to overwrite what --json, --jsonl and --csv name; raises as `check_free`."""
+        for path in (self.json_file, self.json_lines, self.csv_file):
+            self.check_free(path)
+
     def write_json(self, data: Any) -> None:
-        """Write `data` where --json points to, if it was given."""
+        """Write `data`, a document or a list of them, where --json points to, if it was given."""
         if self.json_file is None:
             return
+        data = [_signed(one) for one in data] if isinstance(data, list) else _signed(data)
         text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        if self.prints_text:
-            with new_file(self.json_file) as file:
-                file.write(text.encode())
-        else:
+        self._write(self.json_file, text.encode())
+
+    def write_documents(self, documents: Sequence[dict[str, Any]]) -> None:
+        """Write one document an input: --json gets it, or a list of several, --jsonl a line for each."""
+        self.write_json(documents[0] if len(documents) == 1 else list(documents))
+        if self.json_lines is not None:
+            lines = (json.dumps(_signed(one), allow_nan=False, ensure_ascii=False) for one in documents)
+            self._write(self.json_lines, "".join(f"{line}\n" for line in lines).encode())
+
+    def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+        """Write `rows` where --csv points to, if it was given."""
+        if self.csv_file is None:
+            return
+        import csv
+
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, fieldnames=columns)
+        writer.writeheader()
+        writer.writerows(rows)
+        self._write(self.csv_file, text.getvalue().encode())
+
+    def _write(self, path: Path, data: bytes) -> None:
+        if str(path) == STDOUT:
             sys.stdout.flush()
-            sys.stdout.buffer.write(text.encode())
+            sys.stdout.buffer.write(data)
+        else:
+            with new_file(path) as file:
+                file.write(data)
+
+
+def failure(schema: str, path: Path, error: MsbError) -> dict[str, Any]:
+    """Return what stands for an input that could not be read among the documents of several."""
+    return {"schema": schema, "path": str(path), "error": {"code": error.code, "message": error.message}}
+
+
+def _signed(document: dict[str, Any]) -> dict[str, Any]:
+    """Return `document` with the version that made it after its schema."""
+    return {"schema": document["schema"], "tool_version": __version__, **document}
+
+
+def say(text: str) -> None:
+    """Print an error on standard error, as one line that a log file gets too."""
+    log(text, "ERROR")
+    print(text, file=sys.stderr)  # noqa: T201 - the one place errors are printed
+
+
+def log(text: str, level: str) -> None:
+    """Write `text` to the log file, if --log-file opened one."""
+    if _LOG:
+        stamp = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        print(stamp, level, text, file=_LOG[0], flush=True)
+
+
+def open_log(path: Path) -> None:
+    """Append to the file at `path` from now on; the command line is the first line.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    """
+    import shlex
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Open as long as the process lives; every line is flushed.
+        _LOG[:] = [path.open("a", encoding="utf-8", errors="backslashreplace")]
+    except OSError as error:
+        text = f"the log cannot be written: {error.strerror}"
+        raise OutputError("OUTPUT_UNWRITABLE", text, file=path) from error
+    log(f"msb {__version__}: {shlex.join(sys.argv)}", "INFO")
+
+
+_LOG: list[IO[str]] = []
+"""The log file, if there is one."""
 
 
 @contextlib.contextmanager

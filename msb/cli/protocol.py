@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.options import Debug, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.options import JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table, say
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
@@ -69,7 +68,6 @@ def run(
     json_file: JsonFile = None,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Evaluate methods on scenes in all conditions: images, gaps, speed, memory, audit.
 
@@ -92,12 +90,12 @@ def run(
     )
     output.write_json(_document(file, found))
     for name, reason in found.models.items():
-        print(f"{reason.code}: {name}: {reason.message}", file=sys.stderr)  # noqa: T201 - as errors are
+        say(f"{reason.code}: {name}: {reason.message}")
     for row in found.rows:
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
                 what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
-                print(f"{reason.code}: {what}: {reason.message}", file=sys.stderr)  # noqa: T201
+                say(f"{reason.code}: {what}: {reason.message}")
     if output.prints_text:
         _print(file, found, output, dry=dry_run)
     raise typer.Exit(found.exit_status)

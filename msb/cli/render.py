@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import hashlib
+import re
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.options import Debug, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output
 from msb.cli.views import (
     Assignments,
     Background,
     Cameras,
     Chosen,
+    Ordering,
     RendererName,
+    SamplingName,
     Scale,
     Size,
-    TierName,
+    Tier,
 )
-from msb.errors import UsageError
+from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,6 +38,7 @@ EPILOG = epilog(
     "msb render --turntable 8 -o out/turn data_stubs/splat_like.triasset",
     "msb render --turntable 12 --film out/t.mp4 data_stubs/checkpoint",
     "msb render --cameras data_stubs/views.json -o out data_stubs/checkpoint",
+    "msb render --tier both --turntable 2 -o out/both data_stubs/checkpoint",
 )
 SCHEMA = "msb.render/1"
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -44,7 +49,10 @@ def render(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Where images go.")
     ] = None,
-    tier: TierName = "standard",
+    tier: Annotated[
+        Literal["reference", "dedicated", "standard", "both"],
+        typer.Option(help="How to draw: msb methods says what each keeps; both: dedicated and standard."),
+    ] = "standard",
     cameras: Cameras = None,
     chosen: Chosen = None,
     turntable: Annotated[
@@ -59,6 +67,12 @@ def render(
     scale: Scale = None,
     background: Background = "black",
     form: Annotated[Literal["png", "npy", "exr"], typer.Option("--format", help="Of the images.")] = "png",
+    template: Annotated[
+        str | None,
+        typer.Option(
+            "--name", metavar="TEMPLATE", help="Of the files: {camera}, or {camera}_{tier} for both; {index}."
+        ),
+    ] = None,
     depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,
     ids: Annotated[bool, typer.Option("--ids", help="Also write face ids; -1 is none.")] = False,
     film: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a .mp4 or .gif.")] = None,
@@ -67,18 +81,20 @@ def render(
     supersample: Annotated[
         int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
     ] = 1,
+    order: Ordering = None,
+    sampling: SamplingName = None,
     renderer_name: RendererName = None,
     device: DeviceName = None,
     json_file: JsonFile = None,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Draw an asset: images, and depth and face ids if asked for.
 
     An image is named like its camera. PNG holds floor(255 c + 0.5) of the clamped colour as stored; npy and
-    exr hold the floats as rendered, neither clamped nor rounded.
+    exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
+    all images: the same device and versions give the same.
     """
     from msb.cli.views import open_asset
 
@@ -89,22 +105,41 @@ def render(
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path)
     views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
-    task = _Task(output, out, form, depth, ids, film, fps)
+    tiers: tuple[Tier, ...] = ("dedicated", "standard") if tier == "both" else (tier,)
+    task = _Task(output, out, form, depth, ids, film, fps, tiers, template)
     task.check(views)
-    from msb.cli.views import lean_options, parse_background
+    from msb.bench.machine import machine
+    from msb.cli.views import chosen_modes, parse_background
     from msb.render import Renderer
+    from msb.render.protocol import check_supported, lean_options
 
     color = parse_background(background, asset)
-    options = lean_options(tier, renderer_name, ids=ids)
     settings = _settings(asset, assignments)
-    if supersample > 1:  # the standard renderer takes it among the settings, whatever the method
-        settings["supersample"] = supersample
-    with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
-        rows = task.run(renderer, views, color)
-        about = {"schema": SCHEMA, "path": str(path), "tier": tier, "renderer": renderer.name}
-        output.write_json(
-            {**about, "background": list(color), "memory": dict(renderer.memory()), "frames": rows}
-        )
+    modes = chosen_modes(order, sampling)
+    for each in tiers:
+        check_supported(asset, each)
+    if len(tiers) > 1 and renderer_name is not None:
+        raise UsageError("USAGE", "--renderer goes with one tier, not with --tier both")
+    documents = []
+    for each in tiers:
+        # Of both tiers, the one has an order and a sampling, the other --supersample.
+        own = {} if len(tiers) > 1 and each == "standard" else modes
+        options = lean_options(each, renderer_name, ids=ids) | own
+        extra = {}
+        if supersample > 1 and (len(tiers) == 1 or each == "standard"):
+            # The standard renderer takes it among the settings, whatever the method.
+            extra["supersample"] = supersample
+        with Renderer(asset, each, device, {**settings, **extra}, name=renderer_name, **options) as renderer:
+            rows = task.run(renderer, views, color)
+            about = {"schema": SCHEMA, "path": str(path), "tier": each, "renderer": renderer.name, **own}
+            drawn = {
+                "background": list(color),
+                "machine": machine(device, opencl=each != "reference", engine=renderer.device_info),
+                "memory": dict(renderer.memory()),
+                "frames": rows,
+            }
+            documents.append({**about, **drawn})
+    output.write_documents(documents)
 
 
 def _settings(asset: Asset, assignments: list[str] | None) -> dict[str, Any]:
@@ -146,15 +181,28 @@ class _Task:
     """What is to be written for each frame, and where."""
 
     def __init__(
-        self, output: Output, out: Path | None, form: str, depth: bool, ids: bool, film: Path | None, fps: int
+        self,
+        output: Output,
+        out: Path | None,
+        form: str,
+        depth: bool,
+        ids: bool,
+        film: Path | None,
+        fps: int,
+        tiers: tuple[Tier, ...],
+        template: str | None,
     ) -> None:
         self.output, self.out, self.film, self.fps = output, out, film, fps
+        self.tiers = tiers
+        self.template = template or ("{camera}" if len(tiers) == 1 else "{camera}_{tier}")
         self.form: Any = form
         planes: Any = "exr" if form == "exr" else "npy"
         self.planes = planes
         self.kinds = ["image", *(["depth"] if depth else []), *(["ids"] if ids else [])]
         if out is None and len(self.kinds) > 1:
             raise UsageError("USAGE", "--depth and --ids need --out FOLDER")
+        if film is not None and len(tiers) > 1:
+            raise UsageError("USAGE", "--film goes with one tier, not with --tier both")
         if film is not None:
             from msb.render.images import check_film
 
@@ -164,13 +212,39 @@ class _Task:
         """Refuse to overwrite, before anything is rendered."""
         if self.film is not None:
             self.output.check_free(self.film)
-        names = image_names(views)
+        names = [name for tier in self.tiers for name in self.names(views, tier)]
         if self.out is not None:
+            if len(set(names)) < len(names):
+                lacks = "{camera} or {index}" if len(views) > 1 else "{tier}"
+                text = f'--name "{self.template}" gives two images one name; it may lack {lacks}'
+                raise UsageError("USAGE", text)
             for name in names:
                 for kind in self.kinds:
                     self.output.check_free(self.place(name, kind))
         if self.film is not None and len({(view.width, view.height) for view in views}) > 1:
             raise UsageError("USAGE", "the cameras differ in size; --size WxH makes a film possible")
+
+    def names(self, views: list[Camera], tier: str) -> list[str]:
+        """Return the name of each image below the folder, without its suffix.
+
+        Raises
+        ------
+        UsageError
+            `USAGE`: the template names something else, or leads out of the folder.
+        """
+        from msb.render.images import image_names
+
+        if PurePath(self.template).is_absolute() or ".." in PurePath(self.template).parts:
+            raise UsageError("USAGE", f'--name "{shorten(self.template)}" leads out of --out FOLDER')
+        found = []
+        for index, camera in enumerate(image_names(views)):
+            known = {"camera": camera, "tier": tier, "index": f"{index:05d}"}
+            parts = re.split(r"{(\w*)}", self.template)
+            if wrong := set(parts[1::2]) - set(known):
+                text = f'--name: "{{{wrong.pop()}}}" is none of {{camera}}, {{tier}}, {{index}}'
+                raise UsageError("USAGE", text)
+            found.append("".join(known[part] if odd % 2 else part for odd, part in enumerate(parts)))
+        return found
 
     def place(self, name: str, kind: str) -> Path:
         """Return the file for one kind of output of the frame `name`."""
@@ -189,7 +263,7 @@ class _Task:
         with self.output.counted("rendering", len(views)) as step, Writers() as writers:
 
             def images() -> Iterator[NDArray[Any]]:
-                for name, view in zip(image_names(views), views, strict=True):
+                for name, view in zip(self.names(views, renderer.tier), views, strict=True):
                     frame = renderer.render(view, color)
                     rows.append(self.write(writers, name, view, frame))
                     step()
@@ -201,7 +275,7 @@ class _Task:
                 for _ in images():
                     pass
         if self.output.prints_text:
-            self.say(rows)
+            self.say(rows, renderer.tier)
         return rows
 
     def write(self, writers: Any, name: str, view: Camera, frame: Frame) -> dict[str, Any]:
@@ -210,6 +284,7 @@ class _Task:
 
         row: dict[str, Any] = {"camera": view.name, "width": view.width, "height": view.height}
         row["coverage"] = float(frame.alpha.mean())
+        row["sha256"] = hashlib.sha256(frame.image.tobytes()).hexdigest()
         row["timings_ms"] = dict(frame.timings)
         if self.out is None:
             return row
@@ -223,35 +298,16 @@ class _Task:
             row[kind] = str(target)
         return row
 
-    def say(self, rows: list[dict[str, Any]]) -> None:
+    def say(self, rows: list[dict[str, Any]], tier: str) -> None:
         """Print what was made, in a line or a few."""
         where = [str(self.out)] if self.out is not None else []
         where += [str(self.film)] if self.film is not None else []
         plural = "" if len(rows) == 1 else "s"
-        typer.echo(f"{' and '.join(where)}: {len(rows)} view{plural}")
+        which = f", {tier}" if len(self.tiers) > 1 else ""
+        total = hashlib.sha256("".join(row["sha256"] for row in rows).encode()).hexdigest()
+        typer.echo(f"{' and '.join(where)}: {len(rows)} view{plural}{which}, sha256 {total[:16]}")
         if self.output.verbose:
             for row in rows:
                 stages = ", ".join(f"{key} {value:.2f}" for key, value in row["timings_ms"].items())
-                typer.echo(f"{row['camera']}: {row['width']} x {row['height']}, {stages} ms")
-
-
-def image_names(views: list[Camera]) -> list[str]:
-    """Return a file name without suffix for each view: the camera's, complete where two would be the same."""
-    short = [_without_suffix(view.name or f"{index:05d}") for index, view in enumerate(views)]
-    names = []
-    for index, (view, name) in enumerate(zip(views, short, strict=True)):
-        alone = short.count(name) == 1
-        names.append(
-            name if alone else f"{view.name or name}" if _unique(views, view) else f"{name}_{index:05d}"
-        )
-    return names
-
-
-def _unique(views: list[Camera], view: Camera) -> bool:
-    return sum(other.name == view.name for other in views) == 1
-
-
-def _without_suffix(name: str) -> str:
-    folder, slash, last = name.rpartition("/")
-    stem, dot, _ = last.rpartition(".")
-    return f"{folder}{slash}{stem if dot and stem else last}"
+                size = f"{row['width']} x {row['height']}"
+                typer.echo(f"{row['camera']}: {size}, {stages} ms, sha256 {row['sha256'][:16]}")

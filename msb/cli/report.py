@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output
 from msb.errors import InputError, MsbError, UsageError, shorten
 
@@ -66,7 +66,6 @@ def report(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Make tables, figures, findings and pages from results, with the paper's numbers beside ours.
 

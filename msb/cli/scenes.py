@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import FailFast, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.cli.run import report
 from msb.errors import MsbError, shorten
@@ -43,10 +43,10 @@ def scenes(
         str, typer.Option(metavar="NAME", help="ours, or a method: read as its official code does.")
     ] = "ours",
     json_file: JsonFile = None,
+    fail_fast: FailFast = False,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Say what scenes were found, which photographs count, and what is missing.
 
@@ -56,15 +56,17 @@ def scenes(
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
     options = {"dataset": dataset, "image_folder": image_folder, "resolution": resolution, "rules": rules}
-    raise typer.Exit(_run(paths, options, output))
+    raise typer.Exit(_run(paths, options, output, fail_fast=fail_fast))
 
 
-def _run(paths: list[Path], options: dict[str, Any], output: Output) -> int:
+def _run(paths: list[Path], options: dict[str, Any], output: Output, *, fail_fast: bool) -> int:
     from msb.scenes.datasets import describe_scene, find_scenes
 
     status = 0
     found: list[SceneReport] = []
     for path in paths:
+        if fail_fast and (status or any(item.error for item in found)):
+            break
         try:
             places = find_scenes(path)
         except MsbError as error:
@@ -74,6 +76,8 @@ def _run(paths: list[Path], options: dict[str, Any], output: Output) -> int:
             for place in places:
                 found.append(describe_scene(place, **options))
                 step()
+                if fail_fast and found[-1].error is not None:
+                    break
     output.write_json({"schema": SCHEMA, "scenes": [as_data(item) for item in found]})
     if output.prints_text and found:
         _print(found, output)

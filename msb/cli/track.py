@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from msb.cli.options import Debug, Force, Quiet, Verbose, epilog
+from msb.cli.options import Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ def track(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Run a training and record wall time, peak GPU memory and peak RAM, of it and of all it starts.
 

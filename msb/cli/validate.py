@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.options import Debug, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.options import FailFast, Force, JsonFile, JsonLines, Quiet, Verbose, epilog
+from msb.cli.output import Output, failure, plain_table
 from msb.cli.run import report
 from msb.errors import (
     CODES,
@@ -43,62 +43,67 @@ def validate(
         list[Path] | None, typer.Argument(metavar="PATH...", help="Assets, mesh files, or folders of these.")
     ] = None,
     json_file: JsonFile = None,
+    json_lines: JsonLines = None,
+    fail_fast: FailFast = False,
     explain: Annotated[
         str | None, typer.Option(metavar="CODE", help="Print what a code means, and stop.")
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
     Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
     judged by the asset that would be made of it.
     """
-    output = Output(json_file, quiet, verbose, force)
+    output = Output(json_file, quiet, verbose, force, json_lines)
     if explain is not None:
         _explain(explain, output)
         return
     if not paths:
         raise UsageError("USAGE", "PATH is missing; give a .triasset, a mesh file or a folder of these")
-    output.check_free(json_file)
-    raise typer.Exit(_run(paths, output))
+    output.check_outputs()
+    raise typer.Exit(_run(paths, output, fail_fast=fail_fast))
 
 
-def _run(paths: list[Path], output: Output) -> int:
+def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
     from msb.cli.inputs import expand
 
     status = 0
+    inputs: list[Path] = []
     reports: list[dict[str, Any]] = []
     for path in paths:
         try:
-            inputs = expand(path)
+            inputs += expand(path)
         except MsbError as error:
             status = max(status, report(error))
+            reports.append(failure(SCHEMA, path, error))
+    for item in inputs:
+        if status and fail_fast:
+            break
+        try:
+            with output.progress(f"validating {item.name}"):
+                found = check(item)
+        except MsbError as error:
+            status = max(status, report(error))
+            reports.append(failure(SCHEMA, item, error))
             continue
-        for item in inputs:
-            try:
-                with output.progress(f"validating {item.name}"):
-                    found = check(item)
-            except MsbError as error:
-                status = max(status, report(error))
-                continue
-            errors = sum(f.severity == "error" for f in found)
-            status = max(status, 1 if errors else 0)
-            reports.append(
-                {
-                    "schema": SCHEMA,
-                    "path": str(item),
-                    "valid": errors == 0,
-                    "findings": [f.to_dict() for f in found[:MAX_FINDINGS]],
-                    "truncated": len(found) > MAX_FINDINGS,
-                }
-            )
-            if output.prints_text:
-                _print(item, found, output)
-    if reports:
-        output.write_json(reports[0] if len(reports) == 1 else reports)
+        errors = sum(f.severity == "error" for f in found)
+        status = max(status, 1 if errors else 0)
+        reports.append(
+            {
+                "schema": SCHEMA,
+                "path": str(item),
+                "valid": errors == 0,
+                "findings": [f.to_dict() for f in found[:MAX_FINDINGS]],
+                "truncated": len(found) > MAX_FINDINGS,
+            }
+        )
+        if output.prints_text:
+            _print(item, found, output)
+    if len(reports) > 1 or "error" not in reports[0]:  # the line on standard error says it all
+        output.write_documents(reports)
     return status
 
 
@@ -191,6 +196,14 @@ def _explain(name: str, output: Output) -> None:
         raise UsageError("EXPLAIN_UNKNOWN", f'there is no code "{name}"; did you mean {near}?')
     entry = CODES[code]
     status = EXIT_STATUS[entry.kind]
-    output.write_json({"code": code, "exit_status": status, "summary": entry.summary, "remedy": entry.remedy})
+    output.write_json(
+        {
+            "schema": "msb.code/1",
+            "code": code,
+            "exit_status": status,
+            "summary": entry.summary,
+            "remedy": entry.remedy,
+        }
+    )
     if output.prints_text:
         typer.echo(f"{code}: {entry.summary}\nRemedy: {entry.remedy}\nExit status: {status}")

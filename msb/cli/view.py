@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import Debug, DeviceName, Force, Quiet, Verbose, epilog
+from msb.cli.options import DeviceName, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
 from msb.cli.view_compare import CompareOptions, Layout, compare
 from msb.cli.view_web import write_web
@@ -111,7 +111,6 @@ def view(
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-    debug: Debug = False,
 ) -> None:
     """See what is wrong with a mesh: edges, vertices, faces and components the audit complains about.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -40,6 +40,14 @@ Assignments = Annotated[
 ]
 RendererName = Annotated[
     str | None, typer.Option("--renderer", metavar="NAME", help="Another renderer than ours, by its name.")
+]
+Ordering = Annotated[
+    Literal["tile", "global", "none"] | None,
+    typer.Option("--order", help="Of blending: official tiles, by depth without them, or as stored."),
+]
+SamplingName = Annotated[
+    Literal["official", "engine"] | None,
+    typer.Option("--sampling", help="As officially, or as an engine's hardware does."),
 ]
 
 _NAMED = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
@@ -137,11 +145,9 @@ def parse_background(text: str, asset: Asset) -> tuple[float, float, float]:
     raise UsageError("USAGE", text)
 
 
-def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
-    """Return the options with which our renderer of `tier` computes no more than is written."""
-    if tier != "dedicated" or renderer is not None:
-        return {}
-    return {"outputs": ("face_id",) if ids else ()}
+def chosen_modes(order: str | None, sampling: str | None) -> dict[str, str]:
+    """Return those that were given: a renderer that does not have them refuses even the official ones."""
+    return {name: value for name, value in (("order", order), ("sampling", sampling)) if value is not None}
 
 
 def around(asset: Asset, count: int, size: str | None, up: str | None, elevation: float) -> list[Camera]:

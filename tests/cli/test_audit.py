@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +12,10 @@ import pytest
 
 import msb as library
 from msb.asset import build_asset
+from msb.cli.gates import PROFILES, parse_gate
 from msb.meshes import Mesh, write_mesh
-from tests.conftest import BOOK, TETRAHEDRON
+from msb.report import paper_row
+from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -62,8 +65,9 @@ def test_json_holds_the_contract_and_nothing_else_is_on_stdout(msb: Msb, demo_as
 def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> None:
     result = msb("audit", demo_asset)
     lines = result.out.strip().splitlines()
-    assert lines[2] == lines[-1]
-    assert lines[-1].startswith("BAD renders; not usable for subdivision, collision or UV unwrapping because")
+    assert lines[0] == lines[-1]
+    verdict = "BAD renders; not usable for subdivision, collision or UV unwrapping because"
+    assert lines[-1].startswith(f"{demo_asset}: {verdict}")
     assert "\x1b" not in result.out
     assert result.err == ""
 
@@ -165,6 +169,37 @@ def test_gates(msb: Msb, book: Path, condition: str, status: int) -> None:
     assert result.err.startswith(f"GATE_FAILED: {book}: ") is bool(status)
 
 
+@pytest.mark.parametrize(
+    ("profile", "failing"),
+    [
+        ("game", {"nonmanifold_edge_ratio", "nonmanifold_vertex_ratio", "vf_ratio"}),
+        ("print", {"boundary_edges", "nonmanifold_edges", "nonmanifold_vertices"}),
+        ("research", {"boundary_edge_ratio"}),
+    ],
+)
+def test_profiles_gate_for_a_purpose(
+    msb: Msb, book: Path, tmp_path: Path, profile: str, failing: set[str]
+) -> None:
+    closed = write(tmp_path, "tetra.ply", TETRAHEDRON)
+    result = msb("audit", "-q", "--profile", profile, book, closed)
+    assert result.status == 1
+    lines = result.err.splitlines()
+    assert all(line.startswith(f"GATE_FAILED: {book}: ") for line in lines)  # the closed one passes
+    assert {line.removeprefix(f"GATE_FAILED: {book}: ").split()[0] for line in lines} == failing
+
+
+def test_profiles_hold_known_keys_and_the_papers_numbers() -> None:
+    gates = {name: [parse_gate(text) for text in texts] for name, texts in PROFILES.items()}
+    paper = paper_row("mesh_connectivity", scene="mean")
+    research = {gate.key: gate.limit for gate in gates["research"] if gate.key != "nonfinite_faces"}
+    assert research == {key: paper[key] for key in research}
+    assert set(research) >= {"nonmanifold_edge_ratio", "nonmanifold_vertex_ratio", "lcc_face_ratio"}
+    text = (ROOT / "docs" / "cli.md").read_text()
+    for name, conditions in PROFILES.items():
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+        assert re.findall(r"`([a-z_]+[<>][0-9.]+)`", row) == list(conditions)
+
+
 def test_gate_on_a_ratio_over_nothing_fails(msb: Msb, tmp_path: Path) -> None:
     path = tmp_path / "points.off"
     path.write_text("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n")
@@ -190,6 +225,31 @@ def test_outputs_are_not_overwritten_without_force(msb: Msb, book: Path, tmp_pat
         assert target.read_text() == "mine"
     assert msb("audit", "--json", target, "--force", book).status == 0
     assert json.loads(target.read_text())["counts"]["nonmanifold_edges"] == 1
+
+
+def test_lines_of_json_patterns_and_stopping_at_the_first_failure(
+    msb: Msb, book: Path, tmp_path: Path
+) -> None:
+    write(tmp_path, "tetra.ply", TETRAHEDRON)
+    result = msb("audit", "--jsonl", "-", tmp_path / "*.ply", "missing.ply")
+    assert result.status == 3
+    rows = [json.loads(line) for line in result.out.splitlines()]
+    assert [row["path"] for row in rows] == ["missing.ply", str(book), str(tmp_path / "tetra.ply")]
+    assert rows[0]["error"]["code"] == "FILE_NOT_FOUND"
+    assert all(row["schema"] == "msb.audit/1" and row["tool_version"] for row in rows)
+    result = msb("audit", "-q", "--fail-fast", "--fail-on", "nonmanifold_edges>0", tmp_path / "*.ply")
+    assert (result.status, len(result.out.splitlines())) == (1, 1)
+    (tmp_path / "a[1].ply").write_bytes(book.read_bytes())  # a name, though it looks like a pattern
+    assert msb("audit", "-q", tmp_path / "a[1].ply").status == 0
+
+
+def test_standard_output_is_taken_once(msb: Msb, book: Path) -> None:
+    result = msb("audit", "--csv", "-", book)
+    rows = list(csv.DictReader(result.out.splitlines()))
+    assert (result.status, [row["faces"] for row in rows]) == (0, ["3"])
+    result = msb("audit", "--csv", "-", "--json", "-", book)
+    assert result.status == 2
+    assert result.err == "USAGE: --json and --csv cannot both go to standard output\n"
 
 
 def test_csv_has_one_row_a_mesh(msb: Msb, book: Path, demo_asset: Path, tmp_path: Path) -> None:

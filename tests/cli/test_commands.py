@@ -28,6 +28,8 @@ COMMANDS = (
     "audit",
     "bench",
     "completion",
+    "config",
+    "config show",
     "convert",
     "devices",
     "eval",
@@ -35,6 +37,10 @@ COMMANDS = (
     "info",
     "methods",
     "render",
+    "report",
+    "run",
+    "scenes",
+    "track",
     "validate",
     "view",
 )
@@ -61,7 +67,8 @@ def examples() -> list[str]:
             text=True,
             cwd=ROOT,
         )
-        lines = done.stdout.split("Examples:")[1].split("Exit status")[0].splitlines()
+        text = done.stdout.split("Examples:")[1].split("Exit status")[0]
+        lines = text.replace("\\\n", " ").splitlines()
         found += [line.strip() for line in lines if line.strip()]
     return sorted(set(found))
 
@@ -98,14 +105,15 @@ def test_version_is_one_line(msb: Msb) -> None:
 def test_wrong_usage_is_status_2_on_stderr_only(msb: Msb, args: list[str]) -> None:
     result = msb(*args)
     assert result.status == 2
-    if args:
-        assert result.out == ""
-        assert result.err.startswith("USAGE: ")
-        assert len(result.err.splitlines()) == 1
+    assert result.out == ""
+    assert result.err.startswith("USAGE: ")
+    assert len(result.err.splitlines()) == 1
+    assert "PATH is missing" in result.err or "usage: msb " in result.err
 
 
 def test_unknown_option_suggests_the_right_one(msb: Msb) -> None:
-    assert "--json" in msb("audit", "--jsn", "x").err
+    assert "did you mean --json?" in msb("audit", "--jsn", "x").err
+    assert "Did you mean 'render'?" in msb("rendr").err
 
 
 def test_info_shows_counts_settings_and_buffers(msb: Msb, demo_asset: Path) -> None:
@@ -126,6 +134,7 @@ def test_validate_good_asset(msb: Msb, demo_asset: Path) -> None:
         "valid": True,
         "findings": [],
         "truncated": False,
+        "tool_version": library.__version__,
     }
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from PIL import Image
 
 import msb as library
+from msb.cli.views import around
 from msb.scenes import turntable, write_cameras
 from tests.adapters.models import GOLDEN
 from tests.conftest import ROOT
@@ -17,6 +20,7 @@ from tests.conftest import ROOT
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from msb.methods import Tier
     from tests.cli.conftest import Msb
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
@@ -36,7 +40,8 @@ def test_every_camera_gives_an_image_named_like_it(
 ) -> None:
     out = tmp_path / "out"
     result = msb("render", "--cameras", cameras, "-o", out, "--background", "white", demo_asset)
-    assert (result.status, result.out, result.err) == (0, f"{out}: 3 views\n", "")
+    assert (result.status, result.err) == (0, "")
+    assert re.fullmatch(rf"{out}: 3 views, sha256 [0-9a-f]{{16}}\n", result.out)
     assert sorted(path.name for path in out.iterdir()) == [f"turntable_{i:05d}.png" for i in range(3)]
     with Image.open(out / "turntable_00001.png") as image:
         assert (image.size, image.mode) == ((60, 44), "RGB")
@@ -67,6 +72,11 @@ def test_floats_depth_and_ids_are_written_as_rendered(
     assert row["image"] == str(tmp_path / "turntable_00001.npy")
     assert 0 < row["coverage"] < 1
     assert result.json["memory"]
+    assert row["sha256"] == hashlib.sha256(frame.image.tobytes()).hexdigest()
+    machine = result.json["machine"]
+    assert machine["device"]["driver"]
+    assert "-cl-kernel-arg-info" in machine["build_options"]
+    assert re.fullmatch("[0-9a-f]{64}", machine["kernels_sha256"])
     assert msb("render", *args, demo_asset).status == 2  # the files are there
     assert msb("render", *args, "--force", demo_asset).status == 0
 
@@ -99,6 +109,34 @@ def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, t
         assert (film.n_frames, film.size) == (5, (60, 44))
 
 
+def test_both_tiers_and_names_of_files(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
+    base = ("render", "--cameras", cameras, "--size", "30x22", "-o", tmp_path)
+    both = ("--tier", "both", "--order", "none", "--format", "npy")
+    result = msb(*base, *both, "--json", "-", demo_asset)
+    assert result.status == 0, result.err
+    assert [(one["tier"], one.get("order")) for one in result.json] == [
+        ("dedicated", "none"),
+        ("standard", None),
+    ]
+    for one in result.json:
+        names = [f"turntable_{number:05d}_{one['tier']}.npy" for number in range(3)]
+        assert [frame["image"] for frame in one["frames"]] == [str(tmp_path / name) for name in names]
+        found = np.load(tmp_path / names[0], allow_pickle=False)
+        assert hashlib.sha256(found.tobytes()).hexdigest() == one["frames"][0]["sha256"]
+    assert msb(*base, "--name", "{tier}/{index}", demo_asset).status == 0
+    assert len(list((tmp_path / "standard").iterdir())) == 3
+    for args, text in (
+        (("--name", "x"), "gives two images one name; it may lack {camera} or {index}"),
+        (("--tier", "both", "--name", "{camera}"), "it may lack"),
+        (("--name", "{frame}"), '"{frame}" is none of {camera}, {tier}, {index}'),
+        (("--name", "../{camera}"), "leads out of --out FOLDER"),
+        (("--tier", "both", "--film", tmp_path / "f.gif"), "--film goes with one tier"),
+        (("--tier", "both", "--renderer", "standard"), "--renderer goes with one tier"),
+    ):
+        result = msb(*base, *args, demo_asset)
+        assert (result.status, text in result.err) == (2, True), result.err
+
+
 def test_supersampling_averages_samples(msb: Msb, tmp_path: Path) -> None:
     """Of a mesh whose method has no setting of that name, too."""
     mesh = GOLDEN / "meshes" / "synthetic_splat_small.ply"
@@ -121,6 +159,39 @@ def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> 
     result = msb("render", *size, "-o", tmp_path / "no", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint")
     assert (result.status, result.err.startswith("UNSUPPORTED_STANDARD: ")) == (4, True)
     assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("tier", ["dedicated", "reference"])
+def test_orders_and_samplings_of_an_engine(msb: Msb, tmp_path: Path, tier: Tier) -> None:
+    checkpoint = GOLDEN / "two_dts" / "orb_diffuse" / "checkpoint"
+    asset = library.export(checkpoint)
+    (camera,) = around(asset, 1, "40x30", None, 20.0)
+    views = ("--turntable", "1", "--size", "40x30", "--tier", tier, "--format", "npy", "--json", "-")
+    images = []
+    for modes in ({}, {"order": "none"}, {"sampling": "engine"}, {"order": "global", "sampling": "engine"}):
+        out = tmp_path / "_".join(modes)
+        options = [part for name, value in modes.items() for part in (f"--{name}", value)]
+        result = msb("render", *views, *options, "-o", out, checkpoint)
+        assert result.status == 0, result.err
+        assert {name: result.json[name] for name in ("order", "sampling") if name in result.json} == modes
+        images.append(np.load(out / "00000.npy", allow_pickle=False))
+        np.testing.assert_array_equal(images[-1], library.render(asset, camera, tier, **modes).image)
+    assert np.abs(images[1] - images[0]).max() > 0.05
+    assert np.abs(images[2] - images[0]).max() > 0.01
+    np.testing.assert_array_equal(images[3], images[2])
+
+
+def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    args = ("--turntable", "1", "--size", "20x16", "-o", tmp_path / "out", demo_asset)
+    for option, value in (("--order", "tile"), ("--sampling", "engine")):
+        result = msb("render", option, value, *args)
+        assert result.status == 4
+        assert result.err.startswith("UNSUPPORTED_OPTION: ")
+        assert f'on tier standard: there is no option "{option[2:]}"; there are none; the tiers' in result.err
+        assert len(result.err.splitlines()) == 1
+        assert msb("bench", option, value, demo_asset).status == 4
+    assert msb("render", "--order", "depth", "--tier", "dedicated", *args).status == 2
+    assert not (tmp_path / "out").exists()
 
 
 def test_wrong_usage_is_said_before_anything_is_drawn(
@@ -175,7 +246,7 @@ def test_broken_assets_are_refused_by_name(msb: Msb, demo_asset: Path, tmp_path:
 
 def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     record = tmp_path / "old.json"
-    args = ("bench", "--cameras", cameras, "--frames", "4", "--seconds", "0")
+    args = ("bench", "--cameras", cameras, "--repeat", "4", "--seconds", "0")
     result = msb(*args, "--json", record, demo_asset)
     assert result.status == 0
     assert "frames per second" in result.out
@@ -188,6 +259,23 @@ def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, t
     assert sum(data["stages_ms"].values()) <= 2 * data["device_ms"]["p95"]
     result = msb(*args, "--compare", record, demo_asset)
     assert "Now / before" in result.out
+    fast = {**data, "device_ms": {**data["device_ms"], "p50": data["device_ms"]["p50"] / 1000}, "faces": 1}
+    (tmp_path / "fast.json").write_text(json.dumps(fast))
+    result = msb(*args, "--compare", tmp_path / "fast.json", "--fail-slower", "900%", demo_asset)
+    assert result.status == 1
+    lines = result.err.splitlines()
+    assert lines[0].endswith("faces was 1, is 34761: not the same is compared")
+    assert lines[1].startswith(f"BENCH_SLOWER: {demo_asset}: device P50 is ")
+    assert msb(*args, "--fail-slower", "10%", demo_asset).status == 2
+    assert msb(*args, "--compare", record, "--fail-slower", "ten", demo_asset).status == 2
+    result = msb("bench", "--warmup", "1", "--budget-seconds", "0", "--json", "-", demo_asset)
+    assert (result.status, result.json["frames"]) == (0, 1)
+    assert "1 of 100 frames were timed within --budget-seconds" in result.err
+    modes = ("--tier", "dedicated", "--order", "none", "--sampling", "engine")
+    result = msb(*args, *modes, "--json", tmp_path / "modes.json", demo_asset)
+    assert "tier dedicated, order none, sampling engine, 3 views" in result.out
+    data = json.loads((tmp_path / "modes.json").read_text())
+    assert (data["order"], data["sampling"]) == ("none", "engine")
     for content, code in (
         ("{}", "FILE_NOT_RECOGNISED"),
         ("[", "FILE_NOT_RECOGNISED"),

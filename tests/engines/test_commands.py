@@ -55,7 +55,7 @@ def test_render_and_bench_with_an_engine(msb: Msb, demo_asset: Path, tmp_path: P
     assert theirs.json["renderer"].startswith("wgpu ")
     images = [np.load(result.json["frames"][0]["image"]) for result in (ours, theirs)]
     assert (np.abs(images[0] - images[1]).max(axis=2) < 1 / 255).mean() > 0.999
-    timed = ("--frames", "2", "--seconds", "0")
+    timed = ("--repeat", "2", "--seconds", "0")
     record = msb("bench", *common, *timed, "--renderer", "wgpu", demo_asset).json
     assert set(record["machine"]["device"]) == {"platform", "name", "kind"}
     assert record["fps"] > 0

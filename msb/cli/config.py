@@ -1,0 +1,86 @@
+"""`msb config`: what options are set to without being typed, and by whom."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
+
+EPILOG = epilog("msb config show", "msb config show --all", "msb config show --json -")
+SCHEMA = "msb.config/1"
+
+
+def show(
+    everything: Annotated[
+        bool, typer.Option("--all", help="Also options that have their default, in every command.")
+    ] = False,
+    json_file: JsonFile = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Show what the environment and files set, and where each value comes from.
+
+    The order, the strongest first: option, variable MSB_COMMAND_OPTION or MSB_OPTION, msb.toml or [tool.msb]
+    in pyproject.toml in this folder or the nearest above, the user's msb.toml, default. docs/cli.md tells
+    more.
+    """
+    from typer.main import get_command
+
+    from msb.cli import settings
+    from msb.cli.app import app
+
+    output = Output(json_file, quiet, verbose, force)
+    output.check_free(json_file)
+    commands = settings.single_commands(get_command(app))
+    found = settings.read_settings(commands)
+    rows: list[dict[str, Any]] = []
+    for name, command in commands.items():
+        for key, option in settings.options(command):
+            setting = found[name].get(option.name)
+            if setting is not None:
+                rows.append({"key": f"{name}.{key}", "value": setting.value, "from": setting.source})
+            elif everything and settings.in_files(key, option):
+                rows.append({"key": f"{name}.{key}", "value": _plain(option.default), "from": "default"})
+    project, user = settings.project_file(), settings.user_file()
+    output.write_json(
+        {
+            "schema": SCHEMA,
+            "project_file": None if project is None else str(project),
+            "user_file": str(user) if user.is_file() else None,
+            "settings": rows,
+        }
+    )
+    if not output.prints_text:
+        return
+    from rich.markup import escape
+
+    console = output.console()
+    absent = "" if user.is_file() else ", which does not exist"
+    console.print(f"project file: {escape(str(project)) if project else 'none'}", soft_wrap=True)
+    console.print(f"user file: {escape(str(user))}{absent}", soft_wrap=True)
+    if not rows:
+        console.print("Nothing is set: every option has its default; --all lists them.")
+        return
+    table = plain_table("Option", "Value", "From")
+    for row in rows:
+        table.add_row(row["key"], escape(_text(row["value"])), escape(row["from"]))
+    console.print(table)
+
+
+def _plain(value: Any) -> Any:
+    """Return a default as JSON can hold it."""
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value if value is None or isinstance(value, bool | int | float) else str(value)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

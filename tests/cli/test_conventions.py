@@ -1,0 +1,138 @@
+"""What holds for all commands: JSON, notes and logs, colour, stopping at the first failure."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+ASSET = "data_stubs/splat_like.triasset"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"audit {ASSET}",
+        "audit --explain vf_ratio",
+        "config show",
+        "devices",
+        "eval tests/golden/metrics/pred tests/golden/metrics/gt",
+        f"info {ASSET}",
+        "methods",
+        "report --paper --table mesh_connectivity",
+        "run --dry-run data_stubs/protocol.toml",
+        "scenes data_stubs/scenes/dtu/scan1",
+        f"validate {ASSET}",
+        "validate --explain USAGE",
+    ],
+)  # export, render and bench: tests of their own
+def test_a_document_names_its_schema_and_our_version(msb: Msb, line: str) -> None:
+    command, *rest = line.split()
+    where = [command, "show"] if command == "config" else [command]
+    result = msb(*where, "--json", "-", *[word for word in rest if word != "show"], cwd=ROOT)
+    assert result.status == 0, result.err
+    assert re.fullmatch(r"msb\.[a-z]+/\d+", result.json["schema"])
+    assert re.fullmatch(r"\d+\.\d+\.\d+", result.json["tool_version"])
+
+
+def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path) -> None:
+    log = tmp_path / "new" / "msb.log"
+    assert msb("audit", "-q", "--log-file", log, ASSET).err == ""
+    first = log.read_text(encoding="utf-8").splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} (INFO|DEBUG) ", line) for line in first)
+    assert f"-q --log-file {log} {ASSET}" in first[0]
+    assert any(re.search(r"DEBUG reading splat_like\.triasset: [\d.]+ ms$", line) for line in first)
+    result = msb("audit", "--log-file", log, "missing.ply")
+    assert result.status == 3
+    lines = log.read_text(encoding="utf-8").splitlines()
+    assert lines[: len(first)] == first
+    assert lines[-1].endswith("ERROR FILE_NOT_FOUND: missing.ply: there is no such file or folder")
+    assert "reading splat_like" not in msb("audit", "-v", ASSET).err
+    assert "reading splat_like.triasset: " in msb("audit", "-vv", ASSET).err
+    result = msb("info", "--log-file", tmp_path, ASSET)
+    assert (result.status, result.err.split(":")[0]) == (3, "OUTPUT_UNWRITABLE")
+
+
+@pytest.mark.parametrize(
+    ("args", "env", "colored"),
+    [
+        ((), {}, False),
+        (("--color", "always"), {}, True),
+        (("--color", "always"), {"NO_COLOR": "1"}, True),
+        (("--color", "never"), {"FORCE_COLOR": "1"}, False),
+        (("--color", "auto"), {"FORCE_COLOR": "1"}, False),
+        ((), {"FORCE_COLOR": "1", "TERM": "dumb"}, False),
+        ((), {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
+        ((), {"MSB_COLOR": "always"}, True),
+    ],
+)
+def test_colour_is_as_asked_for(msb: Msb, args: tuple[str, ...], env: dict[str, str], colored: bool) -> None:
+    result = msb("validate", *args, ASSET, **{"TERM": "xterm-256color", **env})
+    assert ("\x1b[" in result.out) is colored
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
+def test_on_a_terminal_results_for_programs_stay_alone() -> None:
+    """Neither a spinner nor an escape sequence, on either stream, when both are the terminal."""
+    import pty
+
+    clean = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "FORCE_COLOR"}}
+    shown = {}
+    for option in ("--json -", "-q"):
+        main, side = pty.openpty()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "msb", "validate", *option.split(), ASSET],
+            stdin=subprocess.DEVNULL,
+            stdout=side,
+            stderr=side,
+            cwd=ROOT,
+            env={**clean, "TERM": "xterm-256color"},
+        )
+        os.close(side)
+        data = b""
+        while True:
+            try:
+                part = os.read(main, 65536)
+            except OSError:  # what Linux says at the end
+                break
+            if not part:
+                break
+            data += part
+        os.close(main)
+        assert process.wait(60) == 0
+        shown[option] = data.decode()
+    assert "\x1b" not in shown["--json -"]
+    assert shown["--json -"].startswith("{")
+    assert "\x1b[1mvalid\x1b[0m" in shown["-q"]
+
+
+def test_stopping_early_leaves_the_rest_alone(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "bad.ply").write_text("no mesh")
+    for command, bad in (("audit", "bad.ply"), ("audit", "none.ply"), ("validate", "none.ply")):
+        result = msb(command, "--fail-fast", "--jsonl", "-", tmp_path / bad, ROOT / ASSET)
+        assert result.status == 3
+        assert len(result.err.splitlines()) == 1
+        assert result.out == ""
+    result = msb("validate", "--fail-fast", "--jsonl", "-", tmp_path / "bad.ply", ROOT / ASSET)
+    assert (result.status, len(result.out.splitlines())) == (1, 1)
+    result = msb("validate", "--jsonl", "-", tmp_path / "none.ply", ROOT / ASSET)
+    assert result.status == 3
+    assert [("error" in json.loads(line)) for line in result.out.splitlines()] == [True, False]
+    (tmp_path / "scan").mkdir()
+    both = msb("scenes", tmp_path / "scan", ROOT / "data_stubs" / "scenes" / "dtu" / "scan1")
+    one = msb("scenes", "--fail-fast", tmp_path / "scan", ROOT / "data_stubs" / "scenes" / "dtu" / "scan1")
+    assert (both.status, one.status) == (3, 3)
+    assert both.out
+    assert one.out == ""
