@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "render": GROUND | {"cl"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes"},
-    "report": {"errors", "methods", "bench"},  # of bench, the records
+    "report": {"errors", "methods", "bench", "_version"},  # of bench, the records and what follows from them
     "bench": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "reference", "engines", "cl"},
 }
 ANYTHING = {"cli", "viewers"}
@@ -44,7 +44,13 @@ LAZY = {
     "manifold3d",
     "networkx",
     "dask",
+    "distributed",
+    "pynvml",
     "bpy",
+    "mathutils",
+    "gpu",
+    "wgpu",
+    "OpenEXR",
     "trimesh",
     "pyopencl",
 }
@@ -58,8 +64,9 @@ FOREIGN: dict[str, set[str]] = {
     "metrics": {"numpy", "scipy", "skimage", "trimesh", "PIL", "OpenEXR", "torch"},
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
-    "bench": {"numpy", "pydantic", "PIL"},
-    "report": {"numpy"},
+    "bench": {"numpy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
+    "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
+    "report": {"pydantic", "PIL", "jinja2", "matplotlib"},
 }
 """Third-party packages a part may use; the ground and everything not named here: numpy."""
 PEERS = {"igl", "pymeshlab", "manifold3d", "networkx"}

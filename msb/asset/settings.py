@@ -6,7 +6,7 @@ import difflib
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import UsageError, shorten
-from msb.methods import METHODS
+from msb.methods import METHODS, ORDERS, SAMPLINGS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -59,6 +59,20 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
             text = f"setting {name} is {shorten(repr(value), 40)}; it {problem}"
             raise UsageError("SETTING_VALUE", text, value=value)
     return dict(overrides)
+
+
+def check_modes(order: str, sampling: str) -> None:
+    """Refuse an order or a sampling that there is not.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    for what, value, known in (("order", order, ORDERS), ("sampling", sampling, SAMPLINGS)):
+        if value not in known:
+            text = f'there is no {what} "{shorten(str(value), 40)}"; there are {", ".join(known)}'
+            raise UsageError("USAGE", text, value=value)
 
 
 def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, SettingValue]:

@@ -13,7 +13,10 @@ if TYPE_CHECKING:
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
 _USES: dict[Group, tuple[str, ...]] = {
-    "geometry": ("positions", "indices", "opaque faces", "standard triangles", "standard boxes"),
+    "geometry": (
+        *("positions", "indices", "bounds", "coverage"),
+        *("opaque faces", "standard triangles", "standard boxes"),
+    ),
     "appearance": (
         *("f_dc", "f_rest", "opacity", "falloff", "decoder"),
         *("standard colors", "lattice features", "lattice opacity", "vertex colors"),
@@ -29,11 +32,19 @@ _USES: dict[Group, tuple[str, ...]] = {
     "scratch": (
         *("standard view", "standard rectangles", "standard group rectangles", "standard nearest"),
         *("standard next tile", "standard tiles", "standard listed", "standard list lengths"),
-        *("splat view", "splat faces", "splat keys", "splat listed", "splat visible", "splat vertex colors"),
+        *(
+            "splat view",
+            "splat faces",
+            "splat keys",
+            "splat listed",
+            "splat listed before",
+            "splat visible",
+            "splat vertex colors",
+        ),
         *("splat tiles", "splat ordered tiles", "splat tiles of ordered faces", "splat tile counts"),
         *("splat tile counts of chunks", "splat tile totals", "splat tile starts", "splat tile lists"),
         *("splat depth keys", "splat depth order", "splat pair numbers", "splat pair offsets"),
-        *("splat pair tiles", "splat planes", "splat band"),
+        *("splat pair tiles", "splat pair places", "splat planes", "splat band"),
         *("lattice frame", "lattice corners", "lattice columns", "lattice first rows", "lattice last rows"),
         *("lattice ndc x", "lattice ndc y", "lattice fragments", "lattice visible", "lattice plane b0"),
         *("lattice plane b1", "lattice plane face", "lattice plane ndc", "lattice plane w"),

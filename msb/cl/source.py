@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import re
 from importlib import resources
 from typing import TYPE_CHECKING
@@ -49,6 +50,16 @@ def _literal(value: Define) -> str:
             raise ValueError(f"no constant can be written for {value}")
         return f"{float(np.float32(value)).hex()}f"
     return str(value)
+
+
+@functools.cache
+def kernels_hash() -> str:
+    """Return the SHA-256 of names and texts of all our kernel files, in order of name."""
+    found = hashlib.sha256()
+    files = [file for file in resources.files(OWN).iterdir() if file.name.endswith(".cl")]
+    for file in sorted(files, key=lambda file: file.name):
+        found.update(f"{file.name}\0".encode() + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
+    return found.hexdigest()
 
 
 @functools.cache

@@ -6,7 +6,7 @@ altogether, which decides how much memory the lists need.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,24 +16,34 @@ from msb.errors import DeviceError
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device
+    from msb.methods import Order
 
-Order = Literal["tile", "global", "none"]
 _GROUP = 64
 
 
 class Projected(NamedTuple):
-    """What `project` writes for F faces; of those not listed only `listed` and `tile_counts` hold."""
+    """What `project` writes for F faces; those listed have a place each, in order of the asset.
+
+    Attributes
+    ----------
+    faces, keys, tiles : Buffer
+        By place: the record that blending reads, depth, rectangle of tiles. A work-item's places begin at
+        the number of its first face.
+    listed : Buffer
+        By work-item, how many of its faces are listed.
+    visible : Buffer
+        By face, whether the official culling keeps it.
+    """
 
     faces: Buffer
     keys: Buffer
     tiles: Buffer
     listed: Buffer
-    tile_counts: Buffer
     visible: Buffer
 
 
 class TileLists(NamedTuple):
-    """Tile t lists ``list[starts[t] : starts[t + 1]]``, face numbers from front to back.
+    """Tile t lists ``list[starts[t] : starts[t + 1]]``, places of faces from front to back.
 
     `starts` is uint64 (columns * rows + 1,), `list` is uint32.
     """
@@ -45,9 +55,9 @@ class TileLists(NamedTuple):
 
 
 def bin_faces(
-    device: Device, found: Projected, count: int, columns: int, rows: int, order: Order
+    device: Device, found: Projected, chunk: int, columns: int, rows: int, order: Order
 ) -> TileLists:
-    """Queue depth order and tile lists; waits for the two counts.
+    """Queue depth order and tile lists of faces projected `chunk` a work-item; waits for the two counts.
 
     Raises
     ------
@@ -55,18 +65,21 @@ def bin_faces(
         `DEVICE_MEMORY`: the lists do not fit; the message has the figure.
     """
     program = device.program("splat_bins")
+    items = found.listed.size
     with device.stage("sort"):
-        exclusive_scan(device, found.listed, found.listed, count)
-        listed = int(found.listed.read(start=count)[0])
+        before = device.scratch("splat listed before", items + 1, np.uint32)
+        exclusive_scan(device, found.listed, before)
+        listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)
-        numbers = device.scratch("splat depth order", listed, np.uint32)
-        sizes = np.uint32(count)
-        program.compact(count, _GROUP, found.listed, found.keys, keys, numbers, sizes)
+        places = device.scratch("splat depth order", listed, np.uint32)
+        group = 1 if device.style == "cpu" else _GROUP
+        sizes = np.uint32(items), np.uint32(chunk)
+        program.compact(items, group, before, found.keys, keys, places, *sizes)
         if order != "none" and listed:
-            _, numbers = sort_pairs(device, keys, numbers, name="splat depth sort")
+            _, places = sort_pairs(device, keys, places, name="splat depth sort")
     with device.stage("bin"):
         make = _count_and_fill if device.style == "cpu" else _sort_by_tile
-        return make(device, found, numbers, listed, columns, columns * rows)
+        return make(device, found, places, listed, columns, columns * rows)
 
 
 def _count_and_fill(
@@ -94,7 +107,7 @@ def _sort_by_tile(
     program = device.program("splat_bins")
     counts = device.scratch("splat tiles of ordered faces", max(listed, 1), np.uint32)
     offsets = device.scratch("splat pair offsets", listed + 1, np.uint64)
-    program.gather_counts(listed, _GROUP, order, found.tile_counts, counts, np.uint32(listed))
+    program.count_pairs(listed, _GROUP, order, found.tiles, counts, np.uint32(listed))
     exclusive_scan(device, counts, offsets, listed)
     pairs = int(offsets.read(start=listed)[0])
     if pairs > MOST:
@@ -102,13 +115,13 @@ def _sort_by_tile(
         raise DeviceError("DEVICE_MEMORY", text, value=pairs, limit=MOST)
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     pair_tiles = device.scratch("splat pair tiles", max(pairs, 1), np.uint32)
-    numbers = device.scratch("splat pair numbers", max(pairs, 1), np.uint32)
+    places = device.scratch("splat pair places", max(pairs, 1), np.uint32)
     sizes = np.uint32(listed), np.uint32(columns)
-    program.emit_pairs(listed, _GROUP, order, found.tiles, offsets, pair_tiles, numbers, *sizes)
+    program.emit_pairs(listed, _GROUP, order, found.tiles, offsets, pair_tiles, places, *sizes)
     if pairs:
         bits = max(1, (tiles - 1).bit_length())
-        pair_tiles, numbers = sort_pairs(
-            device, pair_tiles, numbers, count=pairs, bits=bits, name="splat pair sort"
+        pair_tiles, places = sort_pairs(
+            device, pair_tiles, places, count=pairs, bits=bits, name="splat pair sort"
         )
     program.find_starts(pairs + 1, _GROUP, pair_tiles, starts, np.uint32(pairs), np.uint32(tiles))
-    return TileLists(starts, numbers, listed, pairs)
+    return TileLists(starts, places, listed, pairs)

@@ -7,7 +7,7 @@ returns its `Model`, and a line in `METHODS`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from msb.asset.drawable import required_buffer
 from msb.errors import AssetError
+from msb.render.splat_view import Culling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     Settings = Mapping[str, Any]
 
 _CHUNK = 1 << 16
+_ENGINE_NEAR = 0.01
+"""ENGINE_NEAR in splat_engine.cl."""
+_CLIPPED = Culling(nearest=_ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
 @dataclass(frozen=True)
@@ -36,12 +40,13 @@ class Model:
     ----------
     program : str
         Kernel file.
-    face_words : int
-        Size of its struct `Face`, in words of four bytes.
+    face_words, engine_words : int
+        Size of its struct `Face`, in words of four bytes; the latter for an engine's sampling.
     defines : mapping
         What the file is compiled with.
     near, far : float
         Planes of the official projection matrix.
+    culling, engine_culling : Culling
     scale : int
         Samples per pixel along each axis.
     box_mean : bool
@@ -49,10 +54,9 @@ class Model:
     fields : mapping
         Members of `View` that the settings decide.
     positions : (V, 3) float32
-    opacity : (n,) float32
-        Activated, of faces or vertices.
-    falloff : (n, ...) float32
-        What opacity and falloff decide whatever the view; each method's kernel file says which values.
+    coverage : (n, c) float32
+        Activated opacity of faces or vertices, and what it and the falloff decide whatever the view; each
+        method's kernel file says which values.
     vertex_colors : bool
         Colours and opacities belong to vertices, else to faces.
     outputs : tuple of str
@@ -63,11 +67,12 @@ class Model:
 
     program: str
     face_words: int
+    engine_words: int
     positions: NDArray[np.float32]
-    opacity: NDArray[np.float32]
-    falloff: NDArray[np.float32]
+    coverage: NDArray[np.float32]
     near: float
     far: float
+    culling: Culling
     raw: Mapping[str, str]
     outputs: tuple[str, ...]
     defines: Mapping[str, bool] = field(default_factory=dict)
@@ -75,6 +80,7 @@ class Model:
     box_mean: bool = False
     fields: Mapping[str, Any] = field(default_factory=dict)
     vertex_colors: bool = False
+    engine_culling: Culling = _CLIPPED
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -132,13 +138,15 @@ def _two_dts(asset: Asset, settings: Settings) -> Model:
         opacity = (step - opacity) + opacity  # as upstream forms it: 1 may be off by one ulp
     return Model(
         program="splat_two_dts",
-        face_words=22,
+        face_words=24,
+        engine_words=32,
         defines={"PLANAR": settings["rasterizer"] == "3D"},
         positions=positions,
-        opacity=opacity,
-        falloff=_reach(opacity, settings["gamma"]),
+        coverage=np.stack([opacity, _reach(opacity, settings["gamma"])], axis=1),
         near=1.0,
         far=1000.0,
+        culling=Culling(nearest=1.0, dilation=3.0),
+        engine_culling=replace(_CLIPPED, dilation=10.0),
         scale=settings["render_up_scale"] or 1,
         fields={
             "power": np.float32(2) * np.float32(settings["gamma"]),
@@ -162,12 +170,15 @@ def _triangle_splatting(asset: Asset, settings: Settings) -> Model:
         shrunk = np.exp2(power, dtype=np.float64).astype(np.float32)
     return Model(
         program="splat_triangle_splatting",
-        face_words=23,
+        face_words=24,
+        engine_words=32,
         positions=_soup(asset),
-        opacity=opacity,
-        falloff=np.stack([sigma, shrunk, _rim(opacity, sigma)], axis=1),
+        coverage=np.stack([opacity, sigma, shrunk, _rim(opacity, sigma)], axis=1),
         near=0.01,
         far=100.0,
+        # Where two edges are nearly parallel rounding moves their intersection by up to 0.3 % of its
+        # distance from the middle, and nothing farther than 1600 samples from it is drawn.
+        culling=Culling(nearest=0.2, dilation=1.0, margin=16.0),
         fields={"broadcast_z": settings["view_dir"] == "broadcast_z"},
         outputs=("normal", "depth_median"),
         raw={
@@ -186,12 +197,13 @@ def _mesh_splatting(asset: Asset, settings: Settings) -> Model:
     prefix = f"ss{scale}_"
     return Model(
         program="splat_mesh_splatting",
-        face_words=37,
+        face_words=40,
+        engine_words=32,
         positions=asset.buffers["positions"],
-        opacity=opacity,
-        falloff=_rim(opacity, np.float32(settings["sigma"])),
+        coverage=np.stack([opacity, _rim(opacity, np.float32(settings["sigma"]))], axis=1),
         near=0.01,
         far=100.0,
+        culling=Culling(nearest=0.2, dilation=1.0, margin=7.0),
         scale=scale,
         box_mean=True,
         fields={"sigma": settings["sigma"]},

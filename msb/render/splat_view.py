@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,17 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 TILE = 16
+
+LIMITS = np.dtype(
+    [
+        ("nearest", np.float32),
+        ("depth_growth", np.float32),
+        ("sides", np.float32, 4),
+        ("growth", np.float32),
+        ("rounding", np.float32),
+        ("focal", np.float32),
+    ]
+)
 
 VIEW = np.dtype(
     [
@@ -34,12 +46,43 @@ VIEW = np.dtype(
         ("back_culling", np.uint32),
         ("broadcast_z", np.uint32),
         ("tile_rule", np.uint32),
+        ("limits", LIMITS),
     ]
 )
 """The members of `View`; each has four bytes, so there is no padding on any side."""
 
 
-def make_view(camera: Camera, near: float, far: float, scale: int, fields: Mapping[str, Any]) -> NDArray[Any]:
+@dataclass(frozen=True)
+class Culling:
+    """Which faces a method drops whatever else they are.
+
+    Attributes
+    ----------
+    nearest : float
+        Camera z up to which a face is dropped,
+    clipped : bool
+        if that is the z of all of it; else of its centroid.
+    dilation : float
+        A face is seen no farther than its corners so many times as far from the centroid,
+    margin : float
+        and so many samples around them.
+    """
+
+    nearest: float
+    dilation: float
+    margin: float = 2.0
+    clipped: bool = False
+
+
+def make_view(
+    camera: Camera,
+    near: float,
+    far: float,
+    scale: int,
+    fields: Mapping[str, Any],
+    culling: Culling,
+    extent: NDArray[np.float32],
+) -> NDArray[Any]:
     """Return the record for a raster of `scale` times as many samples along each axis as `camera` has pixels.
 
     Parameters
@@ -48,6 +91,8 @@ def make_view(camera: Camera, near: float, far: float, scale: int, fields: Mappi
         Planes of the projection; they act on its z row alone.
     fields : mapping
         The members that do not depend on the camera.
+    extent : (3,) float32
+        The largest magnitude of a coordinate along each axis of the world.
 
     Notes
     -----
@@ -79,4 +124,27 @@ def make_view(camera: Camera, near: float, far: float, scale: int, fields: Mappi
     view["columns"], view["rows"] = -(-scale * camera.width // TILE), -(-scale * camera.height // TILE)
     for name, value in fields.items():
         view[name] = value
+    view["limits"] = _limits(view, culling, extent)
     return view
+
+
+def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -> tuple[Any, ...]:
+    """Return the members of `Limits`, wider than the official tests by what rounding can do."""
+    pose = view["world_to_camera"].reshape(3, 4).astype(np.float64)
+    size = np.array([view["width"], view["height"]], np.float64)
+    tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
+    rounding = 32 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
+    # Sample x of the raster is that of x / z = tan (2 (x - shift) + 1 - width) / width.
+    ends = np.array([view["columns"], view["rows"]]) * TILE
+    margin = culling.margin + 0.004 * size.max()
+    low, high = -margin, ends + margin
+    slopes = np.stack([tan * (2 * (end - shift) + 1 - size) / size for end in (low, high)], axis=1)
+    widest = max(np.abs(slopes).max(), 1.3 * tan.max())
+    return (
+        0.999 * culling.nearest - rounding,
+        culling.clipped * culling.dilation,
+        slopes.ravel(),
+        1.001 * culling.dilation * (1 + widest),
+        rounding,
+        (size / (2 * tan)).max(),
+    )

@@ -13,12 +13,12 @@ import numpy as np
 
 from msb._version import __version__
 from msb.asset.drawable import check_drawable
-from msb.asset.settings import effective_settings
+from msb.asset.settings import check_modes, effective_settings
 from msb.cl import Device, open_device
-from msb.errors import UsageError
+from msb.cl.scan import chunks_of
 from msb.render.frame import Frame, chosen_extras
 from msb.render.protocol import Drawn
-from msb.render.splat_bins import Order, Projected, bin_faces
+from msb.render.splat_bins import Projected, bin_faces
 from msb.render.splat_methods import make_model, sh_buffers
 from msb.render.splat_view import TILE, make_view
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from msb.asset import Asset
     from msb.cl import Buffer, Program
+    from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
 _GROUP = 64
@@ -37,9 +38,10 @@ _LANES = {"cpu": 8, "gpu": 1}
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 """Planes of samples are kept for a band of the raster at a time, since 4 x 4 samples of an 8K frame are 10
 GB: so many bytes for each compute unit of a CPU (what its cache holds), or in all."""
+_TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
+"""`tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
 _EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
-_ORDERS = ("tile", "global", "none")
 
 
 class SplattingPipeline:
@@ -59,11 +61,16 @@ class SplattingPipeline:
     order : {"tile", "global", "none"}
         "tile": official. "global": sorted by depth, but a primitive is seen wherever it reaches, not in its
         official tiles alone. "none": drawn in the order of the asset, as an engine without sorting would.
+    sampling : {"official", "engine"}
+        "engine": fragments as graphics hardware makes them; docs/dedicated.md.
+    early_stop, exact_tiles : bool
+        Whether blending ends where nothing can change any more, and whether a face is listed only in those of
+        its official tiles that it reaches. Neither changes a pixel; the benchmark shows what they are worth.
 
     Raises
     ------
     UsageError
-        `SETTING_UNKNOWN`, `SETTING_VALUE`; `USAGE` for an unknown output or order.
+        `SETTING_UNKNOWN`, `SETTING_VALUE`; `USAGE` for an unknown output, order or sampling.
     AssetError
         `TRIASSET_VALUE_NONFINITE` (infinite opacity logits are fine), `TRIASSET_INDEX_OUT_OF_RANGE`, and
         those of `msb.render.splat_methods.make_model`.
@@ -81,38 +88,47 @@ class SplattingPipeline:
         settings: Mapping[str, Any] | None = None,
         outputs: str | Iterable[str] = "auto",
         order: Order = "tile",
+        sampling: Sampling = "official",
         early_stop: bool = True,
+        exact_tiles: bool = True,
     ) -> None:
         values = effective_settings(asset.manifest, settings)
+        check_modes(order, sampling)
         self._order = order
-        if order not in _ORDERS:
-            raise UsageError("USAGE", f'there is no order "{order!s:.40}"; there are {", ".join(_ORDERS)}')
         check_drawable(asset)
         self._model = model = make_model(asset, values)
         self._outputs = chosen_extras(outputs) & {*model.outputs, "raw"}
         if outputs == "auto" and model.scale > 1:
             self._outputs -= {"raw"}
         self._count = asset.manifest.face_count
+        engine = sampling == "engine"
+        self.record_words = model.engine_words if engine else model.face_words
+        self._culling = model.engine_culling if engine else model.culling
         rows = asset.manifest.vertex_count if model.vertex_colors else self._count
         f_dc, f_rest = sh_buffers(asset, rows)
+        tile_rule = _TILES_BOTH if exact_tiles else _TILES_OFFICIAL
         self._fields = {
             "degree": values["sh_degree"],
             "rest_stride": 0 if f_rest is None else f_rest.shape[1],
-            "tile_rule": order == "tile",
+            "tile_rule": tile_rule if order == "tile" else _TILES_REACHED,
             **model.fields,
         }
         # Upstream's background depth is the farthest corner, as stored.
         self._stored_positions = asset.buffers["positions"]
+        self._extent = np.maximum(model.positions.max(axis=0), -model.positions.min(axis=0))
 
         self._own_device = not isinstance(device, Device)
         self._device = device if isinstance(device, Device) else open_device(device)
+        self._chunk = 1
+        if self._device.style == "cpu":
+            lanes = _LANES["cpu"]
+            self._chunk = -(-chunks_of(self._device, self._count)[0] // lanes) * lanes
         self._static: dict[str, Buffer] = {}
         try:
             for name, array in (
                 ("positions", model.positions),
                 ("indices", asset.buffers["indices"] if model.vertex_colors else None),
-                ("opacity", model.opacity),
-                ("falloff", model.falloff),
+                ("coverage", model.coverage),
                 ("f_dc", f_dc),
                 ("f_rest", f_rest),
             ):
@@ -124,9 +140,12 @@ class SplattingPipeline:
                 "LANES": _LANES[self._device.style],
                 "EXTRAS": bool(self._outputs),
                 "EARLY_STOP": early_stop,
-                "FACE_WORDS": model.face_words,
+                "ENGINE": engine,
+                "FACE_WORDS": self.record_words,
+                "COVERAGE": model.coverage.shape[1],
             }
             self._program: Program = self._device.program(model.program, defines)
+            self._bound_faces()
         except BaseException:
             self.close()
             raise
@@ -173,13 +192,15 @@ class SplattingPipeline:
     def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
         """Queue everything from the projection to the pixels of the frame."""
         model, device = self._model, self._device
-        record = make_view(camera, model.near, model.far, model.scale, self._fields)
+        record = make_view(
+            camera, model.near, model.far, model.scale, self._fields, self._culling, self._extent
+        )
         with device.stage("project"):
             view = self._scratch("view", record.nbytes, np.uint8)
             view.write(np.frombuffer(record.tobytes(), np.uint8))
             found = self._project(view)
         columns, rows = int(record["columns"]), int(record["rows"])
-        lists = bin_faces(device, found, self._count, columns, rows, self._order)
+        lists = bin_faces(device, found, self._chunk, columns, rows, self._order)
         planes = _EXTRA_PLANES if self._outputs else _PLANES
         band_rows = self._band_rows(columns, rows, len(planes))
         width, height = camera.width, camera.height
@@ -202,14 +223,23 @@ class SplattingPipeline:
         self._pixels, self._samples, self._visible = pixels, samples, found.visible
         self.counts = {"listed": lists.listed, "pairs": lists.pairs}
 
+    def _bound_faces(self) -> None:
+        """Find every face's bounding sphere, by which most of those out of view are dropped."""
+        static, lanes = self._static, _LANES[self._device.style]
+        stride = -(-self._count // lanes) * lanes
+        static["bounds"] = self._device.allocate((4, stride), np.float32, "bounds")
+        sizes = np.uint32(stride), np.uint32(self._count)
+        arguments = static["positions"], static["indices"], static["bounds"]
+        self._program.bound_faces(-(-self._count // lanes), _GROUP, *arguments, *sizes)
+
     def _project(self, view: Buffer) -> Projected:
-        count, static = self._count, self._static
+        count, static, device = self._count, self._static, self._device
+        chunk, chunks = self._chunk, -(-count // self._chunk)
         found = Projected(
-            faces=self._scratch("faces", (count, self._model.face_words), np.uint32),
+            faces=self._scratch("faces", (count, self.record_words), np.uint32),
             keys=self._scratch("keys", count, np.uint32),
             tiles=self._scratch("tiles", (count, 4), np.uint16),
-            listed=self._scratch("listed", count + 1, np.uint32),
-            tile_counts=self._scratch("tile counts", count, np.uint32),
+            listed=self._scratch("listed", chunks, np.uint32),
             visible=self._scratch("visible", count, np.uint8),
         )
         first_color = static["f_dc"]
@@ -217,12 +247,14 @@ class SplattingPipeline:
             vertices = len(self._model.positions)
             first_color = self._scratch("vertex colors", (vertices, 3))
             arguments = view, static["positions"], static["f_dc"], static["f_rest"], first_color
-            self._program.shade_vertices(vertices, _GROUP, *arguments, np.uint32(vertices))
-        sources = (static[name] for name in ("positions", "indices", "opacity", "falloff"))
-        groups = -(-count // _LANES[self._device.style])
-        self._program.project(
-            groups, _GROUP, view, *sources, first_color, static["f_rest"], *found, np.uint32(count)
-        )
+            items = -(-vertices // _LANES[device.style])
+            self._program.shade_vertices(items, _GROUP, *arguments, np.uint32(vertices))
+        sources = (static[name] for name in ("bounds", "positions", "indices", "coverage"))
+        sizes = [np.uint32(count), np.uint32(static["bounds"].shape[1])]
+        if device.style == "cpu":
+            sizes.insert(1, np.uint32(chunk))
+        group = 1 if device.style == "cpu" else _GROUP
+        self._program.project(chunks, group, view, *sources, first_color, static["f_rest"], *found, *sizes)
         return found
 
     def _band_rows(self, columns: int, rows: int, planes: int) -> int:

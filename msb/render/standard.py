@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +11,12 @@ from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_overrides, effective_settings
 from msb.cl import Device, open_device
-from msb.errors import UsageError
 from msb.render.frame import Frame
 from msb.render.host_arrays import HostArrays
 from msb.render.protocol import Drawn, check_supported
 from msb.render.standard_triangles import BLOCK, CLUSTER, GROUP, make_triangles
 from msb.render.standard_view import standard_view
-from msb.render.supersampling import box_filter
+from msb.render.supersampling import box_filter, enlarged, split_supersample
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     from msb.cl import Buffer
     from msb.scenes import Camera
 
-MAX_SUPERSAMPLE = 16
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
 """Tile sizes, the largest first: zbuffer_cpu.cl keeps coarse depths for 256 x 128 pixels at most."""
 _TILES_PER_PROCESSOR = 8
@@ -79,7 +76,7 @@ class StandardRenderer:
         settings: Mapping[str, Any] | None = None,
     ) -> None:
         check_supported(asset, "standard")
-        own, others = _split(settings or {})
+        own, others = split_supersample(settings or {})
         self._supersample = own
         check_overrides(asset.manifest.method, others)
         check_drawable(asset, ("positions", "color", "f_dc"))
@@ -174,7 +171,7 @@ class StandardRenderer:
         """Queue all commands of a frame; return what `Frame` calls its arrays."""
         scale = samples or self._supersample
         width, height = camera.width * scale, camera.height * scale
-        record = standard_view(_enlarged(camera, scale))
+        record = standard_view(enlarged(camera, scale))
         view = self._scratch("view", record.shape)
         view.write(record)
         size = (height, width) if everything else (1, 1)
@@ -259,27 +256,6 @@ class StandardRenderer:
                 height,
                 *output,
             )
-
-
-def _split(settings: Mapping[str, Any]) -> tuple[int, dict[str, Any]]:
-    """Return the samples along each side of a pixel, and the method's own settings.
-
-    MeshSplatting has a setting of the same name, for its own look: what a call says is meant for this tier.
-    """
-    others = dict(settings)
-    value = others.pop("supersample", 1)
-    try:
-        samples = 0 if isinstance(value, bool) else operator.index(value)
-    except TypeError:
-        samples = 0
-    if not 1 <= samples <= MAX_SUPERSAMPLE:
-        text = f"setting supersample is {value!r:.40}; it must be a whole number from 1 to {MAX_SUPERSAMPLE}"
-        raise UsageError("SETTING_VALUE", text, value=value, limit=MAX_SUPERSAMPLE)
-    return samples, others
-
-
-def _enlarged(camera: Camera, scale: int) -> Camera:
-    return camera if scale == 1 else camera.resized(camera.width * scale, camera.height * scale)
 
 
 def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:

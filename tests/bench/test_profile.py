@@ -57,6 +57,19 @@ def test_cameras_take_turns_and_time_counts_too() -> None:
         profile(renderer, [], frames=1)  # type: ignore[arg-type]
 
 
+def test_warm_up_is_counted_in_frames_and_a_budget_ends_it_all() -> None:
+    renderer = Fake()
+    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=3).frames == 4  # type: ignore[arg-type]
+    assert len(renderer.drawn) == 7
+    renderer = Fake()
+    profile(renderer, ["a"], frames=4, seconds=0, warm_up=0)  # type: ignore[arg-type]
+    assert len(renderer.drawn) == 4
+    renderer = Fake()
+    found = profile(renderer, ["a"], frames=10**6, seconds=0, budget=0.02)  # type: ignore[arg-type]
+    assert 1 <= found.frames < len(renderer.drawn) < 100
+    assert profile(Fake(), ["a"], frames=9, warm_up=9, budget=0).frames == 1  # type: ignore[arg-type]
+
+
 def test_json_has_what_the_tables_need() -> None:
     data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()  # type: ignore[arg-type]
     assert set(data) == {"frames", "device_ms", "busy_ms", "stages_ms", "fps", "memory_bytes"}

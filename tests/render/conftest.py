@@ -2,6 +2,28 @@
 
 from __future__ import annotations
 
-from tests.cl.conftest import device, fresh, styled
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.cl import open_device
+from tests.cl.conftest import SELECTOR, device, fresh, styled
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.cl import Device
 
 __all__ = ["device", "fresh", "styled"]
+
+
+@pytest.fixture(scope="module")
+def cpu() -> Iterator[Device]:
+    with open_device(SELECTOR, style="cpu") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def gpu() -> Iterator[Device]:
+    with open_device(SELECTOR, style="gpu") as opened:
+        yield opened

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msb.cl import Device, open_device
-from msb.errors import AssetError, DeviceError, UsageError
+from msb.errors import DeviceError
 from msb.reference import render_reference
 from msb.reference.camera_matrices import splatting_camera
 from msb.reference.edge_window import FAR, NEAR, project_windows
@@ -19,8 +19,6 @@ from tests.cl.conftest import SELECTOR
 from tests.reference.soups import SPLATTING, constant_color, front_camera, random_triangles, soup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.asset import Asset
     from msb.render.frame import Frame
 
@@ -38,18 +36,6 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
 ]
 variants = pytest.mark.parametrize(("method", "settings"), VARIANTS)
 methods = pytest.mark.parametrize("method", SPLATTING)
-
-
-@pytest.fixture(scope="module")
-def cpu() -> Iterator[Device]:
-    with open_device(SELECTOR, style="cpu") as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def gpu() -> Iterator[Device]:
-    with open_device(SELECTOR, style="gpu") as opened:
-        yield opened
 
 
 def all_sorts(seed: int) -> np.ndarray:
@@ -276,42 +262,6 @@ def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pyt
         with pytest.raises(DeviceError, match=r"MiB for splat (tile lists|pair)") as caught:
             pipeline.render(front_camera(800, 600), (0, 0, 0))
         assert caught.value.code == "DEVICE_MEMORY"
-
-
-@pytest.mark.parametrize(
-    ("method", "name"),
-    [(method, name) for method in SPLATTING for name in ("positions", "opacity", "f_dc", "f_rest")]
-    + [("triangle_splatting", "sigma")],
-)
-def test_nan_is_refused(method: str, name: str, cpu: Device) -> None:
-    asset = model(method, 1)
-    array = asset.buffers[name].copy()
-    array.reshape(-1)[17] = np.nan
-    row = 17 // (array.size // len(array))
-    object.__setattr__(asset, "buffers", {**asset.buffers, name: array})
-    with pytest.raises(AssetError, match=f"buffer {name} .*row {row};") as caught:
-        SplattingPipeline(asset, device=cpu)
-    assert caught.value.code == "TRIASSET_VALUE_NONFINITE"
-
-
-def test_an_index_out_of_range_is_refused(cpu: Device) -> None:
-    asset = model("mesh_splatting", 1)
-    indices = asset.buffers["indices"].copy()
-    indices[5, 2] = asset.manifest.vertex_count
-    object.__setattr__(asset, "buffers", {**asset.buffers, "indices": indices})
-    with pytest.raises(AssetError) as caught:
-        SplattingPipeline(asset, device=cpu)
-    assert caught.value.code == "TRIASSET_INDEX_OUT_OF_RANGE"
-
-
-def test_wrong_options_are_refused(cpu: Device) -> None:
-    asset = model("two_dts", 1)
-    with pytest.raises(UsageError, match="there is no output"):
-        SplattingPipeline(asset, device=cpu, outputs=("normals",))
-    with pytest.raises(UsageError, match="there is no order"):
-        SplattingPipeline(asset, device=cpu, order="depth")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="no setting"):
-        SplattingPipeline(asset, device=cpu, settings={"sigma": 1.0})
 
 
 @variants

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from msb.engines.agreement import interior
 from tests.render.standard_scenes import camera, draw, mesh_asset, random_colors, scene, unshared
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from msb.cl import Device
     from tests.render.standard_scenes import Arrays
@@ -49,18 +48,6 @@ np.save(f"{folder}/image.npy", np.asarray(plotter.screenshot(None, return_img=Tr
 def square_camera() -> Any:
     """Return a camera with one focal length, which is all VTK has."""
     return type(VIEW)(VIEW.width, VIEW.height, 300.0, 300.0, VIEW.cx, VIEW.cy, np.eye(4))
-
-
-def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return the pixels whose 3 x 3 neighbourhood shows one face."""
-    inner = np.zeros(faces.shape, bool)
-    middle = faces[1:-1, 1:-1]
-    same = middle >= 0
-    for dy in range(3):
-        for dx in range(3):
-            same = same & (faces[dy : dy + middle.shape[0], dx : dx + middle.shape[1]] == middle)
-    inner[1:-1, 1:-1] = same
-    return inner
 
 
 def without_crossings(mesh: Arrays) -> Arrays:

@@ -3,20 +3,32 @@
 // Depth order comes first: N primitives are sorted, not N times their tiles. Appending them to tile lists in
 // that order gives what the official kernels get by sorting (tile << 32 | depth) keys stably.
 
+#include "zbuffer_lanes.cl"
+
 typedef ushort4 Tiles; // x0, y0, x1, y1: low inclusive, high exclusive
 
-// places is the prefix sum of "is listed".
-__kernel void compact(__global const uint *places, __global const uint *keys, __global uint *keys_out,
-                      __global uint *numbers_out, uint count)
+// Work-item c of `project` has listed primitives at places c * chunk, c * chunk + 1 ...; before[c] are those
+// that others have listed before.
+__kernel void compact(__global const uint *before, __global const uint *keys, __global uint *keys_out,
+                      __global uint *places_out, uint items, uint chunk)
 {
-    size_t i = get_global_id(0);
-    if (i < count && places[i + 1] != places[i]) {
-        keys_out[places[i]] = keys[i];
-        numbers_out[places[i]] = (uint)i;
+    size_t c = get_global_id(0);
+    if (c >= items)
+        return;
+    size_t place = c * chunk;
+    for (uint k = before[c]; k < before[c + 1]; k++, place++) {
+        keys_out[k] = keys[place];
+        places_out[k] = (uint)place;
     }
 }
 
 // ---- CPU style: a counting sort by tile; each work-item takes a contiguous chunk of the depth order
+
+#define AHEAD 32 // primitives whose tiles are on their way: they lie scattered in memory
+
+// Most primitives reach at most 2 x 2 tiles: four steps that branch on nothing are faster than loops whose
+// lengths cannot be foretold.
+#define IS_SMALL(b) ((b).z - (b).x <= 2 && (b).w - (b).y <= 2)
 
 // counts is chunk-major: chunks never write to the same cache line.
 __kernel void count_tiles(__global const uint *order, __global const Tiles *tiles,
@@ -29,8 +41,18 @@ __kernel void count_tiles(__global const uint *order, __global const Tiles *tile
     for (uint t = 0; t < tile_count; t++)
         mine[t] = 0;
     for (size_t i = from; i < to; i++) {
+        PREFETCH_FAR(tiles + order[i + AHEAD < to ? i + AHEAD : i]);
         Tiles b = tiles[order[i]];
         ordered_tiles[i] = b; // so that the next pass reads them one after the other
+        if (IS_SMALL(b)) {
+            uint wide = b.z - b.x - 1u, tall = b.w - b.y - 1u;
+            __global uint *first = mine + b.y * columns + b.x, *below = first + tall * columns;
+            first[0]++;
+            first[wide] += wide;
+            below[0] += tall;
+            below[wide] += wide & tall;
+            continue;
+        }
         for (uint y = b.y; y < b.w; y++)
             for (uint x = b.x; x < b.z; x++)
                 mine[y * columns + x]++;
@@ -59,25 +81,42 @@ __kernel void fill_tiles(__global const uint *order, __global const Tiles *order
     size_t c = get_global_id(0);
     size_t from = min((size_t)count, c * chunk), to = min((size_t)count, from + chunk);
     __global uint *mine = counts + c * tile_count;
+#define PUT(tile, more)                                                                                      \
+    do {                                                                                                     \
+        uint t = tile;                                                                                       \
+        list[starts[t] + mine[t]] = place;                                                                   \
+        mine[t] += more;                                                                                     \
+    } while (0)
     for (size_t i = from; i < to; i++) {
-        uint number = order[i];
+        uint place = order[i];
         Tiles b = ordered_tiles[i];
-        for (uint y = b.y; y < b.w; y++)
-            for (uint x = b.x; x < b.z; x++) {
-                uint t = y * columns + x;
-                list[starts[t] + mine[t]++] = number;
-            }
+        uint corner = b.y * columns + b.x;
+        if (IS_SMALL(b)) {
+            // Where there is no second column or row, the first tile's entry is written early.
+            uint wide = b.z - b.x - 1u, tall = b.w - b.y - 1u, below = corner + tall * columns;
+            PUT(wide & tall ? below + 1 : corner, wide & tall);
+            PUT(below, tall);
+            PUT(corner + wide, wide);
+            PUT(corner, 1);
+            continue;
+        }
+        for (uint y = b.y; y < b.w; y++, corner += columns)
+            for (uint x = 0; x < (uint)(b.z - b.x); x++)
+                PUT(corner + x, 1);
     }
+#undef PUT
 }
 
 // ---- GPU style: pairs (tile, primitive) in depth order, then a stable sort by tile alone
 
-__kernel void gather_counts(__global const uint *order, __global const uint *tile_counts,
-                            __global uint *counts, uint count)
+__kernel void count_pairs(__global const uint *order, __global const Tiles *tiles, __global uint *counts,
+                          uint count)
 {
     size_t i = get_global_id(0);
-    if (i < count)
-        counts[i] = tile_counts[order[i]];
+    if (i >= count)
+        return;
+    Tiles b = tiles[order[i]];
+    counts[i] = (uint)(b.z - b.x) * (uint)(b.w - b.y);
 }
 
 __kernel void emit_pairs(__global const uint *order, __global const Tiles *tiles,

@@ -6,13 +6,6 @@
 #define PAIRS 8  // rows are taken in pairs: two chains of operations that do not wait for each other
 #define ALL_PAIRS 0xffu
 
-// Faces of a list lie scattered in memory.
-#ifdef __clang__
-#define PREFETCH(face) (__builtin_prefetch(face), __builtin_prefetch((__global const char *)(face) + 64))
-#else
-#define PREFETCH(face)
-#endif
-
 typedef struct {
     real t, red, green, blue, z;
 #if EXTRAS
@@ -30,7 +23,7 @@ typedef struct {
 #define RUNNING(t) ((t) > 0.0f)
 #endif
 
-void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s, int number)
+void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s)
 {
     real before = p->t, after = before * (1.0f - s->alpha);
 #if BLENDS_CROSSING
@@ -55,7 +48,7 @@ void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, co
     p->nz = MAD(weight, (real)n.z, p->nz);
     mask half_seen = blended & (before > 0.5f);
     p->median = half_seen ? depth : p->median;
-    p->id = half_seen ? (mask)number : p->id;
+    p->id = half_seen ? (mask)f->number : p->id;
 #endif
 }
 
@@ -89,9 +82,10 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
 
     ulong end = starts[tile + 1];
     for (ulong e = starts[tile]; e < end; e++) {
-        uint number = list[e];
-        FACE_POINTER f = faces + number;
-        PREFETCH(faces + list[e + 4 < end ? e + 4 : e]);
+        FACE_POINTER f = faces + list[e];
+        FACE_POINTER next = faces + list[e + 4 < end ? e + 4 : e];
+        PREFETCH_FAR(next); // faces of a list lie scattered in memory
+        PREFETCH_FAR((__global const char *)next + 64);
         int y0 = (f->y0 > top ? f->y0 - top : 0) / 2;
         int y1 = (f->y1 - top < TILE - 1 ? f->y1 - top : TILE - 1) / 2;
         if (f->y1 < top || y0 > y1)
@@ -101,12 +95,13 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
             int from = left + 8 * h;
             if (!(alive[h] & pairs) || f->x1 < from || f->x0 > from + 7)
                 continue;
-            uint todo = alive[h] & pairs & bits_of(reaches(f, (float)from, (float)top + 2.0f * LANE_INDEX));
+            mask reached = reaches(f, (float)from, (float)top + 2.0f * LANE_INDEX);
+            uint todo = alive[h] & pairs & (uint)bits8(reached);
             if (!todo)
                 continue;
             Columns c = columns_of(f, (float)from + LANE_INDEX, view);
             for (; todo; todo &= todo - 1) {
-                int k = (int)(as_uint((float)(todo & -todo)) >> 23) - 127; // of the lowest bit
+                int k = LOWEST_BIT(todo);
                 float y = (float)(top + 2 * k);
                 Sample s, u;
                 mask m = inside(f, &c, y, view, &s), n = inside(f, &c, y + 1.0f, view, &u);
@@ -117,8 +112,8 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
                 if (!ANY(m | n))
                     continue;
                 State *p = &state[h][2 * k];
-                blend_row(p, f, &c, y, m, &s, (int)number);
-                blend_row(p + 1, f, &c, y + 1.0f, n, &u, (int)number);
+                blend_row(p, f, &c, y, m, &s);
+                blend_row(p + 1, f, &c, y + 1.0f, n, &u);
 #if EARLY_STOP
                 if (!ANY(RUNNING(p[0].t) | RUNNING(p[1].t)))
                     alive[h] &= ~(1u << k);

@@ -68,7 +68,7 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
             normal = normal + normal_of(f) * weight;
             if (t > 0.5f) {
                 median = depth;
-                id = (int)numbers[k];
+                id = f->number;
             }
 #endif
             t = after;

@@ -9,6 +9,16 @@
 #define MIN_ALPHA (1.0f / 255.0f)
 #define MIN_TRANSMITTANCE 1e-4f
 
+// What no bounding sphere may pass, generous for rounding: see splat_bounds.cl.
+typedef struct {
+    float nearest;      // a sphere is dropped whose centre, moved away by depth_growth radii, is nearer
+    float depth_growth;
+    float sides[4];     // x / z of the left and right edge of the raster, y / z of the upper and lower one
+    float growth;       // a sphere whose centre is so many radii outside of a side is outside
+    float rounding;     // of coordinates in camera space
+    float focal;        // samples
+} Limits;
+
 // Every member has four bytes: the layout is that of VIEW in msb/render/splat_view.py.
 typedef struct {
     float world_to_camera[12]; // rows of W, for column vectors
@@ -24,48 +34,37 @@ typedef struct {
     uint rest_stride;          // floats of f_rest a row; red, green, blue of coefficient 1, then of 2, ...
     uint back_culling;
     uint broadcast_z;
-    uint tile_rule;            // 1: a face is seen in its official tiles alone; 0: wherever it reaches
+    uint tile_rule;            // which tiles list a face: one of
+#define TILES_REACHED 0        //   those it reaches
+#define TILES_BOTH 1           //   its official ones that it reaches: nothing else is seen officially
+#define TILES_OFFICIAL 2       //   its official ones
+    Limits limits;
 } View;
 
 // The model. Soups have corners as rows of `positions` and do not read `indices`.
 typedef struct {
     __global const float *positions;
     __global const uint *indices;
-    __global const float *opacity; // activated
-    __global const float *falloff;
+    __global const float *coverage; // rows of COVERAGE floats, of faces or vertices
     __global const float *f_dc, *f_rest;
 } Source;
 
 // ---- lanes: 8 faces, or 8 samples of a row, on a CPU; one on a GPU. Never 16: docs/opencl.md.
 
 #if LANES == 8
+#include "zbuffer_lanes.cl"
 typedef float8 real;
 typedef int8 mask;
-#define ANY(m) any_lane(m)
-// any() of PoCL looks at lane by lane; this becomes one test instruction.
-int any_lane(mask m)
-{
-    long4 q = as_long4(m);
-    return (q.x | q.y | q.z | q.w) != 0;
-}
-// Bit k: lane k.
-uint bits_of(mask m)
-{
-    long4 q = as_long4(m & (mask)(1, 2, 4, 8, 16, 32, 64, 128));
-    ulong r = as_ulong(q.x | q.y | q.z | q.w);
-    return (uint)(r | r >> 32) & 0xffu;
-}
+#define ANY(m) any8(m)
 #define LANE_INDEX ((float8)(0, 1, 2, 3, 4, 5, 6, 7))
+// With NaN the first argument of the two is returned.
+#define lesser(a, b) min8(b, a)
+#define greater(a, b) max8(b, a)
+#define lesser_of(a, b) min8i(b, a)
+#define greater_of(a, b) max8i(b, a)
+#define root(a) sqrt8(a)
 
 real MAD(real a, real b, real c);
-
-// Built-in functions are calls in PoCL 3.0, which cost more than what they do; these are an instruction each.
-// With NaN the first argument of the two is returned.
-real lesser(real a, real b) { return b < a ? b : a; }
-real greater(real a, real b) { return a < b ? b : a; }
-mask lesser_of(mask a, mask b) { return b < a ? b : a; }
-mask greater_of(mask a, mask b) { return a < b ? b : a; }
-real magnitude(real a) { return as_float8(as_int8(a) & 0x7fffffff); }
 
 // Adding 1.5 * 2^23 leaves the rounded integer in the low bits: no conversion instruction, which PoCL
 // emits lane by lane.
@@ -108,6 +107,7 @@ typedef int mask;
 #define lesser_of(a, b) min(a, b)
 #define greater_of(a, b) max(a, b)
 #define magnitude(a) fabs(a)
+#define root(a) sqrt(a)
 #define exp2_fast(x) exp2(x)
 #define log2_fast(x) log2(x)
 #endif
@@ -138,14 +138,14 @@ vec2 add2(vec2 a, vec2 b) { return (vec2){a.x + b.x, a.y + b.y}; }
 vec2 mul2(vec2 a, real s) { return (vec2){a.x * s, a.y * s}; }
 real dot2(vec2 a, vec2 b) { return a.x * b.x + a.y * b.y; }
 real cross2(vec2 a, vec2 b) { return a.x * b.y - a.y * b.x; }
-real length2(vec2 a) { return sqrt(dot2(a, a)); }
+real length2(vec2 a) { return root(dot2(a, a)); }
 
 vec3 sub3(vec3 a, vec3 b) { return (vec3){a.x - b.x, a.y - b.y, a.z - b.z}; }
 vec3 add3(vec3 a, vec3 b) { return (vec3){a.x + b.x, a.y + b.y, a.z + b.z}; }
 vec3 mul3(vec3 a, real s) { return (vec3){a.x * s, a.y * s, a.z * s}; }
 vec3 div3(vec3 a, real s) { return (vec3){a.x / s, a.y / s, a.z / s}; }
 real dot3(vec3 a, vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-real length3(vec3 a) { return sqrt(dot3(a, a)); }
+real length3(vec3 a) { return root(dot3(a, a)); }
 
 vec3 cross3(vec3 a, vec3 b)
 {
@@ -173,6 +173,8 @@ vec3 rotate_to_camera(__constant View *view, vec3 v)
     return (vec3){linear(m, v), linear(m + 4, v), linear(m + 8, v)};
 }
 
+// ---- members of rows of `width` floats
+
 #if LANES == 8
 real load(__global const float *p, const size_t *rows, uint width, uint member)
 {
@@ -180,18 +182,61 @@ real load(__global const float *p, const size_t *rows, uint width, uint member)
     return (real)(p[rows[0] * width], p[rows[1] * width], p[rows[2] * width], p[rows[3] * width],
                   p[rows[4] * width], p[rows[5] * width], p[rows[6] * width], p[rows[7] * width]);
 }
+
+// Eight consecutive members.
+void load_eight(__global const float *p, const size_t *rows, uint width, real *out)
+{
+    real r0 = LOAD(p + rows[0] * width, 0), r1 = LOAD(p + rows[1] * width, 0);
+    real r2 = LOAD(p + rows[2] * width, 0), r3 = LOAD(p + rows[3] * width, 0);
+    real r4 = LOAD(p + rows[4] * width, 0), r5 = LOAD(p + rows[5] * width, 0);
+    real r6 = LOAD(p + rows[6] * width, 0), r7 = LOAD(p + rows[7] * width, 0);
+    TRANSPOSE(r0, r1, r2, r3, r4, r5, r6, r7);
+    out[0] = r0;
+    out[1] = r1;
+    out[2] = r2;
+    out[3] = r3;
+    out[4] = r4;
+    out[5] = r5;
+    out[6] = r6;
+    out[7] = r7;
+}
+
+// The first `count` members.
+void load_members(__global const float *p, const size_t *rows, uint width, uint count, real *out)
+{
+    uint rest = count % 8, whole = count - rest;
+    for (uint k = 0; k < whole; k += 8)
+        load_eight(p + k, rows, width, out + k);
+    if (whole && rest > 2) // once more, overlapping
+        load_eight(p + count - 8, rows, width, out + count - 8);
+    else
+        for (uint k = whole; k < count; k++)
+            out[k] = load(p, rows, width, k);
+}
+
+void prefetch_row(__global const float *p, size_t row, uint width)
+{
+    p += row * width;
+    for (uint k = 0; k < width; k += 16)
+        PREFETCH_FAR(p + k);
+    PREFETCH_FAR(p + width - 1);
+}
 #else
 real load(__global const float *p, const size_t *rows, uint width, uint member)
 {
     return p[rows[0] * width + member];
 }
+
+void load_members(__global const float *p, const size_t *rows, uint width, uint count, real *out)
+{
+    for (uint k = 0; k < count; k++)
+        out[k] = p[rows[0] * width + k];
+}
 #endif
 
-// Three consecutive members of rows of `width` floats.
-vec3 load3(__global const float *p, const size_t *rows, uint width, uint member)
+vec3 load3(__global const float *p, const size_t *rows)
 {
-    return (vec3){load(p, rows, width, member), load(p, rows, width, member + 1),
-                  load(p, rows, width, member + 2)};
+    return (vec3){load(p, rows, 3, 0), load(p, rows, 3, 1), load(p, rows, 3, 2)};
 }
 
 // PoCL's fma() is a function call; with the instruction at hand, a b + c becomes it.
@@ -261,6 +306,9 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
     return box;
 }
 
+// A record of one face is stored by eights of words.
+#define BY_EIGHTS __attribute__((aligned(32)))
+
 // ---- where a face is while it is blended: not copied to private memory first
 
 #if LANES == 8
@@ -270,59 +318,3 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
 #define FACE_POINTER __local const struct Face *
 #define FACE_FLOATS __local const float *
 #endif
-
-// ---- colour
-
-// max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all three methods evaluate it
-// (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies).
-float3 color_of(__constant View *view, __global const float *f_dc, __global const float *f_rest, size_t row,
-                float3 towards)
-{
-    float x = towards.x - view->center[0], y = towards.y - view->center[1], z = towards.z - view->center[2];
-    float length = sqrt(x * x + y * y + z * z);
-    x = x / length;
-    y = y / length;
-    z = z / length;
-    f_dc += 3 * row;
-    float red = 0.28209479177387814f * f_dc[0], green = 0.28209479177387814f * f_dc[1];
-    float blue = 0.28209479177387814f * f_dc[2];
-    __global const float *rest = f_rest + row * view->rest_stride;
-#define ADD(number, value)                                                                                   \
-    do {                                                                                                     \
-        float basis = value;                                                                                 \
-        red = red + basis * rest[3 * number - 3];                                                            \
-        green = green + basis * rest[3 * number - 2];                                                        \
-        blue = blue + basis * rest[3 * number - 1];                                                          \
-    } while (0)
-    if (view->degree > 0) {
-        ADD(1, -0.4886025119029199f * y);
-        ADD(2, 0.4886025119029199f * z);
-        ADD(3, -0.4886025119029199f * x);
-    }
-    float xx = x * x, yy = y * y, zz = z * z;
-    float xy = x * y, yz = y * z, xz = x * z;
-    if (view->degree > 1) {
-        ADD(4, 1.0925484305920792f * xy);
-        ADD(5, -1.0925484305920792f * yz);
-        ADD(6, 0.31539156525252005f * (2.0f * zz - xx - yy));
-        ADD(7, -1.0925484305920792f * xz);
-        ADD(8, 0.5462742152960396f * (xx - yy));
-    }
-    if (view->degree > 2) {
-        ADD(9, -0.5900435899266435f * y * (3.0f * xx - yy));
-        ADD(10, 2.890611442640554f * xy * z);
-        ADD(11, -0.4570457994644658f * y * (4.0f * zz - xx - yy));
-        ADD(12, 0.3731763325901154f * z * (2.0f * zz - 3.0f * xx - 3.0f * yy));
-        ADD(13, -0.4570457994644658f * x * (4.0f * zz - xx - yy));
-        ADD(14, 1.445305721320277f * z * (xx - yy));
-        ADD(15, -0.5900435899266435f * x * (xx - 3.0f * yy));
-    }
-#undef ADD
-    return fmax((float3)(red, green, blue) + 0.5f, 0.0f);
-}
-
-// Centroid of a soup's triangle.
-float3 soup_center(__global const float *positions, size_t i)
-{
-    return (vload3(3 * i, positions) + vload3(3 * i + 1, positions) + vload3(3 * i + 2, positions)) / 3.0f;
-}

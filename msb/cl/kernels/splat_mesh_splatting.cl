@@ -2,27 +2,44 @@
 // Source: meshsplatting/diff-triangle-mesh-rasterization at b27f283: cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
+#include "splat_color.cl"
 #include "splat_window.cl"
 
 #define MAX_ALPHA 0.999f
 #define MARGIN 5.0f
 #define BLENDS_CROSSING 0
 #define VERTEX_COLORS 1
+#define COLORS 9
+#define SMALL_IS_DROPPED 0 // not if two corners coincide on the screen
 
-// opacity and falloff, which is the rim, are those of vertices; f_dc holds the vertices' colours.
+// coverage, of vertices: opacity, the rim. f_dc holds the vertices' colours.
 
-// inverse is 1 / inradius; origin is corner 0, e1 and e2 the edges from it, area 1 / (e1 x e2). color and
-// depth are those of corner 0, and what corners 1 and 2 have more.
+#if ENGINE
+#define LINES 12
+// inverse_weight are those of the barycentric coordinates 1 and 2.
+#define SHAPE(REAL) REAL lines[LINES], inverse_weight[2], opacity;
+#else
+// inverse is 1 / inradius; origin is corner 0, e1 and e2 the edges from it, area 1 / (e1 x e2). depth is that
+// of corner 0, and what corners 1 and 2 have more.
+#define SHAPE(REAL)                                                                                          \
+    REAL normal_x[3], normal_y[3], offset[3], inverse, opacity;                                              \
+    REAL origin[2], e1[2], e2[2], area, depth[3];
+#endif
+// color is that of corner 0, and what corners 1 and 2 have more.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
-        REAL normal_x[3], normal_y[3], offset[3];                                                            \
-        REAL inverse, opacity;                                                                               \
-        REAL origin[2], e1[2], e2[2], area;                                                                  \
-        REAL color[9], depth[3], normal[3];                                                                  \
-        INT x0, y0, x1, y1;                                                                                  \
+        SHAPE(REAL)                                                                                          \
+        REAL color[9], normal[3];                                                                            \
+        INT x0, y0, x1, y1, number;                                                                          \
     }
-typedef struct Face FACE_MEMBERS(float, int) Face;
+typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
+#if ENGINE
+#include "splat_engine.cl"
+#define PHI(f, s) ((s)->phi)
+#else
+#define PHI(f, s) ((s)->nearest * (f)->inverse)
+#endif
 
 // The product of unsigned extents is 0 upstream for an empty box; it never is negative here.
 Box corner_tiles(__constant View *view, const Window *w)
@@ -38,21 +55,55 @@ Box corner_tiles(__constant View *view, const Window *w)
     return found;
 }
 
+typedef struct {
+    size_t rows[3][LANES];
+} Vertices;
+
+Vertices vertices_of(const size_t *rows, __global const uint *indices)
+{
+    Vertices v;
+    for (uint k = 0; k < LANES; k++)
+        for (int corner = 0; corner < 3; corner++)
+            v.rows[corner][k] = indices[3 * rows[k] + corner];
+    return v;
+}
+
+#if LANES == 8
+void prefetch_face(size_t row, const Source *source) {}
+void prefetch_colors(size_t row, const Source *source, __constant View *view) {}
+#endif
+
+void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
+                vec3 *corners)
+{
+    Vertices v = vertices_of(rows, indices);
+    for (int k = 0; k < 3; k++)
+        corners[k] = load3(positions, v.rows[k]);
+}
+
 mask project_faces(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *official,
                    real *depth)
 {
-    size_t first[LANES], second[LANES], third[LANES];
-    for (uint k = 0; k < LANES; k++) {
-        first[k] = source->indices[3 * rows[k]];
-        second[k] = source->indices[3 * rows[k] + 1];
-        third[k] = source->indices[3 * rows[k] + 2];
+    Vertices v = vertices_of(rows, source->indices);
+    real opacity = load(source->coverage, v.rows[0], COVERAGE, 0);
+    real rim = load(source->coverage, v.rows[0], COVERAGE, 1);
+    for (int k = 1; k < 3; k++) {
+        opacity = lesser(opacity, load(source->coverage, v.rows[k], COVERAGE, 0));
+        // The rim grows as opacity falls: that of the least opacity is the largest.
+        rim = greater(rim, load(source->coverage, v.rows[k], COVERAGE, 1));
     }
-    real opacity = lesser(lesser(load(source->opacity, first, 1, 0), load(source->opacity, second, 1, 0)),
-                       load(source->opacity, third, 1, 0));
-    vec3 a = load3(source->positions, first, 3, 0), b = load3(source->positions, second, 3, 0);
-    vec3 c = load3(source->positions, third, 3, 0);
+    vec3 p[3];
+    corners_of(rows, source->positions, source->indices, p);
+    f->opacity = opacity;
+#if ENGINE
+    real weight[3];
+    mask back, kept = project_engine(view, p[0], p[1], p[2], true, f, official, depth, weight, &back);
+    kept &= !(opacity < MIN_OPACITY);
+    f->inverse_weight[0] = 1.0f / weight[1];
+    f->inverse_weight[1] = 1.0f / weight[2];
+#else
     Window w;
-    mask kept = !(opacity < MIN_OPACITY) & project_window(view, a, b, c, &w);
+    mask kept = !(opacity < MIN_OPACITY) & project_window(view, p[0], p[1], p[2], &w);
     if (!ANY(kept))
         return kept;
     *depth = w.depth;
@@ -64,7 +115,6 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
         f->offset[k] = w.edge_offset[k];
     }
     f->inverse = 1.0f / w.inradius[2];
-    f->opacity = opacity;
     vec2 e1 = sub2(w.corners[1], w.corners[0]), e2 = sub2(w.corners[2], w.corners[0]);
     f->origin[0] = w.corners[0].x;
     f->origin[1] = w.corners[0].y;
@@ -74,32 +124,34 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->e2[1] = e2.y;
     f->area = 1.0f / cross2(e1, e2);
     __constant float *z = view->world_to_camera + 8;
-    f->depth[0] = affine(z, a);
-    f->depth[1] = affine(z, b) - f->depth[0];
-    f->depth[2] = affine(z, c) - f->depth[0];
+    f->depth[0] = affine(z, p[0]);
+    f->depth[1] = affine(z, p[1]) - f->depth[0];
+    f->depth[2] = affine(z, p[2]) - f->depth[0];
     f->normal[0] = w.normal.x;
     f->normal[1] = w.normal.y;
     f->normal[2] = w.normal.z;
-    // The rim grows as opacity falls: that of the least opacity is the largest.
-    real rim = greater(greater(load(source->falloff, first, 1, 0), load(source->falloff, second, 1, 0)),
-                   load(source->falloff, third, 1, 0));
     Box box = window_box(view, &w, rim);
     f->x0 = box.x0;
     f->y0 = box.y0;
     f->x1 = box.x1;
     f->y1 = box.y1;
+#endif
     return kept;
 }
 
-void color_face(size_t i, const Source *source, __constant View *view, __global Face *face)
+void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
-    uint3 corner = vload3(i, source->indices);
-    float3 first = vload3(corner.x, source->f_dc);
-    vstore3(first, 0, face->color);
-    vstore3(vload3(corner.y, source->f_dc) - first, 1, face->color);
-    vstore3(vload3(corner.z, source->f_dc) - first, 2, face->color);
+    Vertices v = vertices_of(rows, source->indices);
+    vec3 first = load3(source->f_dc, v.rows[0]);
+    for (int k = 0; k < 3; k++) {
+        vec3 here = k ? sub3(load3(source->f_dc, v.rows[k]), first) : first;
+        color[3 * k] = here.x;
+        color[3 * k + 1] = here.y;
+        color[3 * k + 2] = here.z;
+    }
 }
 
+#if !ENGINE
 typedef struct {
     EdgeColumns edges;
     real x;
@@ -129,22 +181,28 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
     s->nearest = nearest_edge(f->normal_y, f->offset, &c->edges, y);
     return s->nearest <= 0.0f;
 }
+#endif
 
 mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
 {
-    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(s->nearest * f->inverse, view->sigma));
+    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), view->sigma));
     return within & (s->alpha >= MIN_ALPHA);
 }
 
-// Colours are interpolated linearly on the screen, not perspective-correctly.
+// Officially colours are interpolated linearly on the screen, not perspective-correctly.
 void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb, real *z)
 {
+#if ENGINE
+    real b1 = s->e1 * s->z * f->inverse_weight[0], b2 = s->e2 * s->z * f->inverse_weight[1];
+    *z = s->z;
+#else
     float dy = y - f->origin[1];
     real b1 = (c->x * f->e2[1] - f->e2[0] * dy) * f->area;
     real b2 = (f->e1[0] * dy - c->x * f->e1[1]) * f->area;
+    *z = MAD(b2, (real)f->depth[2], MAD(b1, (real)f->depth[1], (real)f->depth[0]));
+#endif
     for (int k = 0; k < 3; k++)
         rgb[k] = MAD(b2, (real)f->color[6 + k], MAD(b1, (real)f->color[3 + k], (real)f->color[k]));
-    *z = MAD(b2, (real)f->depth[2], MAD(b1, (real)f->depth[1], (real)f->depth[0]));
 }
 
 float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }

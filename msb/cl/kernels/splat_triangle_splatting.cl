@@ -2,25 +2,37 @@
 // Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
+#include "splat_soup.cl"
 #include "splat_window.cl"
 
 #define MAX_ALPHA 0.99f
 #define MIN_DETERMINANT 1e-3f
 #define BLENDS_CROSSING 0
-#define VERTEX_COLORS 0
+#define SMALL_IS_DROPPED 1
 
-// falloff, three floats a face: sigma, the share of the inradius at which o phi^sigma = 0.01, the rim.
+// coverage: opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim.
 
+#if ENGINE
+#define LINES 12
+#define SHAPE(REAL) REAL lines[LINES];
+#else
 // inverse is 1 / inradius.
+#define SHAPE(REAL) REAL normal_x[3], normal_y[3], offset[3], inverse, depth;
+#endif
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
-        REAL normal_x[3], normal_y[3], offset[3];                                                            \
-        REAL inverse, sigma, opacity, depth;                                                                 \
-        REAL color[3], normal[3];                                                                            \
-        INT x0, y0, x1, y1;                                                                                  \
+        SHAPE(REAL)                                                                                          \
+        REAL sigma, opacity, color[3], normal[3];                                                            \
+        INT x0, y0, x1, y1, number;                                                                          \
     }
-typedef struct Face FACE_MEMBERS(float, int) Face;
+typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
+#if ENGINE
+#include "splat_engine.cl"
+#define PHI(f, s) ((s)->phi)
+#else
+#define PHI(f, s) ((s)->nearest * (f)->inverse)
+#endif
 
 // The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected. The rim
 // beyond it, down to alpha = 1/255, is seen only in tiles that the contour touches.
@@ -58,16 +70,23 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
 mask project_faces(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *official,
                    real *depth)
 {
-    real opacity = load(source->opacity, rows, 1, 0);
-    vec3 falloff = load3(source->falloff, rows, 3, 0);
+    real coverage[COVERAGE];
+    vec3 p[3];
+    load_members(source->coverage, rows, COVERAGE, COVERAGE, coverage);
+    corners_of(rows, source->positions, source->indices, p);
+    f->opacity = coverage[0];
+    f->sigma = coverage[1];
+#if ENGINE
+    real weight[3];
+    mask back, kept = project_engine(view, p[0], p[1], p[2], true, f, official, depth, weight, &back);
+    kept &= !(f->opacity < MIN_OPACITY);
+#else
     Window w;
-    vec3 a = load3(source->positions, rows, 9, 0), b = load3(source->positions, rows, 9, 3);
-    vec3 c = load3(source->positions, rows, 9, 6);
-    mask kept = !(opacity < MIN_OPACITY) & project_window(view, a, b, c, &w);
+    mask kept = !(f->opacity < MIN_OPACITY) & project_window(view, p[0], p[1], p[2], &w);
     if (!ANY(kept))
         return kept;
     *depth = w.depth;
-    *official = contour_tiles(view, &w, falloff.y);
+    *official = contour_tiles(view, &w, coverage[2]);
     // As upstream: the product of unsigned extents, so a face all of whose corners were skipped is kept.
     kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
     for (int k = 0; k < 3; k++) {
@@ -76,30 +95,32 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
         f->offset[k] = w.edge_offset[k];
     }
     f->inverse = 1.0f / w.inradius[2];
-    f->sigma = falloff.x;
-    f->opacity = opacity;
     f->depth = w.depth;
     f->normal[0] = w.normal.x;
     f->normal[1] = w.normal.y;
     f->normal[2] = w.normal.z;
-    Box box = window_box(view, &w, falloff.z);
+    Box box = window_box(view, &w, coverage[3]);
     f->x0 = box.x0;
     f->y0 = box.y0;
     f->x1 = box.x1;
     f->y1 = box.y1;
+#endif
     return kept;
 }
 
-void color_face(size_t i, const Source *source, __constant View *view, __global Face *face)
+void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
-    float3 seen = soup_center(source->positions, i);
+    vec3 p[3];
+    corners_of(rows, source->positions, source->indices, p);
+    vec3 seen = center_of(p[0], p[1], p[2]);
     // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
     // are right only with this.
     if (view->broadcast_z)
-        seen = (float3)(seen.z, seen.z, seen.z);
-    vstore3(color_of(view, source->f_dc, source->f_rest, i, seen), 0, face->color);
+        seen = (vec3){seen.z, seen.z, seen.z};
+    color_of(view, source->f_dc, source->f_rest, rows, seen, color);
 }
 
+#if !ENGINE
 typedef EdgeColumns Columns;
 typedef struct {
     real nearest, alpha;
@@ -125,10 +146,11 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
     s->nearest = nearest_edge(f->normal_y, f->offset, c, y);
     return s->nearest <= 0.0f;
 }
+#endif
 
 mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
 {
-    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(s->nearest * f->inverse, f->sigma));
+    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), f->sigma));
     return within & (s->alpha >= MIN_ALPHA);
 }
 
@@ -137,7 +159,11 @@ void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb
     rgb[0] = f->color[0];
     rgb[1] = f->color[1];
     rgb[2] = f->color[2];
+#if ENGINE
+    *z = s->z;
+#else
     *z = f->depth;
+#endif
 }
 
 float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }

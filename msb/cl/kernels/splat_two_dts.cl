@@ -3,18 +3,22 @@
 // src/forward.cu, src/auxiliary.h.
 
 #include "splat_common.cl"
+#include "splat_soup.cl"
 
 #define EPS 1e-8f
 #define DILATION 3.0f
 #define MAX_ALPHA 0.99f
 #define MAX_ECCENTRICITY 10.0f
 #define BLENDS_CROSSING 1
-#define VERTEX_COLORS 0
+#define CORNERS_MAY_BE_BEHIND 0
+#define SMALL_IS_DROPPED 0
 
-// falloff, one float a face: the eccentricity beyond which alpha is below 1/255, negative if it is so
-// everywhere.
+// coverage: opacity; the eccentricity beyond which alpha is below 1/255, negative if it is so everywhere.
 
-#if PLANAR
+#if ENGINE
+#define LINES 12
+#define SHAPE(REAL) REAL lines[LINES];
+#elif PLANAR
 // corner is corner 1 in camera space, distance its product with the normal. A point of the plane, from there,
 // times dual2 and dual3 is barycentric coordinates 2 and 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
@@ -22,15 +26,21 @@
 // Corners in samples, 1 / twice the area, camera depth of the corners.
 #define SHAPE(REAL) REAL x[3], y[3], inverse, z[3];
 #endif
-// limit is the eccentricity of `falloff`.
+// limit is the eccentricity of `coverage`.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         SHAPE(REAL)                                                                                          \
         REAL normal[3], opacity, limit, color[3];                                                            \
-        INT x0, y0, x1, y1;                                                                                  \
+        INT x0, y0, x1, y1, number;                                                                          \
     }
-typedef struct Face FACE_MEMBERS(float, int) Face;
+typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
+#if ENGINE
+#include "splat_engine.cl"
+#define ECCENTRICITY(f, s) ((f)->limit * (1.0f - (s)->phi))
+#else
+#define ECCENTRICITY(f, s) ((s)->eccentricity)
+#endif
 
 // Division by |w| + eps, not by w: so a point behind the camera has a negative z and fails the near test.
 vec3 to_ndc(__constant View *view, vec3 p)
@@ -50,7 +60,22 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
                  tile_number((high.y + TILE - 1) / TILE, view->rows)};
 }
 
-#if PLANAR
+#if ENGINE
+// Either rasterizer in an engine. Hardware makes no fragments outside of a triangle, where this method's
+// coverage goes on: what is drawn are the triangles grown about their centroids until they hold all of it.
+mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
+                   real *depth)
+{
+    vec3 center = center_of(a, b, c), corners[3] = {a, b, c};
+    for (int k = 0; k < 3; k++)
+        corners[k] = add3(center, mul3(sub3(corners[k], center), f->limit));
+    real weight[3];
+    mask back, kept = project_engine(view, corners[0], corners[1], corners[2], false, f, official, depth,
+                                     weight, &back);
+    *box = (Box){f->x0, f->y0, f->x1, f->y1};
+    return kept & (f->limit > 0.0f) & !(view->back_culling ? back : (mask)0);
+}
+#elif PLANAR
 // The "3D" rasterizer: every sample's ray meets the triangle's plane; no low-pass filter.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
@@ -155,12 +180,12 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
 mask project_faces(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *official,
                    real *depth)
 {
-    f->opacity = load(source->opacity, rows, 1, 0);
-    f->limit = load(source->falloff, rows, 1, 0);
+    f->opacity = load(source->coverage, rows, COVERAGE, 0);
+    f->limit = load(source->coverage, rows, COVERAGE, 1);
     Box box;
-    vec3 a = load3(source->positions, rows, 9, 0), b = load3(source->positions, rows, 9, 3);
-    vec3 c = load3(source->positions, rows, 9, 6);
-    mask kept = project_shape(view, a, b, c, f, official, &box, depth);
+    vec3 p[3];
+    corners_of(rows, source->positions, source->indices, p);
+    mask kept = project_shape(view, p[0], p[1], p[2], f, official, &box, depth);
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
@@ -169,12 +194,14 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     return kept;
 }
 
-void color_face(size_t i, const Source *source, __constant View *view, __global Face *face)
+void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
-    float3 seen = soup_center(source->positions, i);
-    vstore3(color_of(view, source->f_dc, source->f_rest, i, seen), 0, face->color);
+    vec3 p[3];
+    corners_of(rows, source->positions, source->indices, p);
+    color_of(view, source->f_dc, source->f_rest, rows, center_of(p[0], p[1], p[2]), color);
 }
 
+#if !ENGINE
 #if PLANAR
 typedef struct {
     real x;
@@ -251,10 +278,11 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 #endif
     return within;
 }
+#endif
 
 mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
 {
-    real e = s->eccentricity, grown;
+    real e = ECCENTRICITY(f, s), grown;
     if (view->power == 2.0f)
         grown = e * e;
     else
@@ -269,7 +297,7 @@ void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb
 {
     for (int k = 0; k < 3; k++)
         rgb[k] = f->color[k];
-#if PLANAR
+#if ENGINE || PLANAR
     *z = s->z;
 #else
     real a3 = 1.0f - s->a1 - s->a2;

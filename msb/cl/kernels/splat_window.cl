@@ -7,6 +7,7 @@
 #define MIN_LENGTH 1e-4f
 #define MIN_OPACITY 0.01f
 #define MAX_RADIUS 1600.0f
+#define CORNERS_MAY_BE_BEHIND 1
 
 typedef struct {
     real depth;          // camera z of the centroid

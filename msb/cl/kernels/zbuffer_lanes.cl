@@ -18,6 +18,8 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define TO_LONG4(x) __builtin_convertvector(x, long4)
 #define LOWEST_BIT(x) __builtin_ctz(x)
 #define PREFETCH(p) __builtin_prefetch(p)
+// Into the second-level cache: so many lines may be on their way that they would block the first level's loads.
+#define PREFETCH_FAR(p) __builtin_prefetch(p, 0, 2)
 #else
 #define TO_INT(x) convert_int8(x)
 #define TO_FLOAT(x) convert_float8(x)
@@ -25,6 +27,7 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define TO_LONG4(x) convert_long4(x)
 #define LOWEST_BIT(x) (31 - clz((x) & -(x)))
 #define PREFETCH(p)
+#define PREFETCH_FAR(p)
 #endif
 
 float8 min8(float8 a, float8 b) { return a < b ? a : b; }
@@ -32,6 +35,22 @@ float8 max8(float8 a, float8 b) { return a > b ? a : b; }
 int8 min8i(int8 a, int8 b) { return a < b ? a : b; }
 int8 max8i(int8 a, int8 b) { return a > b ? a : b; }
 float8 magnitude(float8 a) { return as_float8(as_int8(a) & 0x7fffffff); }
+
+// PoCL calls its sqrt lane by lane; the instruction rounds alike.
+#if defined(__clang__) && defined(__AVX__)
+float8 sqrt8(float8 a)
+{
+    typedef float __attribute__((vector_size(32))) eight_floats;
+    union {
+        float8 ours;
+        eight_floats theirs;
+    } root = {a};
+    root.theirs = __builtin_ia32_sqrtps256(root.theirs);
+    return root.ours;
+}
+#else
+#define sqrt8(a) sqrt(a)
+#endif
 
 int or8(int8 v)
 {

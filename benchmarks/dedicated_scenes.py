@@ -1,0 +1,100 @@
+"""Models of the sizes captures have, for the benchmark of the dedicated tier.
+
+Faces are scattered about three layers of surface at depths 3, 6 and 12, with sizes of a log-normal
+distribution (the median shrinks as one over the square root of their number: about 3 pixels at 1M faces and
+1237 x 822) and opacities of a U-shaped beta distribution, most of them nearly opaque. SH degree 3.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
+SIZES = ((620, 411), (1237, 822))
+_FOCAL = 1160 / 1237
+"""Focal length as a share of the image's width."""
+
+
+def camera(width: int, height: int) -> Any:
+    """Return the camera all models are made for: at the origin, along z."""
+    import msb
+
+    return msb.Camera(width, height, _FOCAL * width, _FOCAL * width, width / 2, height / 2, np.eye(4))
+
+
+def soup(faces: int, seed: int = 0) -> dict[str, Any]:
+    """Return positions (F, 3, 3), opacities and SH coefficients of free triangles."""
+    random = np.random.default_rng(seed)
+    # Half as wide again as the image: as in a capture, much of the model is out of view.
+    x = random.uniform(-0.8, 0.8, faces)
+    y = random.uniform(-0.55, 0.55, faces)
+    layer = random.choice([3.0, 6.0, 12.0], faces, p=[0.35, 0.35, 0.3])
+    z = layer * (1 + 0.15 * np.sin(5 * x + layer) * np.cos(4 * y)) + 0.05 * random.standard_normal(faces)
+    radius = 3 * np.sqrt(1e6 / faces) / 1160 * np.exp(0.8 * random.standard_normal(faces)) * z
+    center = np.stack([x * z, y * z, z], axis=1)
+    corners = random.standard_normal((faces, 3, 3)) * np.array([1, 1, 0.5])
+    corners -= corners.mean(axis=1, keepdims=True)
+    positions = center[:, None] + corners * radius[:, None, None]
+    opacity = np.clip(random.beta(1.2, 0.5, faces), 1e-3, 1 - 1e-4)
+    return {
+        "positions": positions.reshape(-1, 3).astype(np.float32),
+        "indices": np.arange(3 * faces, dtype=np.uint32).reshape(-1, 3),
+        "opacity": np.log(opacity / (1 - opacity)).astype(np.float32),
+        "f_dc": random.normal(0, 0.8, (faces, 3)).astype(np.float32),
+        "f_rest": random.normal(0, 0.1, (faces, 45)).astype(np.float32),
+    }
+
+
+def grid_mesh(faces: int, seed: int = 0) -> dict[str, Any]:
+    """Return three layers of bumpy grids with shared vertices: what MeshSplatting makes."""
+    random = np.random.default_rng(seed)
+    side = max(2, round((faces / 6) ** 0.5))
+    u, v = np.meshgrid(np.linspace(-0.8, 0.8, side + 1), np.linspace(-0.55, 0.55, side + 1))
+    cell = np.arange(side)[:, None] * (side + 1) + np.arange(side)
+    quads = np.stack([cell, cell + 1, cell + side + 2, cell + side + 1], axis=-1).reshape(-1, 4)
+    positions, indices = [], []
+    for number, depth in enumerate((3.0, 6.0, 12.0)):
+        z = depth * (1 + 0.15 * np.sin(5 * u + depth) * np.cos(4 * v))
+        z = z + 0.002 * depth * random.standard_normal(z.shape)
+        positions.append(np.stack([u * z, v * z, z], axis=-1).reshape(-1, 3))
+        # A third of the nearer layers is holes, through which the next one is seen.
+        kept = quads if depth == 12.0 else quads[np.sin(40 * quads[:, 0] / side) > -0.5]
+        indices.append(np.concatenate([kept[:, :3], kept[:, [0, 2, 3]]]) + number * (side + 1) ** 2)
+    vertices = 3 * (side + 1) ** 2
+    return {
+        "positions": np.concatenate(positions).astype(np.float32),
+        "indices": np.ascontiguousarray(np.concatenate(indices), np.uint32),
+        "opacity": np.full(vertices, 4.0, np.float32),
+        "f_dc": random.normal(0, 0.8, (vertices, 3)).astype(np.float32),
+        "f_rest": random.normal(0, 0.1, (vertices, 45)).astype(np.float32),
+    }
+
+
+def model(method: str, faces: int) -> Asset:
+    """Return an asset of `method` with about so many faces."""
+    from msb.asset.build import Description, build_asset
+
+    buffers = grid_mesh(faces) if method == "mesh_splatting" else soup(faces)
+    kernel: dict[str, Any] = {"kernel": "gaussian_power"}
+    if method == "triangle_splatting":
+        sigma = np.exp(0.15 + 0.5 * np.random.default_rng(1).standard_normal(faces))
+        buffers["sigma"] = np.log(sigma).astype(np.float32)
+        kernel = {"kernel": "incentre_window", "sigma_encoding": "exp", "sigma_offset": 0.01}
+    elif method == "mesh_splatting":
+        kernel = {"kernel": "edge_window"}
+    domain = "vertex" if method == "mesh_splatting" else "face"
+    description = Description(
+        method=method,
+        sh_degree=3,
+        coverage=kernel,
+        opacity={"encoding": "logit"},
+        appearance={"kind": "spherical_harmonics", "f_rest_order": "coefficient_major"},
+        compositing={"kind": "front_to_back"},
+    )
+    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
+    return build_asset(buffers, domains, description)

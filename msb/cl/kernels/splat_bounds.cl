@@ -1,0 +1,75 @@
+// Which faces of a view are surely neither kept nor seen, from their bounding spheres: a fraction of the bytes
+// of a face and a tenth of the arithmetic of its projection. Generous for rounding, so that it never decides
+// what the official tests would decide otherwise.
+//
+// bounds: four rows of `stride` words: x, y and z of the centroid, then the largest distance of a corner from
+// it and the inradius, both rounded up to the upper half of a float, as the two halves of a word.
+
+#if LANES == 8
+#define HERE(p) (*(__global loose_float8 *)(p)) // of consecutive faces
+#define AS_WORD as_int8
+#define AS_REAL as_float8
+#else
+#define HERE(p) (*(p))
+#define AS_WORD as_int
+#define AS_REAL as_float
+#endif
+
+mask upper_half(real x) { return (AS_WORD(x * 1.0001f) + 0xffff) & (int)0xffff0000; }
+
+// Once for each asset.
+__kernel void bound_faces(__global const float *positions, __global const uint *indices,
+                          __global float *bounds, uint stride, uint count)
+{
+    size_t first = get_global_id(0) * LANES;
+    if (first >= count)
+        return;
+    size_t rows[LANES];
+    for (uint k = 0; k < LANES; k++)
+        rows[k] = first + k < count ? first + k : count - 1;
+    vec3 p[3];
+    corners_of(rows, positions, indices, p);
+    vec3 center = center_of(p[0], p[1], p[2]);
+    real radius = (real)0.0f;
+    for (int k = 0; k < 3; k++)
+        radius = greater(radius, length3(sub3(p[k], center)));
+    vec3 e1 = sub3(p[1], p[0]), e2 = sub3(p[2], p[0]);
+    real around = length3(e1) + length3(e2) + length3(sub3(p[2], p[1]));
+    real inradius = around > 0.0f ? length3(cross3(e1, e2)) / around : (real)0.0f;
+    bounds += first;
+    HERE(bounds) = center.x;
+    HERE(bounds + stride) = center.y;
+    HERE(bounds + 2 * (size_t)stride) = center.z;
+    mask low = upper_half(inradius) >> 16;
+    HERE(bounds + 3 * (size_t)stride) = AS_REAL(upper_half(radius) | (low & 0xffff));
+}
+
+// Of LANES consecutive faces from `first` on, which may be kept. NaN is kept.
+mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first)
+{
+    __constant Limits *limits = &view->limits;
+    __constant float *m = view->world_to_camera, *sides = limits->sides;
+    bounds += first;
+    real cx = HERE(bounds), cy = HERE(bounds + stride), cz = HERE(bounds + 2 * (size_t)stride);
+    real x = MAD(cx, (real)m[0], MAD(cy, (real)m[1], MAD(cz, (real)m[2], (real)m[3])));
+    real y = MAD(cx, (real)m[4], MAD(cy, (real)m[5], MAD(cz, (real)m[6], (real)m[7])));
+    real z = MAD(cx, (real)m[8], MAD(cy, (real)m[9], MAD(cz, (real)m[10], (real)m[11])));
+    mask radii = AS_WORD(HERE(bounds + 3 * (size_t)stride));
+    real radius = AS_REAL(radii & (int)0xffff0000) + limits->rounding, growth = radius * limits->growth;
+    mask beside = (x + growth < z * sides[0]) | (x - growth > z * sides[1]) |
+                  (y + growth < z * sides[2]) | (y - growth > z * sides[3]);
+#if CORNERS_MAY_BE_BEHIND && !ENGINE
+    // A corner behind the camera is mirrored to anywhere.
+    real nearest = z - radius;
+    mask before = nearest > 0.1f * (magnitude(x) + magnitude(y) + radius);
+    beside &= before;
+#if SMALL_IS_DROPPED
+    // The projection magnifies by at most focal |p| / z^2, and the inradius by no more; less than 1 sample is
+    // dropped.
+    real inradius = AS_REAL(radii << 16) + limits->rounding;
+    real most = inradius * limits->focal * (length3((vec3){x, y, z}) + radius);
+    beside |= before & (most < 0.95f * nearest * nearest);
+#endif
+#endif
+    return !((z + radius * limits->depth_growth < limits->nearest) | beside);
+}
