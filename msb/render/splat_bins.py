@@ -64,7 +64,7 @@ def bin_faces(
     DeviceError
         `DEVICE_MEMORY`: the lists do not fit; the message has the figure.
     """
-    program = device.program("splat_bins")
+    program = device.program(f"splat_bins_{device.style}")
     items = found.listed.size
     with device.stage("sort"):
         before = device.scratch("splat listed before", items + 1, np.uint32)
@@ -85,7 +85,7 @@ def bin_faces(
 def _count_and_fill(
     device: Device, found: Projected, order: Buffer, listed: int, columns: int, tiles: int
 ) -> TileLists:
-    program = device.program("splat_bins")
+    program = device.program(f"splat_bins_{device.style}")
     chunk, chunks = chunks_of(device, listed)
     counts = device.scratch("splat tile counts of chunks", (max(chunks, 1), tiles), np.uint32)
     totals = device.scratch("splat tile totals", tiles, np.uint32)
@@ -104,7 +104,7 @@ def _count_and_fill(
 def _sort_by_tile(
     device: Device, found: Projected, order: Buffer, listed: int, columns: int, tiles: int
 ) -> TileLists:
-    program = device.program("splat_bins")
+    program = device.program(f"splat_bins_{device.style}")
     counts = device.scratch("splat tiles of ordered faces", max(listed, 1), np.uint32)
     offsets = device.scratch("splat pair offsets", listed + 1, np.uint64)
     program.count_pairs(listed, _GROUP, order, found.tiles, counts, np.uint32(listed))

@@ -91,6 +91,7 @@ def make_view(
         Planes of the projection; they act on its z row alone.
     fields : mapping
         The members that do not depend on the camera.
+    culling : Culling
     extent : (3,) float32
         The largest magnitude of a coordinate along each axis of the world.
 

@@ -15,7 +15,6 @@ from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
 from msb.cl import Device, open_device
-from msb.cl.scan import chunks_of
 from msb.render.frame import Frame, chosen_extras
 from msb.render.protocol import Drawn
 from msb.render.splat_bins import Projected, bin_faces
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
 _GROUP = 64
 _LANES = {"cpu": 8, "gpu": 1}
 """Faces, or samples of a row, that a work-item takes at once. Never 16: PoCL crashes (docs/opencl.md)."""
+_CHUNK = {"cpu": 4096, "gpu": 1}
+"""Faces of a work-item of the projection: on a CPU enough to fill queues, and many times its threads."""
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 """Planes of samples are kept for a band of the raster at a time, since 4 x 4 samples of an 8K frame are 10
 GB: so many bytes for each compute unit of a CPU (what its cache holds), or in all."""
@@ -119,10 +120,7 @@ class SplattingPipeline:
 
         self._own_device = not isinstance(device, Device)
         self._device = device if isinstance(device, Device) else open_device(device)
-        self._chunk = 1
-        if self._device.style == "cpu":
-            lanes = _LANES["cpu"]
-            self._chunk = -(-chunks_of(self._device, self._count)[0] // lanes) * lanes
+        self._chunk = _CHUNK[self._device.style]
         self._static: dict[str, Buffer] = {}
         try:
             for name, array in (
@@ -249,12 +247,12 @@ class SplattingPipeline:
             arguments = view, static["positions"], static["f_dc"], static["f_rest"], first_color
             items = -(-vertices // _LANES[device.style])
             self._program.shade_vertices(items, _GROUP, *arguments, np.uint32(vertices))
-        sources = (static[name] for name in ("bounds", "positions", "indices", "coverage"))
-        sizes = [np.uint32(count), np.uint32(static["bounds"].shape[1])]
-        if device.style == "cpu":
-            sizes.insert(1, np.uint32(chunk))
-        group = 1 if device.style == "cpu" else _GROUP
-        self._program.project(chunks, group, view, *sources, first_color, static["f_rest"], *found, *sizes)
+        names = "bounds", "positions", "indices", "coverage"
+        stride = static["bounds"].shape[1]
+        cpu = device.style == "cpu"
+        sizes = map(np.uint32, (count, chunk, stride) if cpu else (count, stride))
+        sources = (*(static[name] for name in names), first_color, static["f_rest"])
+        self._program.project(chunks, 1 if cpu else _GROUP, view, *sources, *found, *sizes)
         return found
 
     def _band_rows(self, columns: int, rows: int, planes: int) -> int:

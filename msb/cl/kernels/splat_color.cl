@@ -7,9 +7,13 @@
 void color_of(__constant View *view, __global const float *f_dc, __global const float *f_rest,
               const size_t *rows, vec3 towards, real *color)
 {
-    real rest[MOST_REST];
     uint degree = view->degree;
+#if LANES == 8
+    real rest[MOST_REST];
     load_members(f_rest, rows, view->rest_stride, 3 * ((degree + 1) * (degree + 1) - 1), rest);
+#else
+    __global const float *rest = f_rest + rows[0] * view->rest_stride;
+#endif
     vec3 sum = mul3(load3(f_dc, rows), (real)0.28209479177387814f);
     real x = towards.x - view->center[0], y = towards.y - view->center[1], z = towards.z - view->center[2];
     real length = root(x * x + y * y + z * z);

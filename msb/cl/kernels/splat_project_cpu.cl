@@ -51,8 +51,14 @@ void color_eight(__global Face *faces, size_t count, const Source *source, __con
 {
     size_t rows[LANES];
     real color[COLORS];
-    for (uint k = 0; k < LANES; k++)
-        rows[k] = faces[k < count ? k : 0].number;
+    for (uint k = 0; k < LANES; k++) {
+        __global const Face *face = faces + (k < count ? k : 0);
+        rows[k] = face->number;
+#if !VERTEX_COLORS
+        for (uint c = 0; c < COLORS; c++)
+            ((float *)&color[c])[k] = face->color[c];
+#endif
+    }
     color_faces(rows, source, view, color);
     for (uint k = 0; k < count && k < LANES; k++)
         for (uint c = 0; c < COLORS; c++)

@@ -14,6 +14,15 @@ void corners_of(const size_t *rows, __global const float *positions, __global co
         corners[k] = (vec3){values[3 * k], values[3 * k + 1], values[3 * k + 2]};
 }
 
+// Colours are of the centroid, which takes their place until color_faces.
+void color_later(const vec3 *p, real *color)
+{
+    vec3 center = center_of(p[0], p[1], p[2]);
+    color[0] = center.x;
+    color[1] = center.y;
+    color[2] = center.z;
+}
+
 #if LANES == 8
 void prefetch_face(size_t row, const Source *source)
 {

@@ -6,7 +6,8 @@
 //   Face, Faces                         structs of them, of one face (BY_EIGHTS) and of LANES faces
 //   corners_of                          corners of LANES faces
 //   project_faces                       culling, projection, official tiles and reach of LANES faces
-//   COLORS, color_faces                 their colours, so many values each
+//   COLORS, color_faces                 their colours, so many values each; in their place is what
+//                                       project_faces left there, but where VERTEX_COLORS
 //   prefetch_face, prefetch_colors      CPU style: fetch what project_faces, color_faces will read
 //   Columns, columns_of                 what of a face its samples in one column share
 //   reaches                             CPU style: which pairs of rows of eight columns it can reach

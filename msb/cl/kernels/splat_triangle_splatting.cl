@@ -74,6 +74,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     vec3 p[3];
     load_members(source->coverage, rows, COVERAGE, COVERAGE, coverage);
     corners_of(rows, source->positions, source->indices, p);
+    color_later(p, f->color);
     f->opacity = coverage[0];
     f->sigma = coverage[1];
 #if ENGINE
@@ -110,9 +111,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
 
 void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
-    vec3 p[3];
-    corners_of(rows, source->positions, source->indices, p);
-    vec3 seen = center_of(p[0], p[1], p[2]);
+    vec3 seen = {color[0], color[1], color[2]};
     // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
     // are right only with this.
     if (view->broadcast_z)

@@ -186,6 +186,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     vec3 p[3];
     corners_of(rows, source->positions, source->indices, p);
     mask kept = project_shape(view, p[0], p[1], p[2], f, official, &box, depth);
+    color_later(p, f->color);
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
@@ -196,9 +197,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
 
 void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
-    vec3 p[3];
-    corners_of(rows, source->positions, source->indices, p);
-    color_of(view, source->f_dc, source->f_rest, rows, center_of(p[0], p[1], p[2]), color);
+    color_of(view, source->f_dc, source->f_rest, rows, (vec3){color[0], color[1], color[2]}, color);
 }
 
 #if !ENGINE

@@ -1,28 +1,7 @@
-// From projected primitives to tile lists in depth order; the same for every method.
-//
-// Depth order comes first: N primitives are sorted, not N times their tiles. Appending them to tile lists in
-// that order gives what the official kernels get by sorting (tile << 32 | depth) keys stably.
+// Tile lists, CPU style: a counting sort by tile; each work-item takes a contiguous chunk of the depth order.
 
 #include "zbuffer_lanes.cl"
-
-typedef ushort4 Tiles; // x0, y0, x1, y1: low inclusive, high exclusive
-
-// Work-item c of `project` has listed primitives at places c * chunk, c * chunk + 1 ...; before[c] are those
-// that others have listed before.
-__kernel void compact(__global const uint *before, __global const uint *keys, __global uint *keys_out,
-                      __global uint *places_out, uint items, uint chunk)
-{
-    size_t c = get_global_id(0);
-    if (c >= items)
-        return;
-    size_t place = c * chunk;
-    for (uint k = before[c]; k < before[c + 1]; k++, place++) {
-        keys_out[k] = keys[place];
-        places_out[k] = (uint)place;
-    }
-}
-
-// ---- CPU style: a counting sort by tile; each work-item takes a contiguous chunk of the depth order
+#include "splat_compact.cl"
 
 #define AHEAD 32 // primitives whose tiles are on their way: they lie scattered in memory
 
@@ -105,46 +84,4 @@ __kernel void fill_tiles(__global const uint *order, __global const Tiles *order
                 PUT(corner + x, 1);
     }
 #undef PUT
-}
-
-// ---- GPU style: pairs (tile, primitive) in depth order, then a stable sort by tile alone
-
-__kernel void count_pairs(__global const uint *order, __global const Tiles *tiles, __global uint *counts,
-                          uint count)
-{
-    size_t i = get_global_id(0);
-    if (i >= count)
-        return;
-    Tiles b = tiles[order[i]];
-    counts[i] = (uint)(b.z - b.x) * (uint)(b.w - b.y);
-}
-
-__kernel void emit_pairs(__global const uint *order, __global const Tiles *tiles,
-                         __global const ulong *offsets, __global uint *pair_tiles,
-                         __global uint *pair_numbers, uint count, uint columns)
-{
-    size_t i = get_global_id(0);
-    if (i >= count)
-        return;
-    uint number = order[i];
-    Tiles b = tiles[number];
-    ulong place = offsets[i];
-    for (uint y = b.y; y < b.w; y++)
-        for (uint x = b.x; x < b.z; x++) {
-            pair_tiles[place] = y * columns + x;
-            pair_numbers[place++] = number;
-        }
-}
-
-// starts[t] is the first pair of tile t or later, starts[tile_count] the number of pairs.
-__kernel void find_starts(__global const uint *pair_tiles, __global ulong *starts, uint pairs,
-                          uint tile_count)
-{
-    size_t i = get_global_id(0);
-    if (i > pairs)
-        return;
-    uint from = i == 0 ? 0 : pair_tiles[i - 1] + 1;
-    uint to = i == pairs ? tile_count : pair_tiles[i];
-    for (uint t = from; t <= to; t++)
-        starts[t] = i;
 }
