@@ -77,7 +77,8 @@ def run(tool: str, folder: Path, *, warm: bool = True, **env: str) -> Result:
     )
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
-        return {"error": (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]}
+        ended = f"ended by signal {-done.returncode}" if done.returncode < 0 else f"status {done.returncode}"
+        return {"error": (done.stderr.strip().splitlines() or [ended])[-1]}
     return dict(json.loads(lines[-1]))
 
 

@@ -49,6 +49,7 @@ class Known:
         self.views = cache(self._views)
         self.hash = cache(_hash)
         self.metrics = cache(_metrics)
+        self.renderer = cache(_renderer)
 
     def _views(self, at: SceneAt) -> Views:
         scene = at.read()
@@ -87,11 +88,11 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
         if job.cell.dataset == "dtu" and job.chamfer_data is not None:
             found["chamfer"] = _chamfer(job, known)
     else:
-        found["quality"] = {**views, **_images(job), "metrics": known.metrics(job.vgg_weights)}
+        found["quality"] = {**views, **_images(job, known), "metrics": known.metrics(job.vgg_weights)}
         if condition != "non_engine" and job.frames:
             found["timing"] = {
                 "cameras": job.views.cameras,
-                **_images(job),
+                **_images(job, known),
                 "device": _device(known.device),
                 "clock": f"{job.frames} frames, {job.seconds:g} s",
             }
@@ -105,21 +106,24 @@ def _asset(job: Job) -> str:
     return str(job.model.asset.sha256)[:_SHORT]
 
 
-def _images(job: Job) -> Inputs:
+def _images(job: Job, known: Known) -> Inputs:
     """Return what decides the cell's images, besides cameras and background."""
     if job.renders is not None:
         try:
             return {"renders": str(find_renders(job.renders, job.scene.read().test).folder.sha256)[:_SHORT]}
         except MsbError as error:  # the cell will say it again, and in full
             return {"renders": error.code}
-    return {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": _renderer(job)}
+    renderer = known.renderer(job.cell.renderer or job.tier)
+    return {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": renderer}
 
 
-def _renderer(job: Job) -> str:
+def _renderer(name: str) -> str:
     from msb.render.protocol import find_renderer
 
-    made: Any = find_renderer(job.cell.renderer or job.tier)
-    return f"{getattr(made, 'name', job.cell.column)} {getattr(made, 'version', '')}".rstrip()
+    made: Any = find_renderer(name)
+    installed = getattr(made, "installed", None)
+    version = getattr(made, "version", "") if installed is None else installed()
+    return f"{getattr(made, 'name', name)} {version}".rstrip()
 
 
 def _device(record: Mapping[str, Any] | None) -> str:

@@ -120,6 +120,16 @@ class _Blender(Engine):
         text = "bpy is not installed: pip install 'meshsplatbench[blender]' with Python 3.11 or 3.13"
         return f"{text}, or set {VARIABLE} to a python that has it"
 
+    @classmethod
+    def installed(cls) -> str:
+        """Return the version of bpy where it is."""
+        python = _python()
+        if python is None:
+            return ""
+        code = "import importlib.metadata; print(importlib.metadata.version('bpy'))"
+        done = subprocess.run([python, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+        return done.stdout.strip()
+
     def memory(self) -> Mapping[str, int]:
         """Return by how much Blender's process has grown since it started: it says nothing finer."""
         return {"Blender's process": max(0, self._resident - self._baseline)}

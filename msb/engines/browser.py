@@ -82,6 +82,12 @@ def find_browser() -> str | None:
     return found or next((place for place in _PLACES if Path(place).exists()), None)
 
 
+def dated(browser: str) -> str:
+    """Return the program's name and when it was made: what an update changes. Asking it would start it."""
+    path = Path(browser).resolve()
+    return f"{path.name} of {time.strftime('%Y-%m-%d %H:%M', time.gmtime(path.stat().st_mtime))}"
+
+
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 

@@ -77,6 +77,11 @@ class Engine(ABC):
     def missing(cls) -> str | None:
         """Return what has to be installed before this can draw, or None; no engine is started to find out."""
 
+    @classmethod
+    @abstractmethod
+    def installed(cls) -> str:
+        """Return the version that would draw, "" where none would; no engine is started to find out."""
+
     @abstractmethod
     def _frame(self, camera: Camera, background: Color) -> Frame:
         """Return one frame, one sample a pixel."""

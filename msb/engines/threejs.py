@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.engines.browser import Page, find_browser
+from msb.engines.browser import Page, dated, find_browser
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webpage import camera_data, page, three_js
 from msb.errors import DeviceError, UsageError
@@ -80,6 +82,16 @@ class ThreeJsRenderer(Engine):
         except UsageError as error:
             return error.message
         return None
+
+    @classmethod
+    def installed(cls) -> str:
+        """Return the version of trimesh, which brings three.js, and the browser's age."""
+        browser = find_browser()
+        if browser is None:
+            return ""
+        with contextlib.suppress(PackageNotFoundError):
+            return f"of trimesh {version('trimesh')}, {dated(browser)}"
+        return ""
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of the page's buffers and targets."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -103,6 +104,13 @@ class WgpuRenderer(Engine):
         if find_spec("wgpu") is None:
             return "wgpu-py is not installed: pip install 'meshsplatbench[wgpu]'"
         return None if all_adapters() else f"there is no graphics driver; {INSTALL}"
+
+    @classmethod
+    def installed(cls) -> str:
+        """Return wgpu-py's version."""
+        with contextlib.suppress(PackageNotFoundError):
+            return version("wgpu")
+        return ""
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""

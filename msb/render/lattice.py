@@ -12,11 +12,11 @@ import numpy as np
 
 from msb._version import __version__
 from msb.asset.settings import check_modes, effective_settings
-from msb.cl import Device, open_device
 from msb.render.frame import Frame, chosen_extras
 from msb.render.lattice_camera import lattice_matrices, pixel_centers
 from msb.render.lattice_model import FEATURES, lattice_model
 from msb.render.protocol import Drawn
+from msb.render.tenancy import Tenancy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.cl import Buffer, Program
+    from msb.cl import Buffer, Device, Program
     from msb.cl.source import Define
     from msb.methods import Order, Sampling
     from msb.scenes import Camera
@@ -114,11 +114,11 @@ class LatticePipeline:
         self._viewer, self._raw = viewer, "raw" in chosen_extras(outputs)
         self._faces, self._side = len(model.indices), np.int32(2**model.level)
         self._padded = -(-self._faces // _LANES) * _LANES
-        self._owned = not isinstance(device, Device)
-        self._device = device if isinstance(device, Device) else open_device(device)
+        self._tenancy = Tenancy(device, "lattice")
+        self._device, self._static = self._tenancy.device, self._tenancy.kept
+        self._scratch = self._tenancy.scratch
         # The one place that chooses: bands of rows that need no atomics, or 64-bit atomics.
         self._bands = self._device.style == "cpu" or not self._device.record.int64_atomics
-        self._static: dict[str, Buffer] = {}
         try:
             for use, array in {
                 "positions": model.positions,
@@ -128,7 +128,7 @@ class LatticePipeline:
                 "opaque faces": model.opaque,
                 "decoder": model.decoder,
             }.items():
-                self._static[use] = self._device.upload(array, use)
+                self._tenancy.keep(use, array)
             defines: dict[str, Define] = {"TEXEL": "float", "TEXEL_SCALE": 1}
             if model.features.dtype == np.uint8:
                 defines = {"TEXEL": "uchar", "TEXEL_SCALE": 255}
@@ -214,7 +214,7 @@ class LatticePipeline:
             scene = self._project(raster, np.concatenate([mvp.ravel(), inverse.ravel(), background]))
         planes, fragments = (self._draw_bands if self._bands else self._draw_groups)(raster, scene)
         with device.stage("clear"):
-            visible = device.scratch("lattice visible", self._faces, np.uint8)
+            visible = self._scratch("visible", self._faces, np.uint8)
             visible.fill(0)
         with device.stage("decode"):
             outputs, raws = self._shade(raster, scene, planes, visible, flip)
@@ -222,22 +222,11 @@ class LatticePipeline:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes on the device; of a device that is shared, only what is ours."""
-        held = self._device.memory()
-        if self._owned:
-            return held
-        own = {use: buffer.nbytes for use, buffer in self._static.items()}
-        return own | {use: nbytes for use, nbytes in held.items() if use.startswith("lattice ")}
+        return self._tenancy.memory()
 
     def close(self) -> None:
         """Release the model; a device of our own is closed, scratch memory of a shared one stays with it."""
-        for buffer in self._static.values():
-            buffer.release()
-        self._static = {}
-        if self._owned:
-            self._device.close()
-
-    def _scratch(self, name: str, shape: int | tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        return self._device.scratch(f"lattice {name}", shape, dtype)
+        self._tenancy.close()
 
     def _project(self, raster: _Raster, frame: Any) -> dict[str, Buffer]:
         """Queue the projection of all triangles; return what drawing needs of the frame."""

@@ -65,7 +65,8 @@ class Backend(Protocol):
     More is used where a renderer has it. `device_info`, a mapping with `platform`, `name` and `kind`
     ("cpu", "gpu"), says what draws if that is no OpenCL device. `tiers`, of the class, lists the tiers it
     draws if that is not all of them. The class method `missing()` says what must be installed first, or
-    returns None; it is quick.
+    returns None; it is quick. So does `installed()` return what would draw, as versions, where `version` is
+    known only once it draws; `msb run` draws again when that changes.
     """
 
     name: str

@@ -14,12 +14,12 @@ import numpy as np
 from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
-from msb.cl import Device, open_device
 from msb.render.frame import Frame, chosen_extras
 from msb.render.protocol import Drawn
 from msb.render.splat_bins import Projected, bin_faces
 from msb.render.splat_methods import make_model, sh_buffers
 from msb.render.splat_view import TILE, make_view
+from msb.render.tenancy import Tenancy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.cl import Buffer, Program
+    from msb.cl import Buffer, Device, Program
     from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
@@ -118,10 +118,10 @@ class SplattingPipeline:
         self._stored_positions = asset.buffers["positions"]
         self._extent = np.maximum(model.positions.max(axis=0), -model.positions.min(axis=0))
 
-        self._own_device = not isinstance(device, Device)
-        self._device = device if isinstance(device, Device) else open_device(device)
+        self._tenancy = Tenancy(device, "splat")
+        self._device, self._static = self._tenancy.device, self._tenancy.kept
+        self._scratch = self._tenancy.scratch
         self._chunk = _CHUNK[self._device.style]
-        self._static: dict[str, Buffer] = {}
         try:
             for name, array in (
                 ("positions", model.positions),
@@ -130,9 +130,7 @@ class SplattingPipeline:
                 ("f_dc", f_dc),
                 ("f_rest", f_rest),
             ):
-                self._static[name] = self._device.upload(
-                    np.zeros(1, np.float32) if array is None else array, name
-                )
+                self._tenancy.keep(name, np.zeros(1, np.float32) if array is None else array)
             defines = {
                 **model.defines,
                 "LANES": _LANES[self._device.style],
@@ -170,22 +168,11 @@ class SplattingPipeline:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes on the device; of a device that is shared, only what is ours."""
-        held = self._device.memory()
-        if self._own_device:
-            return held
-        own = {name: buffer.nbytes for name, buffer in self._static.items()}
-        return own | {use: nbytes for use, nbytes in held.items() if use.startswith("splat ")}
+        return self._tenancy.memory()
 
     def close(self) -> None:
         """Release everything; a device that was given stays open, and so do its scratch buffers."""
-        for buffer in self._static.values():
-            buffer.release()
-        self._static.clear()
-        if self._own_device:
-            self._device.close()
-
-    def _scratch(self, name: str, shape: int | tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        return self._device.scratch(f"splat {name}", shape, dtype)
+        self._tenancy.close()
 
     def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
         """Queue everything from the projection to the pixels of the frame."""

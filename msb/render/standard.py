@@ -10,13 +10,13 @@ import numpy as np
 from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_overrides, effective_settings
-from msb.cl import Device, open_device
 from msb.render.frame import Frame
 from msb.render.host_arrays import HostArrays
 from msb.render.protocol import Drawn, check_supported
 from msb.render.standard_triangles import BLOCK, CLUSTER, GROUP, make_triangles
 from msb.render.standard_view import standard_view
 from msb.render.supersampling import box_filter, enlarged, split_supersample
+from msb.render.tenancy import Tenancy
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.cl import Buffer
+    from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
@@ -82,10 +82,11 @@ class StandardRenderer:
         check_drawable(asset, ("positions", "color", "f_dc"))
         values = effective_settings(asset.manifest, others)
         self._host = HostArrays()
-        self._own_device = not isinstance(device, Device)
-        self._device = device if isinstance(device, Device) else open_device(device)
+        self._tenancy = Tenancy(device, "standard")
+        self._device, self._scratch = self._tenancy.device, self._tenancy.scratch
         try:
             self._triangles = make_triangles(self._device, asset, values)
+            self._tenancy.kept |= self._triangles.buffers
             defines: dict[str, Any] = {"COLORS": self._triangles.kind}
             if self._device.style == "cpu":
                 blocks = CLUSTER // BLOCK
@@ -100,8 +101,7 @@ class StandardRenderer:
                 defines["KEYS"] = self._device.record.int64_atomics
             self._program = self._device.program(f"zbuffer_{self._device.style}", defines)
         except BaseException:
-            if self._own_device:
-                self._device.close()
+            self.close()
             raise
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
@@ -142,20 +142,11 @@ class StandardRenderer:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes on the device; of a device that is shared, only what is ours."""
-        held = self._device.memory()
-        if self._own_device:
-            return held
-        return {use: nbytes for use, nbytes in held.items() if use.startswith("standard ")}
+        return self._tenancy.memory()
 
     def close(self) -> None:
         """Release everything; a device that was given stays open, and so do its scratch buffers."""
-        for buffer in self._triangles.buffers:
-            buffer.release()
-        if self._own_device:
-            self._device.close()
-
-    def _scratch(self, name: str, shape: int | tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        return self._device.scratch(f"standard {name}", shape, dtype)
+        self._tenancy.close()
 
     def _read(self, buffer: Buffer) -> NDArray[Any]:
         return buffer.read(self._host.take(buffer.shape, buffer.dtype))

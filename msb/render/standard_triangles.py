@@ -59,9 +59,9 @@ class Triangles:
     stride: int
 
     @property
-    def buffers(self) -> tuple[Buffer, ...]:
-        """All of them."""
-        return self.records, self.colors, self.boxes
+    def buffers(self) -> dict[str, Buffer]:
+        """All of them, by use."""
+        return {buffer.use: buffer for buffer in (self.records, self.colors, self.boxes)}
 
 
 def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) -> Triangles:

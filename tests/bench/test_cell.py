@@ -156,11 +156,27 @@ class Engine:
     def close(self) -> None: ...
 
 
-def test_an_engine_has_a_column_of_its_own(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def red(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     there = {**renderers(), "red": "tests.bench.test_cell:Engine"}
     for module in ("msb.render.protocol", "msb.bench.plan"):
         monkeypatch.setattr(f"{module}.renderers", lambda: there, raising=False)
     bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"engines": ("red",)}))
+    return bench
+
+
+def test_an_update_of_an_engine_draws_its_cells_again(red: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Engine, "installed", lambda: "1.2", raising=False)
+    red.compute("red", "quality")
+    (planned,) = red.plan("red")
+    assert "quality" not in planned.why
+    monkeypatch.setattr(Engine, "installed", lambda: "1.3")
+    (planned,) = red.plan("red")
+    assert planned.why["quality"] == "renderer changed"
+
+
+def test_an_engine_has_a_column_of_its_own(red: Bench) -> None:
+    bench = red
     done = bench.compute("red", "quality", "timing")
     found = bench.record(done)
     assert done.cell.column == "red"

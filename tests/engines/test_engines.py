@@ -111,6 +111,13 @@ def test_real_mesh_from_a_real_camera(name: str, shared: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ENGINES)
+def test_what_would_draw_is_known_before_it_does(name: str) -> None:
+    made: Any = find_renderer(need(name))
+    assert any(sign.isdigit() for sign in made.installed())
+    assert made.installed() == made.installed()
+
+
+@pytest.mark.parametrize("name", ENGINES)
 def test_a_renderer_like_ours(name: str) -> None:
     asset = colored("large")
     with msb.Renderer(asset, name=need(name), settings={"supersample": 2}) as renderer:

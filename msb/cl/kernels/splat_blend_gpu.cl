@@ -3,13 +3,18 @@
 
 #define BATCH 64
 #define GROUP (TILE * TILE)
-#define WORDS (sizeof(Face) / sizeof(uint))
+
+// Through mere pointers to words a compiler need not see that faces were stored.
+typedef union {
+    Face face;
+    uint words[FACE_WORDS];
+} FaceAsWords;
 
 __kernel __attribute__((reqd_work_group_size(TILE, TILE, 1))) void
 blend(__constant View *view, __global const ulong *starts, __global const uint *list,
       __global const Face *faces, __global float *planes, uint first_tile_row, uint tile_rows)
 {
-    __local Face staged[BATCH];
+    __local FaceAsWords staged[BATCH];
     __local uint numbers[BATCH];
     __local int alive;
     uint me = get_local_id(1) * TILE + get_local_id(0);
@@ -39,12 +44,14 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
             numbers[me] = list[base + me];
         barrier(CLK_LOCAL_MEM_FENCE);
         // Word by word, so that neighbours read neighbours.
-        for (uint w = me; w < here * WORDS; w += GROUP)
-            ((__local uint *)staged)[w] = ((__global const uint *)(faces + numbers[w / WORDS]))[w % WORDS];
+        for (uint w = me; w < here * FACE_WORDS; w += GROUP) {
+            __global const FaceAsWords *face = (__global const FaceAsWords *)(faces + numbers[w / FACE_WORDS]);
+            staged[w / FACE_WORDS].words[w % FACE_WORDS] = face->words[w % FACE_WORDS];
+        }
         barrier(CLK_LOCAL_MEM_FENCE);
 
         for (uint k = 0; k < here && running; k++) {
-            FACE_POINTER f = staged + k;
+            FACE_POINTER f = &staged[k].face;
             if ((int)column < f->x0 || (int)column > f->x1 || (int)row < f->y0 || (int)row > f->y1)
                 continue;
             Columns c = columns_of(f, x, view);
