@@ -134,7 +134,7 @@ def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -
     pose = view["world_to_camera"].reshape(3, 4).astype(np.float64)
     size = np.array([view["width"], view["height"]], np.float64)
     tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
-    rounding = 32 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
+    rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
     # Sample x of the raster is that of x / z = tan (2 (x - shift) + 1 - width) / width.
     ends = np.array([view["columns"], view["rows"]]) * TILE
     margin = culling.margin + 0.004 * size.max()

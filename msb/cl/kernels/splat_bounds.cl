@@ -68,7 +68,7 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
     // dropped.
     real inradius = AS_REAL(radii << 16) + limits->rounding;
     real most = inradius * limits->focal * (length3((vec3){x, y, z}) + radius);
-    beside |= before & (most < 0.95f * nearest * nearest);
+    beside |= before & (most < 0.99f * nearest * nearest);
 #endif
 #endif
     return !((z + radius * limits->depth_growth < limits->nearest) | beside);
