@@ -49,7 +49,7 @@ class MsbError(Exception):
             text = f"{code} is registered for {CODES[code].kind.__name__}, not {type(self).__name__}"
             raise TypeError(text)
         self.code = code
-        self.message = _one_line(message)
+        self.message = one_line(message)
         self.file = None if file is None else str(file)
         self.pointer = pointer
         self.value = value
@@ -63,7 +63,7 @@ class MsbError(Exception):
         return partial(type(self), **where), (self.code, self.message)
 
     def __str__(self) -> str:
-        where = "" if self.file is None else f"{_one_line(self.file)}: "
+        where = "" if self.file is None else f"{one_line(self.file)}: "
         return f"{self.code}: {where}{self.message}"
 
 
@@ -196,7 +196,7 @@ def finding(
     """
     if code not in CODES:
         raise KeyError(code)
-    return Finding(code, severity, _one_line(message), pointer, file, value, limit)
+    return Finding(code, severity, one_line(message), pointer, file, value, limit)
 
 
 def error_finding(error: MsbError) -> Finding:
@@ -227,7 +227,7 @@ def shorten(text: str, limit: int = 80) -> str:
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Return `text` without control characters: a file's name or content must not break the line."""
     if text.isprintable():
         return text
@@ -335,6 +335,10 @@ CODES: dict[str, Code] = {
             "RESULTS_BUSY": (
                 "Another msb run is writing into the results folder.",
                 "Wait for it or stop it; the message says where it runs.",
+            ),
+            "RUN_PATH_NAME": (
+                "The name of a file or folder of the run is not UTF-8, as records are.",
+                "Rename it, or run in another folder.",
             ),
             "RUN_SCHEDULER": (
                 "There is no Dask scheduler at that address, or it was lost.",

@@ -207,7 +207,11 @@ def _hashed(model: Model, progress: Progress | None) -> list[SourceFile]:
 
 
 def _relative(path: Path, root: Path) -> str:
-    """Return `path` below `root` with forward slashes, or its name alone: never where it lay on this disk."""
+    """Return `path` below `root` with forward slashes, or its name alone: never where it lay on this disk.
+
+    Bytes that are not UTF-8 become \\udcXX: a manifest is text.
+    """
     path = path.absolute()
     inside = path.is_relative_to(root.absolute())
-    return path.relative_to(root.absolute()).as_posix() if inside else path.name
+    name = path.relative_to(root.absolute()).as_posix() if inside else path.name
+    return name.encode(errors="backslashreplace").decode()

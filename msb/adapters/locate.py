@@ -58,7 +58,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
     Raises
     ------
     InputError
-        `FILE_NOT_FOUND`.
+        `FILE_NOT_FOUND` or `FILE_UNREADABLE`.
     CheckpointError
         `CHECKPOINT_UNKNOWN` for a folder that is none of those we know, or that holds several;
         `CHECKPOINT_FILE_MISSING` for an iteration without its model.
@@ -114,8 +114,16 @@ def _pick(folder: Path) -> Path | None:
     """Return the file of the model in `folder`, None if the folder looks like no method's.
 
     The file of the latest iteration is returned even if it is missing.
+
+    Raises
+    ------
+    InputError
+        `FILE_UNREADABLE`.
     """
-    return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
+    try:
+        return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
+    except PermissionError as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=folder) from error
 
 
 def _diffsoup(folder: Path) -> Path | None:

@@ -7,6 +7,7 @@ lets deep nesting end in RecursionError. A manifest that relies on any of these 
 from __future__ import annotations
 
 import json
+import re
 from typing import Any, NoReturn
 
 from msb.asset.manifest import MANIFEST_NAME
@@ -18,6 +19,8 @@ MAX_DEPTH = 16
 """The format nests 4 deep; extensions may nest further."""
 MAX_DIGITS = 20
 """2^64 has 20 digits; no field of the format needs more."""
+_STRING_OR_BRACKET = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
+"""A string may have no end; possessive, so that no length of it takes memory."""
 
 
 def parse_strict_json(
@@ -125,21 +128,11 @@ class _Parser:
 def _nesting(text: str) -> int:
     """Return the greatest nesting of brackets outside strings (0 if there are none)."""
     depth = deepest = 0
-    inside = escaped = False
-    for character in text:
-        if inside:
-            if escaped:
-                escaped = False
-            elif character == "\\":
-                escaped = True
-            elif character == '"':
-                inside = False
-        elif character == '"':
-            inside = True
-        elif character in "[{":
+    for token in _STRING_OR_BRACKET.finditer(text):
+        if token[0] in ("[", "{"):
             depth += 1
             deepest = max(deepest, depth)
-        elif character in "]}":
+        elif token[0] in ("]", "}"):
             depth -= 1
     return deepest
 

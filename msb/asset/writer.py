@@ -59,9 +59,10 @@ def save(
         shapes.
     """
     _refuse_unreadable(asset, path)
-    meter = Meter("writing", sum(spec.byte_length for spec in asset.manifest.buffers.values()), progress)
+    size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
+    meter = Meter("writing", size, progress)
     if form == "folder":
-        with new_folder(path) as folder:
+        with new_folder(path, size=size) as folder:
             for name, chunks in _members(asset):
                 target = folder / name
                 target.parent.mkdir(exist_ok=True)
@@ -70,7 +71,7 @@ def save(
                         file.write(piece)
                         meter.advance(len(piece))
     else:
-        with new_file(path) as file:
+        with new_file(path, size=size) as file:
             _write_packed(asset, file, meter)
 
 

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def read_bytes(path: str | os.PathLike[str], max_bytes: int) -> bytes:
+def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD_INVALID") -> bytes:
     """Return the content of `path`, if it is not longer than `max_bytes`.
 
     Raises
     ------
     InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
+        FILE_NOT_FOUND, FILE_UNREADABLE or, where it is longer, `code`.
     """
     try:
         with Path(path).open("rb") as file:
@@ -34,7 +34,7 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int) -> bytes:
     except OSError as error:
         raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
     if len(data) > max_bytes:
-        raise InputError("RECORD_INVALID", f"it is longer than {max_bytes:,} bytes", file=path)
+        raise InputError(code, f"it is longer than {max_bytes:,} bytes", file=path)
     return data
 
 
@@ -74,12 +74,14 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
     try:
         # JSON again: only from JSON does a strict model take a list for a tuple.
         return model.model_validate_json(json.dumps(data, allow_nan=False))
+    except RecursionError:  # TOML's dotted keys nest without brackets
+        raise InputError(code, "it holds what it may not: nested too deeply", file=file) from None
     except (TypeError, ValueError) as error:
         if not isinstance(error, ValidationError):  # a date, NaN: TOML has what JSON has not
-            raise InputError(code, f"it holds what it may not: {error}", file=file) from None
+            raise InputError(code, f"it holds what it may not: {shorten(str(error))}", file=file) from None
         first: Mapping[str, Any] = error.errors(include_url=False)[0]
         pointer = "".join(f"/{part}" for part in first["loc"]) or "/"
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
         found = "" if first["type"] == "missing" else f", found {shorten(repr(first['input']), 40)}"
-        text = f"{pointer}: {first['msg'][:1].lower()}{first['msg'][1:]}{found}{more}"
+        text = f"{shorten(pointer)}: {first['msg'][:1].lower()}{first['msg'][1:]}{found}{more}"
         raise InputError(code, text, file=file, pointer=pointer) from None

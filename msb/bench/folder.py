@@ -88,11 +88,27 @@ def exclusive(root: Path) -> Iterator[str]:
         with new_file(root / _RUN) as file:
             file.write(json.dumps(about).encode())
         yield run
-        remove_leftovers(root)  # of workers that died
     finally:
+        remove_leftovers(root)  # of workers that died, or were broken off by an interrupt
         with contextlib.suppress(OSError):
             (root / _RUN).unlink()
         lock.release()
+
+
+def check_names(*paths: Path | None) -> None:
+    """Refuse paths that no record could hold, JSON being UTF-8.
+
+    Raises
+    ------
+    UsageError
+        RUN_PATH_NAME.
+    """
+    for path in paths:
+        try:
+            str(path).encode()
+        except UnicodeEncodeError:
+            text = "its name is not UTF-8, so no record could hold it; rename it or work in another folder"
+            raise UsageError("RUN_PATH_NAME", text, file=path) from None
 
 
 def check_run(root: Path, run: str) -> None:

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.cell import reason_of
-from msb.bench.folder import Results
+from msb.bench.folder import Results, check_names
 from msb.bench.inputs import Known, inputs_of
 from msb.bench.job import MAIN, Job
 from msb.bench.models import Model, ModelTask, method_of
@@ -93,8 +93,9 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
     InputError, SceneError
         A dataset's scenes are not listed, and its folder is not there or holds none.
     UsageError
-        USAGE: nothing is selected.
+        USAGE: nothing is selected. RUN_PATH_NAME: a path is not UTF-8, as records in JSON must be.
     """
+    check_names(file.path.absolute(), file.results)
     columns = (*CONDITIONS, *file.protocol.engines)
     found: list[Pair] = []
     names_there: dict[str, None] = {}
@@ -110,6 +111,7 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
                 methods = METHODS if method.name == AUTO else (method.name,)
                 if _matches((dataset.name, path.name, *methods, *columns), only):
                     model = None if method.model is None else file.resolve(method.model, **names)
+                    check_names(path, model)
                     found.append(Pair(dataset, method, path.name, path, model))
     if only and not found:
         raise _nothing(only, (*names_there, *columns))

@@ -13,9 +13,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from msb.bench.checked import checked, read_bytes
+from msb.bench.folder import check_names
 from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
 from msb.bench.records import CONDITIONS, Condition
-from msb.errors import InputError, MsbError, UsageError
+from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.methods import METHODS
 
 AUTO = "auto"
@@ -199,15 +200,15 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
     InputError
         FILE_NOT_FOUND, FILE_UNREADABLE or PROTOCOL_INVALID, naming the key or the line.
     """
-    return parse_protocol(read_bytes(path, _MAX_BYTES), path)
+    return parse_protocol(read_bytes(path, _MAX_BYTES, "PROTOCOL_INVALID"), path)
 
 
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
     """Return the protocol that `text` is, as if it stood in the file `path`; errors as of `read_protocol`."""
     try:
         data: dict[str, Any] = tomllib.loads(text.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise _bad(path, f"it is not TOML: {error}") from error
+    except ValueError as error:  # of the encoding, the syntax, or an integer of thousands of digits
+        raise _bad(path, f"it is not TOML: {shorten(str(error))}") from error
     except RecursionError:
         raise _bad(path, "it is not TOML: nested too deeply") from None
     protocol = checked(Protocol, data, file=path, code="PROTOCOL_INVALID")
@@ -231,22 +232,29 @@ def single_protocol(
     ------
     InputError, SceneError
         `scene` is none.
+    UsageError
+        RUN_PATH_NAME.
     """
     from msb.scenes.datasets import read_scene
 
-    # JSON's strings are TOML's.
+    check_names(Path(scene).absolute(), Path(model).absolute())
     lines = [
         "[[datasets]]",
-        f"name = {json.dumps(read_scene(scene).dataset)}",
-        f"path = {json.dumps(os.path.abspath(scene))}",  # noqa: PTH100 - names as given, not where links lead
+        f"name = {_quoted(read_scene(scene).dataset)}",
+        f"path = {_quoted(os.path.abspath(scene))}",  # noqa: PTH100 - names as given, not where links lead
         "",
         "[[methods]]",
-        f"model = {json.dumps(os.path.abspath(model))}",  # noqa: PTH100
+        f"model = {_quoted(os.path.abspath(model))}",  # noqa: PTH100
     ]
     if non_engine is not None:
         given = non_engine if non_engine == REFERENCE else os.path.abspath(non_engine)  # noqa: PTH100
-        lines.append(f"non_engine = {json.dumps(given)}")
+        lines.append(f"non_engine = {_quoted(given)}")
     return parse_protocol("\n".join(lines).encode() + b"\n", PROTOCOL_NAME)
+
+
+def _quoted(text: str) -> str:
+    """Return `text` as TOML writes it: as JSON, without pairs of surrogates and without a raw DEL."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
 def _check(protocol: Protocol, path: object) -> None:
@@ -254,7 +262,8 @@ def _check(protocol: Protocol, path: object) -> None:
     for number, method in enumerate(protocol.methods):
         where = f"/methods/{number}"
         if method.name != AUTO and method.name not in METHODS:
-            text = f'{where}/name: there is no method "{method.name}"; there are {AUTO}, {", ".join(METHODS)}'
+            there = ", ".join((AUTO, *METHODS))
+            text = f'{where}/name: there is no method "{shorten(method.name)}"; there are {there}'
             raise _bad(path, text, f"{where}/name")
         if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
             text = f"{where}: it has no model, and no name with a folder of official renderings instead"
@@ -264,7 +273,7 @@ def _check(protocol: Protocol, path: object) -> None:
             for place in re.findall(r"\{(.*?)\}", getattr(method, key) or ""):
                 if place not in known:
                     there = ", ".join(f"{{{name}}}" for name in known)
-                    text = f"{where}/{key}: there is no {{{place}}}; there are {there}"
+                    text = f"{where}/{key}: there is no {{{shorten(place)}}}; there are {there}"
                     raise _bad(path, text, f"{where}/{key}")
         there_are = [dataset.name for dataset in protocol.datasets]
         for name in method.datasets:

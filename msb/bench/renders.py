@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from msb.bench.checked import read_bytes
 from msb.bench.digest import file_sha256, list_sha256
 from msb.bench.records import File
 from msb.errors import InputError, MetricError, shorten
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 SUMS = "SHA256SUMS"
 """As ``sha256sum`` writes it: if it is there, every image must be in it and as it says."""
+_MAX_SUMS = 16 << 20
+"""Bytes: a hundred thousand lines."""
 _NAMED = 4
 
 
@@ -83,12 +86,12 @@ def _check_names(folder: Path, found: set[str], wanted: set[str]) -> None:
 
 
 def _check_sums(path: Path, hashes: dict[str, str]) -> None:
-    try:
-        lines = path.read_text().splitlines()
-    except FileNotFoundError:
+    if not path.is_file():
         return
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error}", file=path) from error
+    try:
+        lines = read_bytes(path, _MAX_SUMS, "FILE_UNREADABLE").decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise InputError("FILE_UNREADABLE", f"it is not UTF-8: {error}", file=path) from error
     said = {
         match[2]: match[1].lower() for line in lines if (match := re.fullmatch(r"(\w{64}) [ *](.+)", line))
     }

@@ -121,7 +121,8 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     watch.stop()
     peak, source, reason = gpus.result()
     return Track(
-        command=tuple(command),
+        # Arguments need not be text; records must be.
+        command=tuple(word.encode(errors="backslashreplace").decode() for word in command),
         started=started.isoformat(timespec="seconds"),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
         seconds=seconds,

@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.cl.device import Device
-from msb.cl.loader import how_to_get_pocl, looked_for, opencl
+from msb.cl.loader import how_to_get_a_device, looked_for, opencl
 from msb.cl.records import DeviceRecord, describe, short_name
 from msb.errors import DeviceError, UsageError, shorten
 
@@ -105,7 +105,7 @@ def _choose(records: Sequence[DeviceRecord], selector: str | None) -> Choice:
         selector = os.environ.get(source) if source != "default" else None
     if not records:
         asked = f" for {_told(selector, source)}" if selector else ""
-        text = f"there is no OpenCL device{asked} ({looked_for()}): {how_to_get_pocl()}"
+        text = f"there is no OpenCL device{asked} ({looked_for()}): {how_to_get_a_device()}"
         raise DeviceError("DEVICE_NOT_FOUND", text)
     if selector is None:
         return Choice(min(records, key=_preference), None, source)

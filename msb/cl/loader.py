@@ -15,6 +15,7 @@ import ctypes
 import importlib
 import os
 import platform
+import shutil
 import sys
 import tempfile
 import threading
@@ -34,6 +35,10 @@ INTEL_LIBRARY = "libintelocl.so"
 # What the Intel library links to, each after what it links to itself; intel-cmplr-lib-rt brings all but TBB.
 _INTEL_NEEDS = ("libtbb.so.12", "libintlc.so.5", "libimf.so", "libirng.so", "libsvml.so")
 NVIDIA_LIBRARY = "libnvidia-opencl.so.1"
+_POCL_CACHE = "POCL_CACHE_DIR"
+_POCL_DEVICES = "POCL_DEVICES"
+_CACHE_BYTES = 1 << 24
+"""What must be free for a cache: several times what all kernels take, for one device."""
 _SYSTEM_VENDORS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix, "etc/OpenCL/vendors"))
 
 _lock = threading.Lock()
@@ -56,7 +61,8 @@ def opencl() -> Any:
         try:
             import pyopencl
         except (ImportError, OSError) as error:
-            text = f"pyopencl cannot be loaded ({shorten(str(error), 200)}): {how_to_get_pocl()}"
+            why = shorten(str(error), 200)
+            text = f"pyopencl cannot be loaded ({why}): pip install --force-reinstall pyopencl"
             raise DeviceError("DEVICE_NOT_FOUND", text) from error
         if not _started:
             _start(pyopencl, early)
@@ -77,6 +83,20 @@ def looked_for() -> str:
     return f"looked in {where}; " + (
         f"found {found} without a usable device" if found else "found no platform"
     )
+
+
+def how_to_get_a_device() -> str:
+    """Return in one sentence what to do where no device was found: unset what hides them, or get PoCL."""
+    if any("Portable" in name for name in _platforms):
+        cache = os.environ.get(_POCL_CACHE)
+        if cache and not _is_writable(Path(cache)):
+            return f"{_POCL_CACHE}={shorten(cache)} cannot be written, so PoCL has no device; unset it"
+        if os.environ.get(_POCL_DEVICES):
+            return f"{_POCL_DEVICES} names none that PoCL has; unset it"
+    user = os.environ.get(VENDOR_VARIABLE)
+    if user and not Path(user).exists():
+        return f"{VENDOR_VARIABLE} names nothing that exists, which hides every platform; unset it"
+    return how_to_get_pocl()
 
 
 def how_to_get_pocl() -> str:
@@ -204,7 +224,8 @@ def _is_writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return True
+            # Where the disk is full, PoCL's compiler ends the process.
+            return shutil.disk_usage(folder).free > _CACHE_BYTES
     except OSError:
         return False
 

@@ -19,7 +19,7 @@ from msb.cli.options import (
     Version,
     epilog,
 )
-from msb.cli.output import Output, failure
+from msb.cli.output import Output, echo, failure
 from msb.cli.run import about, report
 from msb.errors import GateFailed, MsbError, UsageError
 
@@ -117,7 +117,7 @@ def _explain(key: str, output: Output) -> None:
     entry = explain(key)
     output.write_json({"schema": "msb.definition/1", **entry.to_dict()})
     if output.prints_text:
-        typer.echo(entry.to_text())
+        echo(entry.to_text())
 
 
 class _Task:

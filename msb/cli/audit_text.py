@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from msb.cli.output import plain_table
+from msb.errors import one_line
 from msb.topology.verdict import judge, percent
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def print_verdict(audit: Audit, console: Console) -> None:
     """Print the verdict on one line, after the name of the mesh."""
     verdict = judge(audit)
     mark, style = _MARKS[verdict.level]
-    path = _escape(audit.path or "mesh")
+    path = _escape(one_line(audit.path or "mesh"))
     soup = audit.topology == "triangle_soup" and audit.welded is None
     hint = " (--weld exact shows what merging coincident vertices would give)" if soup else ""
     _print_line(f"[bold]{path}[/bold]: [{style}]{mark}[/{style}] {verdict.sentence}{hint}.", console)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from msb.cli.options import epilog
+from msb.cli.output import echo
 
 EPILOG = epilog("msb completion bash", "msb completion zsh", "msb completion fish")
 
@@ -23,4 +24,4 @@ def completion(
 
     for name in ("msb", "msb-audit"):
         variable = f"_{name.replace('-', '_').upper()}_COMPLETE"
-        typer.echo(get_completion_script(prog_name=name, complete_var=variable, shell=shell))
+        echo(get_completion_script(prog_name=name, complete_var=variable, shell=shell))

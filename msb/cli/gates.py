@@ -9,7 +9,7 @@ import re
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Literal
 
-from msb.errors import GateFailed, UsageError
+from msb.errors import GateFailed, UsageError, shorten
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 
@@ -100,16 +100,19 @@ def parse_gate(text: str) -> Gate:
     """
     match = _PATTERN.fullmatch(text)
     if not match:
-        raise UsageError("USAGE", f'--fail-on "{text}" is not KEY OPERATOR NUMBER, such as "components>1"')
+        shown = shorten(text)
+        raise UsageError("USAGE", f'--fail-on "{shown}" is not KEY OPERATOR NUMBER, such as "components>1"')
     key, sign, number = match.groups()
     keys = [field.name for kind in (Counts, Metrics) for field in fields(kind)]
     if key not in keys:
         near = difflib.get_close_matches(key, keys, 3, 0.4) or keys
-        raise UsageError("USAGE", f'--fail-on: there is no key "{key}"; did you mean {", ".join(near)}?')
+        raise UsageError(
+            "USAGE", f'--fail-on: there is no key "{shorten(key)}"; did you mean {", ".join(near)}?'
+        )
     try:
         limit = float(number)
     except ValueError:
         limit = math.nan
     if not math.isfinite(limit):
-        raise UsageError("USAGE", f'--fail-on: "{number}" is not a finite number')
+        raise UsageError("USAGE", f'--fail-on: "{shorten(number)}" is not a finite number')
     return Gate(key, sign, limit)

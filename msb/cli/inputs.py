@@ -32,8 +32,17 @@ class MeshInput:
 
 
 def is_asset(path: Path) -> bool:
-    """Return whether `path` is, or claims to be, an asset of either form."""
-    return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
+    """Return whether `path` is, or claims to be, an asset of either form.
+
+    Raises
+    ------
+    InputError
+        `FILE_UNREADABLE`: it may not be looked into.
+    """
+    try:
+        return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
+    except PermissionError as error:
+        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
 
 
 def expand(path: Path) -> list[Path]:
@@ -73,11 +82,18 @@ def _matches(pattern: Path) -> list[Path]:
 def _below(folder: Path) -> Iterator[Path]:
     for root, folders, files in os.walk(folder):
         here = Path(root)
-        assets = [name for name in folders if is_asset(here / name) or is_checkpoint(here / name)]
+        assets = [name for name in folders if _is_input(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)
         wanted = (ASSET_SUFFIX, *MESH_SUFFIXES)
         yield from (here / name for name in files if name.lower().endswith(wanted))
+
+
+def _is_input(folder: Path) -> bool:
+    try:
+        return is_asset(folder) or is_checkpoint(folder)
+    except InputError:
+        return True  # that it cannot be read is said of it, not of all
 
 
 def read_input(path: Path) -> MeshInput:

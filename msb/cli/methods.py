@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.output import Output, echo, plain_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,10 +40,10 @@ def methods(
         return
     for number, (title, rows) in enumerate(tables()):
         if number:
-            typer.echo()
-        typer.echo(f"## {title}\n" if form == "markdown" else title)
+            echo()
+        echo(f"## {title}\n" if form == "markdown" else title)
         if form == "markdown":
-            typer.echo("\n".join(_markdown(rows)))
+            echo("\n".join(_markdown(rows)))
         else:
             # A word a line in the header: the names below it then fit into 80 columns.
             table = plain_table(*(title.replace(" ", "\n") for title in rows[0]), gap=1)

@@ -60,6 +60,10 @@ _EVERYWHERE: dict[str, tuple[Any, Any]] = {
 def with_shared(command: Callable[..., None]) -> Callable[..., None]:
     """Return `command` with the options of all commands added to its signature, where they are read."""
     own = inspect.signature(command, eval_str=True)
+    for parameter in own.parameters.values():
+        for declared in getattr(parameter.annotation, "__metadata__", ()):
+            # A file that may not be read is for its reader to report, with its code and status.
+            declared.readable = False
     added = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
         for name, (annotation, default) in _EVERYWHERE.items()
@@ -96,6 +100,7 @@ def _print_version(wanted: bool) -> None:
 
     from msb._version import __version__
     from msb.asset.manifest import FORMAT, VERSION
+    from msb.cli.output import echo
 
     parts = [f"{FORMAT} {VERSION}"]
     for package in ("numpy", "pyopencl"):
@@ -103,7 +108,7 @@ def _print_version(wanted: bool) -> None:
             parts.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             parts.append(f"{package} none")
-    typer.echo(f"msb {__version__} ({', '.join(parts)})")
+    echo(f"msb {__version__} ({', '.join(parts)})")
     raise typer.Exit
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.atomic import new_file
-from msb.errors import OutputError, UsageError
+from msb.atomic import check_place, new_file
+from msb.errors import OutputError, UsageError, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from msb.errors import MsbError
 
 STDOUT = "-"
+_LEAST_WIDTH = 80
+_PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 
 @dataclass(frozen=True)
@@ -59,16 +61,22 @@ class Output:
         return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     def console(self) -> Console:
-        """Return the console for results. Rich heeds FORCE_COLOR and TERM=dumb; NO_COLOR is plain text."""
+        """Return the console for results. Rich heeds FORCE_COLOR and TERM=dumb; NO_COLOR is plain text.
+
+        Tables are laid out for 80 columns or more: narrower terminals break their lines, not their numbers.
+        """
         from rich.console import Console
 
-        return Console(highlight=False, color_system=None if os.environ.get("NO_COLOR") else "auto")
+        console = Console(highlight=False, color_system=None if os.environ.get("NO_COLOR") else "auto")
+        console.width = max(console.width, _LEAST_WIDTH)
+        return console
 
     def note(self, text: str, *, level: int = 0) -> None:
         """Print a note on standard error, if the user wants this much; a log file gets it in any case."""
+        text = one_line(text)
         log(text, "DEBUG" if level > 1 else "INFO")
         if not self.quiet and self.verbose >= level:
-            print(text, file=sys.stderr)  # noqa: T201 - notes go here
+            _print_aside(text)
 
     @contextlib.contextmanager
     def progress(self, text: str) -> Iterator[None]:
@@ -120,15 +128,20 @@ class Output:
             yield lambda: bars.advance(task)
 
     def check_free(self, path: Path | None) -> None:
-        """Refuse to overwrite `path` without --force.
+        """Refuse to overwrite `path` without --force, and a place where nothing can be written.
 
         Raises
         ------
         UsageError
             `OUTPUT_EXISTS`.
+        OutputError
+            `OUTPUT_UNWRITABLE`.
         """
-        if path is not None and str(path) != STDOUT and os.path.lexists(path) and not self.force:
+        if path is None or str(path) == STDOUT:
+            return
+        if os.path.lexists(path) and not self.force:
             raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
+        check_place(path)
 
     def check_outputs(self) -> None:
         """Refuse to overwrite what --json, --jsonl and --csv name; raises as `check_free`."""
@@ -141,14 +154,14 @@ class Output:
             return
         data = [_signed(one) for one in data] if isinstance(data, list) else _signed(data)
         text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        self._write(self.json_file, text.encode())
+        self._write(self.json_file, text)
 
     def write_documents(self, documents: Sequence[dict[str, Any]]) -> None:
         """Write one document an input: --json gets it, or a list of several, --jsonl a line for each."""
         self.write_json(documents[0] if len(documents) == 1 else list(documents))
         if self.json_lines is not None:
             lines = (json.dumps(_signed(one), allow_nan=False, ensure_ascii=False) for one in documents)
-            self._write(self.json_lines, "".join(f"{line}\n" for line in lines).encode())
+            self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """Write `rows` where --csv points to, if it was given."""
@@ -160,14 +173,16 @@ class Output:
         writer = csv.DictWriter(text, fieldnames=columns)
         writer.writeheader()
         writer.writerows(rows)
-        self._write(self.csv_file, text.getvalue().encode())
+        self._write(self.csv_file, text.getvalue())
 
-    def _write(self, path: Path, data: bytes) -> None:
+    def _write(self, path: Path, text: str) -> None:
+        # A file name need not be text: its odd bytes become \udcXX, which JSON reads back as they were.
+        data = text.encode(errors="backslashreplace")
         if str(path) == STDOUT:
             sys.stdout.flush()
             sys.stdout.buffer.write(data)
         else:
-            with new_file(path) as file:
+            with new_file(path, size=len(data)) as file:
                 file.write(data)
 
 
@@ -181,17 +196,55 @@ def _signed(document: dict[str, Any]) -> dict[str, Any]:
     return {"schema": document["schema"], "tool_version": __version__, **document}
 
 
+def echo(text: str = "") -> None:
+    """Print lines of a result on standard output.
+
+    Not by typer.echo, which writes UTF-8 to a stream that is set to ASCII. Where a stream cannot write them,
+    arrows become words and other characters escapes.
+    """
+    if not (sys.stdout.encoding or "").lower().startswith("utf"):
+        text = text.translate(_PLAIN)
+    print(text)  # noqa: T201 - the one place lines of results are printed
+
+
 def say(text: str) -> None:
     """Print an error on standard error, as one line that a log file gets too."""
     log(text, "ERROR")
-    print(text, file=sys.stderr)  # noqa: T201 - the one place errors are printed
+    _print_aside(text)
+
+
+def _print_aside(text: str) -> None:
+    """Print on standard error; where that is closed or full there is nobody to tell."""
+    try:
+        print(text, file=sys.stderr)  # noqa: T201 - the one place where notes and errors are printed
+    except OSError:
+        silence(sys.stderr)
+
+
+def silence(stream: IO[str]) -> None:
+    """Let what is and will be written to `stream` vanish, the interpreter's own flush at its end included."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def log(text: str, level: str) -> None:
-    """Write `text` to the log file, if --log-file opened one."""
-    if _LOG:
-        stamp = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-        print(stamp, level, text, file=_LOG[0], flush=True)
+    """Write `text` to the log file, if --log-file opened one; if it cannot be, say so once and go on."""
+    if not _LOG:
+        return
+    stamp = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    file = _LOG[0]
+    try:
+        print(stamp, level, text, file=file, flush=True)
+    except OSError as error:
+        _LOG.clear()
+        silence(file)
+        file.close()
+        say(str(_log_error(file.name, error)))
+
+
+def _log_error(path: object, error: OSError) -> OutputError:
+    return OutputError("OUTPUT_UNWRITABLE", f"the log cannot be written: {error.strerror}", file=path)
 
 
 def open_log(path: Path) -> None:
@@ -209,8 +262,7 @@ def open_log(path: Path) -> None:
         # Open as long as the process lives; every line is flushed.
         _LOG[:] = [path.open("a", encoding="utf-8", errors="backslashreplace")]
     except OSError as error:
-        text = f"the log cannot be written: {error.strerror}"
-        raise OutputError("OUTPUT_UNWRITABLE", text, file=path) from error
+        raise _log_error(path, error) from error
     log(f"msb {__version__}: {shlex.join(sys.argv)}", "INFO")
 
 

@@ -78,6 +78,7 @@ def run(
     from msb.bench.run import run_protocol
 
     output = Output(json_file, quiet, verbose, force=True)
+    output.check_outputs()
     file = _protocol(path, scene, non_engine, out)
     found = run_protocol(
         file,

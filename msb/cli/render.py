@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output
+from msb.cli.output import Output, echo
 from msb.cli.views import (
     Assignments,
     Background,
@@ -305,9 +305,9 @@ class _Task:
         plural = "" if len(rows) == 1 else "s"
         which = f", {tier}" if len(self.tiers) > 1 else ""
         total = hashlib.sha256("".join(row["sha256"] for row in rows).encode()).hexdigest()
-        typer.echo(f"{' and '.join(where)}: {len(rows)} view{plural}{which}, sha256 {total[:16]}")
+        echo(f"{' and '.join(where)}: {len(rows)} view{plural}{which}, sha256 {total[:16]}")
         if self.output.verbose:
             for row in rows:
                 stages = ", ".join(f"{key} {value:.2f}" for key, value in row["timings_ms"].items())
                 size = f"{row['width']} x {row['height']}"
-                typer.echo(f"{row['camera']}: {size}, {stages} ms, sha256 {row['sha256'][:16]}")
+                echo(f"{row['camera']}: {size}, {stages} ms, sha256 {row['sha256'][:16]}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 import typer
 
 from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output
+from msb.cli.output import Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def _print(made: Report, label: str, output: Output) -> None:
     from msb.report.writers import markdown
 
     if output.prints_text:
-        typer.echo(markdown(_table(made, label)))
+        echo(markdown(_table(made, label)))
 
 
 def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
@@ -235,10 +235,10 @@ def _summarise(made: Report, target: Path, output: Output) -> None:
     if not output.prints_text:
         return
     if not output.quiet:
-        typer.echo(made.summary)
+        echo(made.summary)
         for note in made.notes:
-            typer.echo(f"! {note}")
+            echo(f"! {note}")
         for finding in made.findings:
-            typer.echo(f"- {finding.sentence}")
+            echo(f"- {finding.sentence}")
     page = target / "index.html"
-    typer.echo(str(page if page.exists() else target))
+    echo(str(page if page.exists() else target))

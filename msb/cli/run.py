@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
+import signal
 import sys
+import threading
 import traceback
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.cli.output import log, say
-from msb.errors import EXIT_INTERRUPTED, EXIT_OK, EXIT_STATUS, MsbError, UsageError, shorten
+from msb.cli.output import log, say, silence
+from msb.errors import (
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_STATUS,
+    InputError,
+    MsbError,
+    OutputError,
+    UsageError,
+    shorten,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,6 +34,7 @@ if TYPE_CHECKING:
 
 _INTERNAL = 70
 """EX_SOFTWARE: a bug of ours, told apart from everything a user can cause."""
+_DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 def run(app: typer.Typer, name: str) -> int:
@@ -29,6 +43,12 @@ def run(app: typer.Typer, name: str) -> int:
     Errors end up on standard error as ``CODE: FILE: what is wrong ...``; a traceback appears only with
     ``--debug``.
     """
+    _open_closed_streams()
+    with _ending_on_signals():
+        return _run(app, name)
+
+
+def _run(app: typer.Typer, name: str) -> int:
     debug = "--debug" in sys.argv
     for stream in (sys.stdout, sys.stderr):
         # A file name need not be text, and a terminal need not know every character.
@@ -47,16 +67,58 @@ def run(app: typer.Typer, name: str) -> int:
         return status if isinstance(status, int) else EXIT_OK
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # The reader of a pipe left (say, `| head`): not an error, and no message from the interpreter's
-        # own flush at exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    except (BrokenPipeError, SystemExit) as error:
+        # The reader of a pipe left (say, `| head`): not an error. typer and rich end with status 1 then.
+        if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
+            raise
+        silence(sys.stdout)
         return EXIT_OK
     except Exception as error:
         if debug:
             traceback.print_exc()
         log(traceback.format_exc(), "DEBUG")
-        return report(_as_msb_error(error, name, settings))
+        return report(_output_error(error) or _as_msb_error(error, name, settings))
+
+
+@contextlib.contextmanager
+def _ending_on_signals() -> Iterator[None]:
+    """Remove temporary files when asked to end, too; a signal that is ignored (nohup) or handled stays so."""
+
+    def end(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)  # the shell's status for it
+
+    taken = []
+    if threading.current_thread() is threading.main_thread():
+        # There is no SIGHUP on Windows.
+        numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        taken = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _open_closed_streams() -> None:
+    """Let standard streams that are closed lead nowhere: a file opened later would take their number."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115 - for good
+
+
+def _output_error(error: Exception) -> OutputError | None:
+    """Return what to say if `error` is that standard output cannot be written.
+
+    It is told by what it is not: of a file to be written `msb.atomic` would have said so, and what fails to
+    open has a name.
+    """
+    if not isinstance(error, OSError) or error.filename is not None or error.errno not in _DISK_ERRORS:
+        return None
+    silence(sys.stdout)  # what it still holds would fail again
+    text = f"it cannot be written: {error.strerror}"
+    return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
 
 def _settings(command: Any, name: str) -> Settings:
@@ -101,6 +163,10 @@ def _as_msb_error(error: Exception, name: str, settings: Settings) -> MsbError |
         return error
     if hasattr(error, "format_message"):  # the command-line library's own usage errors
         return UsageError("USAGE", _usage_text(error, name, settings))
+    if isinstance(error, PermissionError) and error.filename is not None:
+        # Looking whether there is a file raises it, too. What is written has its own error: `msb.atomic`.
+        text = f"it cannot be read: {error.strerror}"
+        return InputError("FILE_UNREADABLE", text, file=error.filename)
     if isinstance(error, MemoryError):
         say("OUT_OF_MEMORY: there is not enough memory for this input")
         return None

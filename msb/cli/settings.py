@@ -131,6 +131,8 @@ def _add_file(found: Settings, commands: Commands, path: Path) -> None:
             data = data.get("tool", {}).get("msb", {})
     except (ValueError, AttributeError) as error:
         raise UsageError("CONFIG_INVALID", f"it is no TOML: {shorten(str(error))}", file=path) from error
+    except RecursionError:
+        raise UsageError("CONFIG_INVALID", "it is no TOML: nested too deeply", file=path) from None
     if not isinstance(data, dict):
         raise UsageError("CONFIG_INVALID", "tool.msb is no table", file=path)
     # What is said for one command is stronger than what is said for all.
@@ -169,7 +171,7 @@ def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> Usag
 def _from_toml(path: Path, key: str, option: Any, value: Any) -> Any:
     """Return `value` as if it were typed; lists for what may be given again, true and false for flags."""
     if option.count:
-        right, wanted = type(value) is int, "a whole number"
+        right, wanted = _is_scalar(value) and type(value) is int, "a whole number"
     elif option.is_flag:
         right, wanted = isinstance(value, bool), "true or false"
     elif option.multiple:
@@ -177,7 +179,7 @@ def _from_toml(path: Path, key: str, option: Any, value: Any) -> Any:
     else:
         right, wanted = _is_scalar(value), "a text or number"
     if not right:
-        text = f'"{key}" is {shorten(repr(value), 40)}; it must be {wanted}'
+        text = f'"{shorten(key)}" is {_shown(value)}; it must be {wanted}'
         raise UsageError("CONFIG_INVALID", text, file=path)
     if option.count or option.is_flag:
         return value
@@ -185,7 +187,16 @@ def _from_toml(path: Path, key: str, option: Any, value: Any) -> Any:
 
 
 def _is_scalar(value: Any) -> bool:
-    return isinstance(value, str | int | float) and not isinstance(value, bool)
+    if type(value) is int:  # the parser takes more than TOML's 64 bits, and Python may not print them
+        return value.bit_length() < 64
+    return isinstance(value, str | float)
+
+
+def _shown(value: Any) -> str:
+    try:
+        return shorten(repr(value), 40)
+    except (ValueError, RecursionError):
+        return "too long or nested too deeply to be shown"
 
 
 def _from_text(variable: str, option: Any, text: str) -> Any:

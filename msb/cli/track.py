@@ -41,9 +41,11 @@ def track(
     output = Output(None, quiet, verbose, force)
     output.check_free(out)
     found = run(command)
-    with new_file(out) as file:
-        file.write(found.to_json())
-    output.note(_summary(found, out))
+    try:
+        with new_file(out) as file:
+            file.write(found.to_json())
+    finally:  # it is said even if it cannot be kept: a training is not run twice for this
+        output.note(_summary(found, out))
     raise typer.Exit(found.exit_status)
 
 

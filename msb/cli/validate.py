@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from msb.cli.options import FailFast, Force, JsonFile, JsonLines, Quiet, Verbose, epilog
-from msb.cli.output import Output, failure, plain_table
+from msb.cli.output import Output, echo, failure, plain_table
 from msb.cli.run import report
 from msb.errors import (
     CODES,
@@ -20,6 +20,7 @@ from msb.errors import (
     UsageError,
     error_finding,
     finding,
+    one_line,
 )
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def _print(path: Path, found: list[Finding], output: Output) -> None:
     console = output.console()
     counts = {s: sum(f.severity == s for f in found) for s in _SEVERITIES}
     word = "not valid" if counts["error"] else "valid"
-    console.print(f"{escape(str(path))}: [bold]{word}[/bold], {_summary(counts)}", soft_wrap=True)
+    console.print(f"{escape(one_line(str(path)))}: [bold]{word}[/bold], {_summary(counts)}", soft_wrap=True)
     if not found or output.quiet:
         return
     table = plain_table("Severity", "Code", "Finding")
@@ -206,4 +207,4 @@ def _explain(name: str, output: Output) -> None:
         }
     )
     if output.prints_text:
-        typer.echo(f"{code}: {entry.summary}\nRemedy: {entry.remedy}\nExit status: {status}")
+        echo(f"{code}: {entry.summary}\nRemedy: {entry.remedy}\nExit status: {status}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from msb.cli.options import DeviceName, Force, Quiet, Verbose, epilog
-from msb.cli.output import Output
+from msb.cli.output import Output, echo
 from msb.cli.view_compare import CompareOptions, Layout, compare
 from msb.cli.view_web import write_web
 from msb.cli.views import Assignments, Cameras, Chosen, Scale
@@ -284,7 +284,7 @@ def present(model: ViewModel, options: ViewOptions, files: Files, output: Output
         finally:
             viewer.close()
     if written and not output.quiet:
-        typer.echo("\n".join(map(str, written)))
+        echo("\n".join(map(str, written)))
 
 
 def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:

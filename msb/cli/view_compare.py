@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import typer
+from msb.cli.output import echo
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -135,7 +135,7 @@ def _write(state: CompareState, options: CompareOptions, files: Files, output: O
                 picture = Composer().compose(state, shots, options.size)
                 write_png(picture.image, files.screenshot)
     if not output.quiet:
-        typer.echo("\n".join(str(path) for path in (files.html, files.screenshot) if path is not None))
+        echo("\n".join(str(path) for path in (files.html, files.screenshot) if path is not None))
 
 
 def _open_window(state: CompareState, options: CompareOptions) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
+from msb.cli.output import echo
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,4 +60,4 @@ def write_web(
                 background=parse_background(background or WEB_BACKGROUND, asset),
             )
     if not output.quiet:
-        typer.echo(str(target))
+        echo(str(target))

@@ -134,6 +134,8 @@ class Page:
         try:
             self._process = subprocess.Popen(
                 command,
+                # It does not start where TMPDIR cannot be written, which Python passes over.
+                env={**os.environ, "TMPDIR": self._folder.name},
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
                 stderr=self._log,

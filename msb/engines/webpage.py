@@ -94,7 +94,7 @@ def page(
     ):
         before, rest = rest.split(mark, 1)
         parts += [before, value]
-    return "".join([*parts, rest]).encode()
+    return "".join([*parts, rest]).encode(errors="backslashreplace")  # a file name need not be text
 
 
 def camera_data(camera: Camera) -> dict[str, Any]:

@@ -93,19 +93,20 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
         FILE_NOT_RECOGNISED: no such format.
     OutputError
         OUTPUT_COORDINATES: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT:
-        the format cannot hold this mesh. OUTPUT_UNWRITABLE: the target cannot be written.
+        the format cannot hold this mesh. OUTPUT_UNWRITABLE: the path cannot be written; what a file
+        given raises is not translated.
     MeshError
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """
     name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
     chosen = _format(str(name), suffix)
     check_writable(mesh)
+    if not isinstance(target, str | os.PathLike):
+        chosen.write(mesh, target)
+        return
     try:
-        if isinstance(target, str | os.PathLike):
-            with Path(target).open("wb") as stream:
-                chosen.write(mesh, stream)
-        else:
-            chosen.write(mesh, target)
+        with Path(target).open("wb") as stream:
+            chosen.write(mesh, stream)
     except OSError as error:
         message = f"it cannot be written: {error.strerror or error}"
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import InputError, MetricError, shorten
-from msb.metrics.files import regular_file
+from msb.metrics.files import reason, regular_file
+from msb.metrics.matlab import find_variables
 
 if TYPE_CHECKING:
     import os
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MAX_SCAN = 999
-_MAX_VOXELS = 1 << 31
+_MAX_VOXELS = 1 << 29
+"""More than any scan has. Compressed zeros take a thousandth of what they stand for."""
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 
@@ -112,32 +114,27 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray
             )
             vertices = np.array(found.vertices, np.float64).reshape(-1, 3)
             faces = np.array(getattr(found, "faces", ()), np.int64).reshape(-1, 3)
-        except MemoryError:
-            raise
         except Exception as error:  # the reader trusts its input, so damage shows as any exception
-            text = f"it cannot be read: {shorten(str(error) or type(error).__name__)}"
+            text = f"it cannot be read: {reason(error)}"
             raise MetricError("METRIC_MESH_FILE", text, file=place) from error
     return vertices, faces
 
 
 def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return the named arrays of a MATLAB 5 file, sizes checked before they are decompressed."""
-    from scipy.io import loadmat, whosmat
-
     place = regular_file(path)
     try:
-        shapes = {name: shape for name, shape, _ in whosmat(place, appendmat=False)}
+        found = find_variables(place.read_bytes())
         for name in names:
-            _check_shape(place, name, shapes.get(name))
-        found = loadmat(place, appendmat=False, variable_names=list(names))
-        arrays = {name: np.asarray(found[name]) for name in names}
-    except (MetricError, MemoryError):
+            _check_shape(place, name, found[name].shape if name in found else None)
+        arrays = {name: found[name].read() for name in names}
+    except MetricError:
         raise
     except Exception as error:  # damage shows as any exception
-        text = f"it cannot be read as a MATLAB 5 file: {shorten(str(error) or type(error).__name__)}"
+        text = f"it cannot be read as a MATLAB 5 file: {reason(error)}"
         raise _bad(place, text) from error
     for name, array in arrays.items():
-        if array.dtype.kind not in "biuf" or (name != "ObsMask" and not np.isfinite(array).all()):
+        if name != "ObsMask" and not np.isfinite(array).all():
             raise _bad(place, f"{name} does not hold finite numbers")
     return arrays
 
@@ -145,9 +142,13 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
 def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
     if shape is None:
         raise _bad(path, f"it holds no variable {name}")
-    good = len(shape) == 3 if name == "ObsMask" else shape == _SHAPES[name]
-    if not good or np.prod(shape, dtype=float) > _MAX_VOXELS:
-        wanted = "three axes" if name == "ObsMask" else " x ".join(map(str, _SHAPES[name]))
+    if name == "ObsMask":
+        good = len(shape) == 3 and min(shape) > 0 and np.prod(shape, dtype=float) <= _MAX_VOXELS
+        wanted = f"three axes and at most {_MAX_VOXELS} voxels"
+    else:
+        good = shape == _SHAPES[name]
+        wanted = " x ".join(map(str, _SHAPES[name]))
+    if not good:
         raise _bad(path, f"{name} is {' x '.join(map(str, shape))}; it must have {wanted}")
 
 

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msb.errors import InputError
+from msb.errors import InputError, shorten
 
 if TYPE_CHECKING:
     import os
@@ -33,6 +33,16 @@ def regular_file(path: str | os.PathLike[str]) -> Path:
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or "it cannot be opened"
         raise InputError("FILE_UNREADABLE", f"it cannot be read: {reason}", file=place) from error
+
+
+def reason(error: Exception) -> str:
+    """Return why a library could not read a file, from what it raised: damage shows as any exception.
+
+    Also as lack of memory, where a few bytes declare gigabytes.
+    """
+    if isinstance(error, MemoryError):
+        return "this machine has not enough memory for what it declares"
+    return shorten(str(error) or type(error).__name__)
 
 
 def file_sha256(path: Path) -> str:

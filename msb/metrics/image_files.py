@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.errors import MetricError, shorten
-from msb.metrics.files import regular_file
+from msb.metrics.files import reason, regular_file
 
 if TYPE_CHECKING:
     import os
@@ -59,14 +61,14 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
         if suffix == ".exr":
             return _read_exr(place)
         return _composited(place, read_pixels(place), background)
-    except (MetricError, MemoryError):
+    except MetricError:
         raise
     except Exception as error:  # decoders raise all kinds of things about damaged files
         raise _undecodable(place, error) from error
 
 
 def _undecodable(path: Path, error: Exception) -> MetricError:
-    return _bad(path, f"it cannot be decoded: {shorten(str(error) or type(error).__name__)}")
+    return _bad(path, f"it cannot be decoded: {reason(error)}")
 
 
 def _bad(path: Path, message: str) -> MetricError:
@@ -98,7 +100,7 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
     place = regular_file(path)
     try:
         return _read_picture(place, modes)
-    except (MetricError, MemoryError):
+    except MetricError:
         raise
     except Exception as error:  # decoders raise all kinds of things about damaged files
         raise _undecodable(place, error) from error
@@ -139,15 +141,21 @@ def _read_picture(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
 def _composited(path: Path, pixels: NDArray[np.uint8], background: Color | None) -> NDArray[Any]:
     if pixels.shape[2] == 3:
         return pixels
-    color, alpha = pixels[..., :3], pixels[..., 3:]
+    color, alpha = pixels[..., :3], pixels[..., 3]
     if (alpha == 255).all():
         return np.ascontiguousarray(color)
     if background is None:
         share = np.count_nonzero(alpha != 255) / alpha.size
         text = f"{share:.0%} of its pixels are not opaque, and no background was given to lay them over"
         raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
+    # In place and a channel at a time: an image of the most pixels has 1.5 GiB of floats.
+    found = color / 255.0
     weight = alpha / 255.0
-    return np.asarray(color / 255.0 * weight + np.asarray(background, np.float64) * (1 - weight))
+    found *= weight[..., None]
+    np.subtract(1, weight, out=weight)
+    for channel, value in enumerate(background):
+        found[..., channel] += value * weight
+    return found
 
 
 def _check_png_kind(path: Path) -> None:
@@ -174,6 +182,8 @@ def _read_npy(path: Path) -> NDArray[Any]:
     if array.ndim != 3 or array.shape[2] != 3:
         shape = " x ".join(map(str, array.shape))
         raise _bad(path, f"its array is {shape}; it must be height x width x 3")
+    if array.dtype != np.uint8 and array.dtype.kind != "f":
+        raise _bad(path, f"its values are {shorten(str(array.dtype), 40)}; they must be uint8 or floats")
     _check_size(path, array.shape[1], array.shape[0])
     return np.array(array)
 
@@ -185,10 +195,13 @@ def _read_exr(path: Path) -> NDArray[Any]:
         corners = np.asarray(file.header()["dataWindow"], np.int64)
     width, height = (int(side) for side in corners[1] - corners[0] + 1)
     _check_size(path, width, height)
-    with OpenEXR.File(str(path)) as file:
+    said = io.StringIO()  # of pixels it cannot read the library only prints that, and gives zeros
+    with contextlib.redirect_stdout(said), OpenEXR.File(str(path)) as file:
         channels = file.channels()
         names = ", ".join(sorted(channels)) or "none"
         found = channels["RGB"].pixels if "RGB" in channels else None
+    if said.getvalue():
+        raise _bad(path, f"it cannot be decoded: {shorten(said.getvalue().strip())}")
     if found is None or found.ndim != 3:
         raise _bad(path, f"its channels are {shorten(names)}; they must be R, G and B of one size")
     return np.array(found, np.float32)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.errors import MetricError, UsageError, shorten
-from msb.metrics.files import file_sha256, regular_file
+from msb.metrics.files import file_sha256, reason, regular_file
 
 if TYPE_CHECKING:
     import os
@@ -46,6 +47,8 @@ HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
 """Of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
 _MAX_JSON = 1 << 20
+_MAX_HEAD = 1 << 10
+"""Bytes before the numbers of a .npy."""
 
 Weights = dict[str, Any]
 """features.N.weight and .bias -> float32 array."""
@@ -96,10 +99,10 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     try:
         found = readers.get(place.suffix.lower(), _read_torch)(place, wanted)
         weights = {key: _tensor(place, found, key, shape) for key, shape in wanted.items()}
-    except (MetricError, MemoryError):
+    except MetricError:
         raise
     except Exception as error:  # readers raise all kinds of things about foreign files
-        text = f"it cannot be read: {shorten(str(error) or type(error).__name__)}"
+        text = f"it cannot be read: {reason(error)}"
         raise MetricError("METRIC_VGG_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()
     for key in wanted:
@@ -173,6 +176,12 @@ def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
 def _read_npz(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
     # Opened here: NumPy leaves a file open that it finds to be no archive.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        for key, shape in wanted.items():
+            # Before it is unpacked: a number has at most 8 bytes.
+            most = 8 * math.prod(shape) + _MAX_HEAD
+            if key in archive and archive.zip.getinfo(f"{key}.npy").file_size > most:
+                text = f"{key} is too long; it must be floats of shape {shape}"
+                raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
         return {key: archive[key] for key in wanted if key in archive}
 
 

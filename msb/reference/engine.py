@@ -29,6 +29,8 @@ NEAR = 0.01
 """Camera depth of the near plane: that of the standard tier."""
 SLACK = 0.1
 """Samples by which a triangle's box is wider than its corners, so that rounding cuts nothing."""
+ALMOST_ONE = 0.999
+"""What rounds a box's first sample up, as in splat_common.cl: a sample just before the box is in it."""
 
 
 @dataclass(frozen=True)
@@ -174,5 +176,5 @@ def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Intege
     low = np.fmin.reduce(np.where(seen, points, np.inf), axis=1) - real(SLACK)
     high = np.fmax.reduce(np.where(seen, points, -np.inf), axis=1) + real(SLACK)
     size = np.array([view.width, view.height])
-    first = np.clip(np.ceil(low), 0, size).astype(np.int64)
+    first = np.clip(np.floor(low + real(ALMOST_ONE)), 0, size).astype(np.int64)
     return first, np.clip(np.floor(high), -1, size - 1).astype(np.int64)

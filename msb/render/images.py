@@ -5,6 +5,7 @@ Pictures are display-referred: what a frame holds is what a PNG gets, clamped an
 
 from __future__ import annotations
 
+import io
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -56,7 +57,10 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
     """
     with new_file(path) as file:
         if form == "npy":
-            np.save(file, array, allow_pickle=False)
+            # By way of the memory: where the disk is full, NumPy's own writing to files does not say why.
+            data = io.BytesIO()
+            np.save(data, array, allow_pickle=False)
+            file.write(data.getbuffer())
         elif form == "png":
             _write_png(file, array)
         else:
@@ -87,8 +91,11 @@ def _exr(array: NDArray[Any]) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with tempfile.TemporaryDirectory() as folder:  # the library writes to a name only
         name = str(Path(folder) / "image.exr")
-        with OpenEXR.File(header, channels) as file:
-            file.write(name)
+        try:
+            with OpenEXR.File(header, channels) as file:
+                file.write(name)
+        except RuntimeError as error:  # a full disk, too
+            raise OSError(str(error)) from error
         return Path(name).read_bytes()
 
 
@@ -151,6 +158,17 @@ def check_film(path: Path) -> None:
 
 
 def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
+    import av
+
+    try:
+        _encode_mp4(file, frames, fps)
+    except av.FFmpegError as error:
+        if isinstance(error.__context__, OSError):  # of the file, hidden by the library
+            raise error.__context__ from error
+        raise
+
+
+def _encode_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
     import av
 
     with av.open(file, "w", format="mp4") as film:

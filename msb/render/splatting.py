@@ -243,10 +243,10 @@ class SplattingPipeline:
         return found
 
     def _band_rows(self, columns: int, rows: int, planes: int) -> int:
-        """Return how many rows of tiles are blended before they are resolved: whole pixels in each."""
-        whole = math.lcm(TILE, self._model.scale) // TILE
+        """Return how many rows of tiles are blended before they are resolved: all, or of whole pixels."""
         if "raw" in self._outputs:
-            return -(-rows // whole) * whole
+            return rows
+        whole = math.lcm(TILE, self._model.scale) // TILE
         room = _BAND_BYTES[self._device.style]
         if self._device.style == "cpu":
             room *= self._device.record.compute_units

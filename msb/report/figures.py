@@ -7,6 +7,7 @@ same without them. Text and axes take the colour of the page they stand in.
 from __future__ import annotations
 
 import io
+import logging
 import re
 import warnings
 from dataclasses import dataclass
@@ -212,6 +213,7 @@ def _legend(axes: Axes, entries: int, handles: Any = None) -> None:
 
 
 def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as Canvas

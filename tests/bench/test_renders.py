@@ -81,6 +81,8 @@ def spoil(kind: str, folder: Path) -> None:
             image.resize((8, 8)).save(first)
     elif kind == "hash":
         (folder / "SHA256SUMS").write_text(f"{'0' * 64}  {first.relative_to(folder).as_posix()}\n")
+    elif kind == "noise":
+        (folder / "SHA256SUMS").write_bytes(b"\xff" * 99)
     elif kind == "gone":
         shutil.rmtree(folder)
 
@@ -92,6 +94,7 @@ def spoil(kind: str, folder: Path) -> None:
         ("extra", "METRIC_IMAGE_NAMES"),
         ("size", "METRIC_SIZES_DIFFER"),
         ("hash", "RENDERS_CHANGED"),
+        ("noise", "FILE_UNREADABLE"),
         ("gone", "FILE_NOT_FOUND"),
     ],
 )

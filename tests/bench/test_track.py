@@ -20,7 +20,8 @@ from tests.conftest import ROOT
 if TYPE_CHECKING:
     from pathlib import Path
 
-HOLD = "import time; held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096]); time.sleep(0.5)"
+TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
+HOLD = f"import time; {TAKE}; time.sleep(0.5)"
 
 
 def test_time_memory_and_status() -> None:
@@ -34,10 +35,13 @@ def test_time_memory_and_status() -> None:
 
 
 def test_memory_of_children_counts() -> None:
+    child = f"{TAKE}; print(flush=True); input()"
     code = (
-        "import subprocess, sys\n"
-        f"children = [subprocess.Popen([sys.executable, '-c', {HOLD!r}]) for _ in '12']\n"
-        "for child in children: child.wait()"
+        "import sys, time\nfrom subprocess import PIPE, Popen\n"
+        f"children = [Popen([sys.executable, '-c', {child!r}], stdin=PIPE, stdout=PIPE) for _ in '12']\n"
+        "for child in children: child.stdout.readline()\n"
+        "time.sleep(0.5)\n"
+        "for child in children: child.communicate(b'\\n')"
     )
     found = track([sys.executable, "-c", code], interval=0.02)
     assert found.peak_host_memory_bytes is not None

@@ -63,7 +63,7 @@ def test_no_platform(child: Child, tmp_path: Path) -> None:
     line = answer(child(OPEN, **{**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / "absent")}))
     assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
     assert "OCL_ICD_VENDORS=" in line
-    assert "PoCL" in line
+    assert "names nothing that exists, which hides every platform; unset it" in line
     assert "\n" not in line
 
 
@@ -72,13 +72,14 @@ def test_platform_without_device(child: Child) -> None:
         pytest.skip("there are other devices than PoCL's")
     line = answer(child(OPEN, **{**NOTHING_SET, "POCL_DEVICES": "no_such_driver", "MSB_DEVICE": "pocl"}))
     assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device for MSB_DEVICE 'pocl'")
+    assert "POCL_DEVICES names none that PoCL has; unset it" in line
     assert "found Portable Computing Language without a usable device" in line
 
 
 def test_no_pyopencl(child: Child) -> None:
     line = answer(child("import sys\nsys.modules['pyopencl'] = None\n" + OPEN))
     assert line.startswith("DEVICE_NOT_FOUND: pyopencl cannot be loaded")
-    assert "PoCL" in line
+    assert "pip install --force-reinstall pyopencl" in line
 
 
 def test_a_loader_that_fails_is_no_platform(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -128,6 +128,40 @@ def test_nothing_in_reach_is_none_with_a_reason() -> None:
     assert metrics.chamfer_points([middle], data)["n_inbound"] == 1
 
 
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.floats(0.3, 40))
+def test_distances_are_those_of_all_pairs(seed: int, limit: float) -> None:
+    """Random clouds, voxels and table, with the rules of the evaluation written out point by point."""
+    random = np.random.default_rng(seed)
+    box = np.array([[-4, 2, 100], [16, 12, 130]], np.float32)
+    resolution = float(random.uniform(0.5, 4))
+    shape = np.ceil((box[1] - box[0]) / resolution).astype(int) + 1
+    data = metrics.DtuScan(
+        points=random.uniform(box[0] - 30, box[1] + 30, (int(random.integers(1, 90)), 3)),
+        observed=random.random(shape) < random.choice([0.1, 0.9]),
+        box=box,
+        resolution=resolution,
+        plane=np.append(random.normal(size=3), random.normal(scale=50)),
+    )
+    cloud = random.uniform(box[0] - 90, box[1] + 150, (int(random.integers(1, 120)), 3))
+    cloud[::2] = random.uniform(box[0], box[1], cloud[::2].shape)
+    inside = [p for p in cloud if all(p >= box[0] - 60) and all(p < box[1] + 120)]
+    seen = []
+    for point in inside:
+        voxel = [round(float(x)) for x in (point - box[0]) / resolution]
+        if all(0 <= v < n for v, n in zip(voxel, shape, strict=True)) and data.observed[tuple(voxel)]:
+            seen.append(point)
+    above = [p for p in data.points if sum(p * data.plane[:3]) + data.plane[3] > 0]
+    found = metrics.chamfer_points(cloud, data, max_distance=limit)
+    assert (found["n_inbound"], found["n_in_obs"], found["n_stl_above"]) == tuple(
+        map(len, (inside, seen, above))
+    )
+    for key, queries, targets in (("mean_d2s", seen, data.points), ("mean_s2d", above, inside)):
+        nearest = [] if not queries or not len(targets) else cdist(queries, targets).min(axis=1)
+        kept = [distance for distance in nearest if distance < limit]
+        assert found[key] == (pytest.approx(np.mean(kept), rel=1e-12) if kept else None)
+
+
 def test_bounds_are_60_below_and_120_above() -> None:
     data = metrics.read_dtu_scan(DTU, 1)
     low, high = data.box.astype(float)

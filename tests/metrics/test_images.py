@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import correlate1d
+from skimage.metrics import peak_signal_noise_ratio
 
 from msb import metrics
 from msb.errors import MetricError
@@ -58,13 +59,35 @@ def ssim_by_the_formula(a: NDArray[np.float64], b: NDArray[np.float64]) -> float
     return float((top / ((ma * ma + mb * mb + 0.01**2) * (saa + sbb + 0.03**2))).mean())
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(1, 30), st.integers(1, 30), st.integers(0, 2**32 - 1))
-def test_ssim_is_the_formula_at_any_size(height: int, width: int, seed: int) -> None:
-    a, b = np.random.default_rng(seed).integers(0, 256, (2, height, width, 3), dtype=np.uint8)
+KINDS = ("noise", "extremes", "flat", "a level apart", "smooth")
+
+
+def images(kind: str, height: int, width: int, seed: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    random = np.random.default_rng(seed)
+    a, b = random.integers(0, 256, (2, height, width, 3), dtype=np.uint8)
+    if kind == "extremes":
+        a, b = 255 * (a > 127).astype(np.uint8), 255 * (b > 127).astype(np.uint8)
+    elif kind == "flat":  # variances are 0, and rounding must not make them negative
+        a[:], b[:] = a[0, 0], b[0, 0]
+    elif kind == "a level apart":
+        b = a ^ (random.random(a.shape) < 0.01).astype(np.uint8)
+    elif kind == "smooth":
+        a = np.cumsum(a, axis=1).astype(np.uint8) // 9 + np.uint8(100)
+        b = np.roll(a, 1, axis=0)
+    return a, b
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.sampled_from(KINDS), st.integers(1, 30), st.integers(1, 30), st.integers(0, 2**32 - 1))
+def test_both_are_their_formulas_at_any_size(kind: str, height: int, width: int, seed: int) -> None:
+    a, b = images(kind, height, width, seed)
     assert metrics.ssim(a, b) == pytest.approx(ssim_by_the_formula(a / 255, b / 255), abs=1e-10)
     assert metrics.ssim(a, b) == pytest.approx(metrics.ssim(b, a), abs=1e-12)
+    assert -1 <= metrics.ssim(a, b) <= 1 + 1e-12
     assert metrics.psnr(a, b) == metrics.psnr(b, a)
+    with np.errstate(divide="ignore"):  # of equal images
+        peer = peak_signal_noise_ratio(b, a, data_range=255)
+    assert metrics.psnr(a, b) == pytest.approx(peer, rel=1e-12)
 
 
 def test_equal_images() -> None:

@@ -45,16 +45,21 @@ def soup(
     seed: int = 0,
     degree: int = 0,
     settings: dict[str, Any] | None = None,
+    welded: bool = False,
     **buffers: np.ndarray,
 ) -> Asset:
-    """Return `triangles` (F, 3, 3) as a model of `method` with random parameters, or those given by name."""
+    """Return `triangles` (F, 3, 3) as a model of `method` with random parameters, or those given by name.
+
+    `welded`: equal corners are one vertex.
+    """
     rng = np.random.default_rng(seed)
     count = len(triangles)
-    rows = 3 * count if method == "mesh_splatting" else count
-    arrays: dict[str, Any] = {
-        "positions": np.asarray(triangles, np.float32).reshape(-1, 3),
-        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
-    }
+    positions = np.asarray(triangles, np.float32).reshape(-1, 3)
+    indices = np.arange(3 * count, dtype=np.uint32).reshape(count, 3)
+    if welded:
+        positions, indices = weld(triangles)
+    rows = len(positions) if method == "mesh_splatting" else count
+    arrays: dict[str, Any] = {"positions": positions, "indices": indices}
     if method == "diffsoup":
         return _diffsoup(rng, count, arrays | buffers, settings)
     arrays["f_dc"] = rng.uniform(-1.5, 1.5, (rows, 3)).astype(np.float32)
@@ -77,6 +82,13 @@ def soup(
     )
     domain: Any = "vertex" if method == "mesh_splatting" else "face"
     return build_asset(arrays, dict.fromkeys(arrays.keys() - {"positions", "indices"}, domain), description)
+
+
+def weld(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the different corners of `triangles` (F, 3, 3), and the corners' numbers among them (F, 3)."""
+    corners = np.asarray(triangles, np.float32).reshape(-1, 3)
+    positions, numbers = np.unique(corners, axis=0, return_inverse=True)
+    return positions, numbers.reshape(-1, 3).astype(np.uint32)
 
 
 def _diffsoup(

@@ -123,6 +123,21 @@ def test_all_five_peers_explain_a_synthetic_splat_mesh(file: str) -> None:
 
 
 @pytest.mark.oracle
+def test_all_five_peers_explain_a_large_random_mesh() -> None:
+    """A few hundred faces glued at random: every count of the audit is far from 0 at once."""
+    need(*PEERS)
+    random = np.random.default_rng(7)
+    points, faces = random.normal(size=(150, 3)), random.integers(0, 140, (400, 3))
+    faces = np.concatenate([faces, random.integers(0, 12, (30, 3)), faces[:5], faces[5:9, ::-1]])
+    counts = audit_arrays(points, faces)[0].counts
+    for key in ("repeated_index_faces", "duplicate_faces", "nonmanifold_edges", "multifan_vertices"):
+        assert getattr(counts, key) > 5, key
+    result = check(points, faces)
+    assert_explained(result.rows)
+    assert {"libigl", "PyMeshLab", "trimesh", "NetworkX"} <= {r.peer for r in result.rows}
+
+
+@pytest.mark.oracle
 def test_large_coordinates_slivers_and_offsets_do_not_upset_areas() -> None:
     need("libigl", "trimesh")
     points, faces = splat_like(10)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -149,6 +150,7 @@ def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
 
 def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
     """Return the matplotlib figure of four columns with titles, counts and legends."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

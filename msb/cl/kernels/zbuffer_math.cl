@@ -67,13 +67,19 @@
     }
 
 // 1 / z is affine on the screen: with n the normal of the plane and d = n . corner, 1 / z = (n . (u, v, 1)) / d
-// for u, v in units from the principal point. A, B are its slopes per unit.
+// for u, v in units from the principal point. A, B are its slopes per unit. The arms are those of the corner at
+// the least depth: those of one a hundred times as far are nearly parallel, and rounding turns their plane.
+#define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \
     {                                                                                                           \
-        REAL ax = X1 - X0, ay = Y1 - Y0, az = Z1 - Z0, bx = X2 - X0, by = Y2 - Y0, bz = Z2 - Z0;                \
+        REAL px = NEARER(Z1, Z0, X1, X0), py = NEARER(Z1, Z0, Y1, Y0), pz = NEARER(Z1, Z0, Z1, Z0);             \
+        REAL qx = NEARER(Z1, Z0, X0, X1), qy = NEARER(Z1, Z0, Y0, Y1), qz = NEARER(Z1, Z0, Z0, Z1);             \
+        REAL rx = NEARER(Z2, pz, px, X2), ry = NEARER(Z2, pz, py, Y2), rz = NEARER(Z2, pz, pz, Z2);             \
+        REAL ox = NEARER(Z2, pz, X2, px), oy = NEARER(Z2, pz, Y2, py), oz = NEARER(Z2, pz, Z2, pz);             \
+        REAL ax = qx - ox, ay = qy - oy, az = qz - oz, bx = rx - ox, by = ry - oy, bz = rz - oz;                \
         CROSS(REAL, nx, ny, nz, ax, ay, az, bx, by, bz)                                                         \
-        DOT(REAL, determinant, nx, ny, nz, X0, Y0, Z0)                                                          \
+        DOT(REAL, determinant, nx, ny, nz, ox, oy, oz)                                                          \
         REAL scale = 1.0f / determinant;                                                                        \
         A = nx * scale;                                                                                         \
         B = ny * scale;                                                                                         \

@@ -1,0 +1,231 @@
+"""What ten million triangles of each method take: seconds, memory and bytes a face of each step.
+
+    python -m benchmarks.scale                   10 million triangles of SH degree 3, every method
+    python -m benchmarks.scale --faces 1000000 --method diffsoup --folder /path/with/room
+
+Every step is a fresh process, as a command is: export (the checkpoint to a .triasset), audit, and one frame
+of the standard and of the dedicated tier at 1237 x 822, the first of the process, with all that comes before.
+Memory is the process's peak with everything in it, mapped files and the device's buffers included (those of
+a CPU are in the same memory); `private` is the part that no file backs, which the system cannot drop.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, soup
+from benchmarks.measure import machine, peak
+from data_stubs.torch_file import write_torch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
+_ASSET = "scale.triasset"
+_HOLES = 1.287
+"""How many faces a grid has for one that is not left out as a hole."""
+_INTERVAL = 0.005
+"""Seconds between two looks at a process's private memory."""
+
+
+def write_checkpoint(folder: Path, method: str, faces: int) -> None:
+    """Write what a training of `method` would leave of a scene of `benchmarks.dedicated_scenes`."""
+    meshes = ("mesh_splatting", "diffsoup")
+    buffers = grid_mesh(round(_HOLES * faces)) if method in meshes else soup(faces)
+    if method == "diffsoup":
+        write_torch(folder / "final_params.pt", _diffsoup(buffers), "final_params")
+        return
+    indices, rows = buffers["indices"], len(buffers["opacity"])
+    opacity, f_dc = buffers["opacity"].reshape(rows, 1), buffers["f_dc"].reshape(rows, 1, 3)
+    f_rest = buffers["f_rest"].reshape(rows, -1, 3)
+    if method == "two_dts":
+        corners = buffers["positions"].reshape(-1, 3, 3)
+        (folder / "ckpt").mkdir()
+        params = {"_vertex": corners, "_opacity": opacity, "_f_dc": f_dc, "_f_rest": f_rest}
+        write_torch(folder / "ckpt" / "30000.ckpt", (params, {}, None, 1.0), "30000")
+        (folder / "config.yaml").write_text("model:\n  rasterizer_type: 2D\n  max_sh_degree: 3\n")
+        return
+    values: dict[str, Any] = {"active_sh_degree": 3, "features_dc": f_dc, "features_rest": f_rest}
+    if method == "triangle_splatting":
+        values["triangles_points"] = buffers["positions"].reshape(-1, 3, 3)
+        values["sigma"] = np.full((rows, 1), 0.15, np.float32)
+        values["opacity"] = opacity
+    else:
+        values["triangles_points"] = buffers["positions"]
+        values["_triangle_indices"] = indices.view(np.int32)
+        values["vertex_weight"] = opacity
+        values["sigma"] = float(np.log(1e-4))
+        values["pixel_count"] = np.full(len(indices), 100, np.int32)
+    model = folder / "point_cloud" / "iteration_30000"
+    model.mkdir(parents=True)
+    write_torch(model / "point_cloud_state_dict.pt", values, "point_cloud_state_dict")
+
+
+def _diffsoup(buffers: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a mesh of level 0 with random features and decoder."""
+    random, faces = np.random.default_rng(1), len(buffers["indices"])
+    sizes = {"0": (16, 16), "2": (16, 16), "4": (3, 16)}
+    decoder = {f"mlp.{layer}.weight": random.normal(0, 0.3, shape) for layer, shape in sizes.items()}
+    decoder |= {f"mlp.{layer}.bias": np.zeros(shape[0]) for layer, shape in sizes.items()}
+    return {
+        "feat_acc": random.random((faces, 3, 7), np.float32),
+        "alpha_acc": random.random((faces, 3, 1), np.float32),
+        "V": buffers["positions"],
+        "F": buffers["indices"].view(np.int32),
+        "color_mlp": {key: value.astype(np.float32) for key, value in decoder.items()},
+        "Rmin": 0,
+        "Rmax": 0,
+        "feat_dim": 7,
+        "H": SIZES[1][1],
+        "W": SIZES[1][0],
+        "flip_z": True,
+        "steps": 1000,
+    }
+
+
+def export(folder: Path) -> int:
+    """Export and save; return the number of faces."""
+    import msb
+
+    asset = msb.export(folder)
+    msb.save(asset, folder / _ASSET)
+    return asset.manifest.face_count
+
+
+def audit(folder: Path) -> int:
+    """Audit the asset."""
+    import msb
+
+    return msb.audit(msb.load(folder / _ASSET)).counts.faces
+
+
+def draw(folder: Path, tier: Any) -> int:
+    """Render one frame."""
+    import msb
+
+    asset = msb.load(folder / _ASSET)
+    msb.render(asset, camera(*SIZES[1]), tier=tier)
+    return asset.manifest.face_count
+
+
+STEPS: dict[str, Callable[[Path], int]] = {
+    "export": export,
+    "audit": audit,
+    "standard": lambda folder: draw(folder, "standard"),
+    "dedicated": lambda folder: draw(folder, "dedicated"),
+}
+
+
+class PrivateMemory(threading.Thread):
+    """Look every few milliseconds at what this process holds that no file backs, in bytes; 0 off Linux."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.most = self._now()
+
+    def run(self) -> None:
+        while True:
+            self.most = max(self.most, self._now())
+            time.sleep(_INTERVAL)
+
+    @staticmethod
+    def _now() -> int:
+        status = Path("/proc/self/status")
+        text = status.read_text() if status.exists() else ""
+        return sum(int(kb) for kb in re.findall(r"Rss(?:Anon|Shmem):\s*(\d+) kB", text)) * 1024
+
+
+def measure(step: str, folder: Path) -> dict[str, Any]:
+    """Return what one step took in this process."""
+    import msb
+
+    before = peak()
+    private = PrivateMemory()
+    private.start()
+    start = time.perf_counter()
+    try:
+        faces = STEPS[step](folder)
+    except msb.Unsupported as error:
+        return {"unsupported": error.message}
+    seconds = time.perf_counter() - start
+    size = (folder / _ASSET).stat().st_size
+    return {
+        "seconds": seconds,
+        "faces": faces,
+        "before": before,
+        "peak": peak(),
+        "private": private.most,
+        "asset": size,
+    }
+
+
+def main() -> None:
+    """Run the benchmark and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--faces", type=int, default=10_000_000)
+    parser.add_argument(
+        "--method", choices=METHODS, action="append", help="default: all, one after the other"
+    )
+    parser.add_argument("--folder", type=Path, help="where 5 GB fit; a temporary folder if not given")
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--worker", choices=["write", *STEPS], help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker == "write":
+        write_checkpoint(options.folder, options.method[0], options.faces)
+        return
+    if options.worker:
+        print(json.dumps(measure(options.worker, options.folder)))
+        return
+    record: dict[str, Any] = {
+        "machine": machine("numpy", "pyopencl", "pocl-binary-distribution"),
+        "steps": {},
+    }
+    print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
+    heads = f"{'seconds':>8}{'peak GB':>9}{'private GB':>12}{'a face':>8}{'private':>9}"
+    print(f"\n{'method':<20}{'step':<11}{heads}")
+    for method in options.method or METHODS:
+        with tempfile.TemporaryDirectory(dir=options.folder) as name:
+            arguments = ["--method", method, "--faces", str(options.faces), "--folder", name]
+            run("write", *arguments)
+            steps = {step: json.loads(run(step, *arguments)) for step in STEPS}
+        record["steps"][method] = steps
+        show(method, steps)
+    if options.json:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(record, indent=1) + "\n")
+
+
+def run(step: str, *arguments: str) -> str:
+    """Return what a process of its own prints of `step`."""
+    command = [sys.executable, "-m", "benchmarks.scale", "--worker", step, *arguments]
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
+def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
+    """Print the rows of one method; bytes a face are above what the process had before."""
+    first = steps["export"]
+    asset = first["asset"] / first["faces"]
+    print(f"{method:<20}{first['faces']:,} faces, asset {asset:.0f} bytes a face")
+    for step, found in steps.items():
+        if "unsupported" in found:
+            print(f"{'':<20}{step:<11}{'N/A':>8}")
+            continue
+        high, own = found["peak"], found["private"]
+        a_face, private = ((value - found["before"]) / found["faces"] for value in (high, own))
+        row = f"{found['seconds']:>8.1f}{high / 1e9:>9.2f}{own / 1e9:>12.2f}{a_face:>8.0f}{private:>9.0f}"
+        print(f"{'':<20}{step:<11}{row}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

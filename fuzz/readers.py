@@ -1,0 +1,179 @@
+"""How each reader is called: functions of a path, whose value counts for nothing."""
+
+from __future__ import annotations
+
+from contextlib import chdir
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def asset(path: Path) -> None:
+    from msb.asset import load, validate
+
+    validate(path)
+    load(path)
+
+
+def checkpoint(path: Path) -> None:
+    from msb.adapters.checkpoint import read_checkpoint as read
+
+    read(path)
+
+
+def export(path: Path) -> None:
+    from msb.adapters import export as make
+
+    make(path)
+
+
+def two_dts_config(path: Path) -> None:
+    from msb.adapters.config import read_two_dts_config as read
+
+    read(path.parent, path)
+
+
+def cfg_args(path: Path) -> None:
+    from msb.adapters.config import read_cfg_args as read
+
+    read(path.parent)
+
+
+def mesh(path: Path) -> None:
+    from msb.meshes import read_mesh as read
+
+    read(path)
+
+
+def cameras(path: Path) -> None:
+    from msb.scenes import read_cameras as read
+
+    read(path)
+
+
+def camera_folder(path: Path) -> None:
+    cameras(path.parent)
+
+
+def points(path: Path) -> None:
+    from msb.scenes import read_points as read
+
+    read(path)
+
+
+def views(path: Path) -> None:
+    from msb.scenes import read_views as read
+
+    read(path)
+
+
+def neus(path: Path) -> None:
+    from msb.scenes.datasets import read_matrices
+    from msb.scenes.datasets.neus import decompose
+
+    for world, scale in zip(*read_matrices(path), strict=True):
+        decompose(world @ scale)
+
+
+def image(path: Path) -> None:
+    from msb.metrics import read_image as read
+
+    read(path, background=(0, 0, 0))
+
+
+def size_of_image(path: Path) -> None:
+    from msb.scenes import image_size
+
+    image_size(path)
+
+
+def mask(path: Path) -> None:
+    from msb.metrics.image_files import read_mask as read
+
+    read(path)
+
+
+def dtu(path: Path) -> None:
+    from msb.metrics import read_dtu_scan
+
+    read_dtu_scan(path.parent.parent, 1)
+
+
+def metric_mesh(path: Path) -> None:
+    from msb.metrics import read_ply
+
+    read_ply(path)
+
+
+def vgg(path: Path) -> None:
+    from msb.metrics.vgg import read_vgg as read
+
+    read(path)
+
+
+def protocol(path: Path) -> None:
+    from msb.bench.protocol import read_protocol as read
+
+    read(path)
+
+
+@cache
+def commands() -> Any:
+    from typer.main import get_command
+
+    from msb.cli.app import app
+    from msb.cli.settings import single_commands
+
+    return single_commands(get_command(app))
+
+
+def settings(path: Path) -> None:
+    from msb.cli.settings import read_settings as read
+
+    with chdir(path.parent):
+        read(commands())
+
+
+def gate(path: Path) -> None:
+    from msb.cli.gates import parse_gate
+
+    parse_gate(path.read_bytes().decode("utf-8", "replace"))
+
+
+def report(path: Path) -> None:
+    """Read a results folder of one record and make every table, page and finding of it, without figures."""
+    from msb.report.asset_tables import asset_tables, provenance
+    from msb.report.collect import collect
+    from msb.report.findings import find
+    from msb.report.results import read_results
+
+    results = read_results(path.parents[5])
+    numbers = collect(results)
+    find(numbers)
+    for place, columns in results.places.items():
+        records = {column: loaded.result for column, loaded in columns.items()}
+        asset_tables(place, records, numbers)
+        provenance(records)
+        for loaded in columns.values():
+            for image in () if loaded.result.quality is None else loaded.result.quality.images:
+                loaded.file(image.file)
+
+
+def track(path: Path) -> None:
+    from msb.bench.track import read_track as read
+
+    read(path)
+
+
+def published(path: Path) -> None:
+    from msb.report.paper import published_numbers
+
+    published_numbers(path)
+
+
+def benchmark(path: Path) -> None:
+    from msb.cli.bench import _read_old
+
+    _read_old(path)

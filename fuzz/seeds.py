@@ -1,0 +1,256 @@
+"""Contents to start from: shipped stubs, what the tests build, and their bad files."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from data_stubs.torch_file import write_torch
+from tests.adapters import assemble, models
+from tests.adapters.bad_checkpoints import CASES as BAD_CHECKPOINTS
+from tests.adapters.bad_pickles import CASES as BAD_PICKLES
+from tests.conftest import ROOT
+from tests.corpus.forge import forge
+from tests.corpus.good import decoder, mesh, parts, soup
+from tests.meshes.bad_files import BAD as BAD_MESHES
+from tests.meshes.builders import SMALL as MESHES
+from tests.meshes.builders import glb_file, glb_square
+from tests.scenes.bad_cameras import BAD as BAD_CAMERAS
+from tests.scenes.bad_cameras import SMALL as CAMERAS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+STUBS = ROOT / "data_stubs"
+MODELS = STUBS / "models" / "pebble"
+MATLAB = ("ObsMask1_10.mat", "Plane1.mat")
+
+
+def assets() -> list[bytes]:
+    return [forge(parts(make()).entries()) for make in (mesh, soup, decoder)]
+
+
+def manifests() -> list[bytes]:
+    return [parts(make()).text() for make in (mesh, soup, decoder)]
+
+
+def around_manifest(text: bytes) -> bytes:
+    return forge(parts(soup()).entries(text))
+
+
+def checkpoints() -> Iterator[bytes]:
+    yield from (assemble.archive(), assemble.legacy())
+    yield from (case.make() for case in BAD_CHECKPOINTS)
+    yield from (file.read_bytes() for file in sorted((ROOT / "tests/golden/checkpoints").glob("*.pt")))
+
+
+def pickles() -> Iterator[bytes]:
+    """Return programs of the pickle machine: whole, and those of the corpus."""
+    yield assemble.GOOD
+    for case in BAD_PICKLES:
+        try:
+            with zipfile.ZipFile(io.BytesIO(case.make())) as archive:
+                yield from (archive.read(name) for name in archive.namelist() if name.endswith("data.pkl"))
+        except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
+            continue  # a case about something else
+
+
+@cache
+def model(method: str) -> tuple[bytes, dict[str, bytes]]:
+    """Return the program and the storages of a small good model."""
+    values = models.VALUES[method]()
+    stream: Any = io.BytesIO()
+    write_torch(stream, (values, {}, None, 1.0) if method == "two_dts" else values)
+    with zipfile.ZipFile(stream) as archive:
+        members = {name.partition("/")[2]: archive.read(name) for name in archive.namelist()}
+    storages = {name[5:]: data for name, data in members.items() if name.startswith("data/")}
+    return members["data.pkl"], storages
+
+
+def configs() -> list[bytes]:
+    more = b"model:\n  target: a.B\n  init_args: {sh_degree: 3, gamma: 1e1, x: [1, ~, .nan, 2020-01-01]}\n"
+    return [
+        (MODELS / "two_dts/config.yaml").read_bytes(),
+        more,
+        b"a: &a [1]\nmodel: {b: *a}\n",
+        b"? [a]\n: b",
+    ]
+
+
+def log(config: bytes) -> bytes:
+    return b"config args:\n" + b"=" * 40 + b"\n" + config + b"\n" + b"=" * 40 + b"\n"
+
+
+@cache
+def web_export() -> dict[str, bytes]:
+    with TemporaryDirectory() as name:
+        folder = models.write_web_export(Path(name) / "web")
+        return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def meshes(suffix: str) -> Iterator[bytes]:
+    """Return small meshes of a format, whole and broken."""
+    yield from (content for key, content in MESHES.items() if key.lower() == suffix)
+    yield from (content for key, content, *_ in BAD_MESHES.values() if key.lower() == suffix)
+
+
+def glb_texts() -> Iterator[bytes]:
+    """Return the JSON chunks of the GLBs there are."""
+    for content in meshes(".glb"):
+        if len(content) >= 20:
+            yield content[20 : 20 + struct.unpack_from("<I", content, 12)[0]]
+
+
+def around_gltf(text: bytes) -> bytes:
+    content = glb_square().bytes()
+    return glb_file(text, content[20 + struct.unpack_from("<I", content, 12)[0] + 8 :])
+
+
+def cameras(kind: str, file: str) -> Iterator[bytes]:
+    """Return contents of one file of a source of cameras, a good one and broken ones."""
+    yield CAMERAS[kind][file]
+    yield from (files[file] for files, *_ in BAD_CAMERAS.values() if file in files)
+
+
+def matrices() -> list[bytes]:
+    stream = io.BytesIO()
+    np.savez(stream, world_mat_0=np.diag([5.0, 5, 1, 1]), scale_mat_0=np.eye(4))
+    return [stream.getvalue(), (STUBS / "scenes/dtu/scan1/cameras.npz").read_bytes()]
+
+
+def pictures(suffix: str) -> list[bytes]:
+    from PIL import Image
+
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 9, 4), dtype=np.uint8)
+    found = []
+    kinds = {"png": ("1", "L", "LA", "P", "RGB", "RGBA", "I;16"), "jpg": ("L", "RGB", "CMYK")}
+    for mode in kinds[suffix]:
+        if mode == "I;16":
+            picture = Image.fromarray(pixels[..., 0].astype(np.uint16))
+        else:
+            picture = Image.fromarray(pixels).convert("RGB").convert(mode)
+        for more in ({}, {"progressive": True}) if suffix == "jpg" else ({},):
+            stream = io.BytesIO()
+            picture.save(stream, {"png": "PNG", "jpg": "JPEG"}[suffix], **more)
+            found.append(stream.getvalue())
+    return found
+
+
+def npy_images() -> list[bytes]:
+    found = []
+    for array in (np.zeros((2, 3, 3), np.uint8), np.zeros((2, 3, 3), "<f4"), np.zeros((2, 3, 3), ">f8", "F")):
+        stream = io.BytesIO()
+        np.save(stream, array)
+        found.append(stream.getvalue())
+    return found
+
+
+def exr_images() -> list[bytes]:
+    from msb.render.images import write_image
+
+    with TemporaryDirectory() as name:
+        path = Path(name) / "a.exr"
+        write_image(path, np.full((2, 3, 3), 0.5, np.float32), "exr")
+        return [path.read_bytes()]
+
+
+def dtu_files() -> dict[str, bytes]:
+    cloud = b"ply\nformat ascii 1.0\nelement vertex 1\n" + b"".join(
+        b"property float %c\n" % axis for axis in b"xyz"
+    )
+    return {
+        **{f"ObsMask/{name}": (STUBS / "scenes/dtu/ObsMask" / name).read_bytes() for name in MATLAB},
+        "Points/stl/stl001_total.ply": cloud + b"end_header\n1 2 3\n",
+    }
+
+
+def vgg_archives() -> list[bytes]:
+    stream = io.BytesIO()
+    np.savez(stream, **{"features.0.weight": np.zeros((1, 1), "<f4"), "features.0.bias": np.zeros(64, "<f4")})
+    return [stream.getvalue()]
+
+
+def vgg_tensors() -> list[bytes]:
+    entry = {"dtype": "F32", "shape": [64], "data_offsets": [0, 256]}
+    header = json.dumps({"features.0.bias": entry}).encode()
+    return [struct.pack("<Q", len(header)) + header + bytes(256)]
+
+
+def protocols() -> list[bytes]:
+    from tests.bench.test_protocol import MINIMAL, WRONG
+
+    return [(STUBS / "protocol.toml").read_bytes(), MINIMAL.encode(), *(text.encode() for text in WRONG)]
+
+
+def settings() -> list[bytes]:
+    return [
+        b'device = "cpu"\nquiet = true\n[audit]\nfail-on = ["components>1"]\n[render]\nset = ["gamma=20"]\n',
+        b"verbose = 2\n[run]\nverbose = 1.5\n",
+        b"x = 1979-05-27T07:32:00Z\ny = [{a = 0x1f, b = inf}]\n",
+    ]
+
+
+def pyproject() -> list[bytes]:
+    tables = (b"[tool.msb]\n" + text.replace(b"[", b"[tool.msb.", 1) for text in settings()[:1])
+    return [*tables, b"tool.msb = 1\n", b"[[tool]]\nmsb = 1\n"]
+
+
+def gates() -> list[bytes]:
+    from msb.cli.gates import PROFILES
+
+    return [gate.encode() for gates in PROFILES.values() for gate in gates]
+
+
+def results() -> list[bytes]:
+    from msb.bench.records import CONDITIONS
+    from tests.report.factory import make_result
+
+    made = [make_result("capture", "desk", "two_dts", condition) for condition in CONDITIONS]
+    return [result.to_json() for result in (*made, make_result("dtu", "scan24", "two_dts", "non_engine"))]
+
+
+def tracks() -> list[bytes]:
+    from msb.bench.track import Track
+
+    time = "2026-01-01T00:00:00+00:00"
+    known = Track(
+        command=("train",),
+        started=time,
+        ended=time,
+        seconds=1.5,
+        exit_status=0,
+        peak_gpu_memory_bytes=None,
+        gpu_source=None,
+        gpu_reason="no GPU",
+        gpus=(),
+        peak_host_memory_bytes=1 << 20,
+        interval_seconds=0.2,
+        machine={"cores": 2},
+        tool_version="0.1.0",
+    )
+    return [known.to_json()]
+
+
+def published() -> list[bytes]:
+    cell = {"dataset": "dtu", "scene": "24", "method": "2dts", "condition": "dedicated", "metric": "psnr"}
+    return [json.dumps({"schema": "msb-paper-table/1", "cells": [cell | {"value": 20.5}]}).encode()]
+
+
+def benchmarks() -> list[bytes]:
+    from msb.cli.bench import SCHEMA
+
+    tables = {"device_ms": {"p50": 1.5}, "stages_ms": {"a": 1}, "memory_bytes": {"b": 2}}
+    return [json.dumps({"schema": SCHEMA, "fps": 10, **tables}).encode()]
+
+
+def stub(*names: str) -> Callable[[], Iterable[bytes]]:
+    """Return what returns the contents of shipped files."""
+    return lambda: [(STUBS / name).read_bytes() for name in names]

@@ -1,0 +1,113 @@
+"""Every reader of the package as a fuzz target, by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fuzz import readers, seeds
+from fuzz.target import Target
+from tests.adapters import assemble
+from tests.scenes.bad_cameras import SMALL as CAMERAS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def model_target(method: str, file: str) -> Target:
+    """Return the target of one adapter: the program is hostile, the archive around it is sound."""
+    return Target(
+        readers.export,
+        lambda: [seeds.model(method)[0]],
+        file,
+        wrap=lambda data: assemble.archive(data, seeds.model(method)[1]),
+    )
+
+
+def web_target(name: str) -> Target:
+    """Return the target of one file of a DiffSoup web export; the others are good."""
+    beside = {other: content for other, content in seeds.web_export().items() if other != name}
+    return Target(
+        lambda path: readers.export(path.parent), lambda: [seeds.web_export()[name]], name, beside=beside
+    )
+
+
+def mesh_target(suffix: str) -> Target:
+    """Return the target of one format of meshes."""
+    return Target(readers.mesh, lambda: seeds.meshes(suffix), f"mesh{suffix}")
+
+
+def camera_target(kind: str, file: str, read: Callable[[Path], None] = readers.camera_folder) -> Target:
+    """Return the target of one file of a source of cameras; the other files of the `kind` are good."""
+
+    beside = {name: data for name, data in CAMERAS[kind].items() if name != file}
+    return Target(read, lambda: seeds.cameras(kind, file), file, beside=beside)
+
+
+def dtu_target(file: str) -> Target:
+    """Return the target of one MATLAB file of DTU's evaluation data; the others are good."""
+    files = seeds.dtu_files()
+    return Target(
+        readers.dtu, lambda: [files[file]], file, beside={n: data for n, data in files.items() if n != file}
+    )
+
+
+STATE = "point_cloud/iteration_30000/point_cloud_state_dict.pt"
+RESULT = "cells/capture/desk/two_dts/dedicated/result.json"
+NERF = "scenes/nerf_synthetic/pebble/transforms_test.json"
+
+TARGETS: dict[str, Target] = {
+    "triasset": Target(readers.asset, seeds.assets, "a.triasset"),
+    "triasset_manifest": Target(readers.asset, seeds.manifests, "a.triasset", wrap=seeds.around_manifest),
+    "checkpoint": Target(readers.checkpoint, seeds.checkpoints, "a.pt"),
+    "checkpoint_pickle": Target(readers.checkpoint, seeds.pickles, "a.pt", wrap=assemble.archive),
+    "model_two_dts": model_target("two_dts", "ckpt/30000.ckpt"),
+    "model_triangle_splatting": model_target("triangle_splatting", STATE),
+    "model_mesh_splatting": model_target("mesh_splatting", STATE),
+    "model_diffsoup": model_target("diffsoup", "final_params.pt"),
+    "web_texture": web_target("lut0.png"),
+    "web_weights": web_target("mlp_weights.json"),
+    "web_meta": web_target("meta.json"),
+    "cfg_args": Target(readers.cfg_args, seeds.stub("checkpoint/cfg_args"), "cfg_args"),
+    "two_dts_yaml": Target(readers.two_dts_config, seeds.configs, "config.yaml"),
+    "two_dts_log": Target(readers.two_dts_config, seeds.configs, "a.log", wrap=seeds.log),
+    "ply": mesh_target(".ply"),
+    "obj": mesh_target(".obj"),
+    "off": mesh_target(".off"),
+    "stl": mesh_target(".stl"),
+    "glb": mesh_target(".glb"),
+    "glb_json": Target(readers.mesh, seeds.glb_texts, "mesh.glb", wrap=seeds.around_gltf),
+    "colmap_cameras_bin": camera_target("binary", "cameras.bin"),
+    "colmap_images_bin": camera_target("binary", "images.bin"),
+    "colmap_points_bin": camera_target("points3D.bin", "points3D.bin", readers.points),
+    "colmap_cameras_txt": camera_target("text", "cameras.txt"),
+    "colmap_images_txt": camera_target("text", "images.txt"),
+    "colmap_points_txt": camera_target("points3D.txt", "points3D.txt", readers.points),
+    "transforms_json": camera_target("transforms.json", "transforms.json"),
+    "nerf_json": Target(readers.cameras, seeds.stub(NERF), "transforms_test.json"),
+    "cameras_json": camera_target("cameras.json", "cameras.json"),
+    "views_json": camera_target("views.json", "views.json", readers.views),
+    "neus_npz": Target(readers.neus, seeds.matrices, "cameras.npz"),
+    "image_png": Target(readers.image, lambda: seeds.pictures("png"), "a.png"),
+    "image_jpeg": Target(readers.image, lambda: seeds.pictures("jpg"), "a.jpg"),
+    "image_npy": Target(readers.image, seeds.npy_images, "a.npy"),
+    "image_exr": Target(readers.image, seeds.exr_images, "a.exr"),
+    "image_mask": Target(readers.mask, lambda: seeds.pictures("png"), "mask.png"),
+    "image_size": Target(
+        readers.size_of_image, lambda: [*seeds.pictures("png"), *seeds.pictures("jpg")], "a.img"
+    ),
+    "dtu_grid": dtu_target("ObsMask/ObsMask1_10.mat"),
+    "dtu_plane": dtu_target("ObsMask/Plane1.mat"),
+    "dtu_ply": Target(readers.metric_mesh, lambda: seeds.meshes(".ply"), "a.ply"),
+    "vgg_npz": Target(readers.vgg, seeds.vgg_archives, "a.npz"),
+    "vgg_safetensors": Target(readers.vgg, seeds.vgg_tensors, "a.safetensors"),
+    "protocol": Target(readers.protocol, seeds.protocols, "protocol.toml"),
+    "msb_toml": Target(readers.settings, seeds.settings, "msb.toml"),
+    "pyproject": Target(readers.settings, seeds.pyproject, "pyproject.toml"),
+    "gate": Target(readers.gate, seeds.gates, "gate"),
+    "result": Target(readers.report, seeds.results, RESULT),
+    "track": Target(readers.track, seeds.tracks, "track.json"),
+    "published": Target(readers.published, seeds.published, "published.json"),
+    "benchmark": Target(readers.benchmark, seeds.benchmarks, "bench.json"),
+}
+"""Reader -> target. DESIGN's list: assets, checkpoints, meshes, cameras, images, TOML, results."""

@@ -1,0 +1,132 @@
+"""Arrays of numbers in MATLAB 5 files nobody vouches for.
+
+`scipy.io.loadmat` is not used: a type number that does not exist kills the process with a segmentation fault,
+and for a length that a few bytes declare it takes gigabytes.
+
+Source: The MathWorks, MAT-File Format, chapter 1, "Level 5 MAT-Files".
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_NUMERIC = range(6, 16)
+"""Classes of arrays: double, single and the integers; below are cells, structures, text and sparse ones."""
+_COMPLEX = 0x0800
+_HEAD = 1024
+"""Bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters."""
+_ENDS = "it ends within a variable"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An array that was found but not read.
+
+    Attributes
+    ----------
+    name : str
+    shape : tuple of int
+        As stored: nothing has been checked.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    _body: memoryview
+    _compressed: bool
+    _order: str
+    _numeric: bool
+    _start: int
+
+    def read(self) -> NDArray[Any]:
+        """Return the numbers, read-only, in the type they are stored in: MATLAB packs whole ones smaller.
+
+        Raises
+        ------
+        ValueError
+            They are no real numbers, not as many as `shape` says, or damaged.
+        """
+        if not self._numeric or min(self.shape) < 0:
+            raise ValueError(f"{self.name} holds no real numbers")
+        count = math.prod(self.shape)
+        head = _unpack(self._body, self._compressed, self._start + 8)
+        kind, start, size, _ = _element(head, self._start, self._order)
+        if kind not in _TYPES:
+            raise ValueError(f"{self.name} is of the unknown type {kind}")
+        dtype = np.dtype(self._order + _TYPES[kind])
+        if size != count * dtype.itemsize:
+            raise ValueError(f"{self.name} has {size} bytes for {count} numbers of {dtype.itemsize}")
+        content = _unpack(self._body, self._compressed, start + size)
+        if len(content) < start + size:
+            raise ValueError(_ENDS)
+        return np.frombuffer(content, dtype, count, start).reshape(self.shape, order="F")
+
+
+def find_variables(data: bytes) -> dict[str, Variable]:
+    """Return the arrays in the MATLAB 5 file `data` by name.
+
+    Raises
+    ------
+    ValueError
+        It is none, or is damaged.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
+    if order is None:
+        raise ValueError("it has no header of a MATLAB 5 file")
+    if struct.unpack_from(order + "H", data, _HEADER - 4) != (0x0100,):
+        raise ValueError("it is of another version, such as 7.3, which is HDF5; save it with -v7")
+    found: dict[str, Variable] = {}
+    view, at = memoryview(data), _HEADER
+    while at < len(data):
+        kind, start, size, _ = _element(view, at, order)
+        at = start + size
+        if at > len(data):
+            raise ValueError(_ENDS)
+        if kind in (_MATRIX, _COMPRESSED):
+            variable = _describe(view[start:at], kind == _COMPRESSED, order)
+            found.setdefault(variable.name, variable)
+    return found
+
+
+def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
+    head = _unpack(body, compressed, _HEAD)
+    at = 8 if compressed else 0  # the tag of the matrix is inside
+    _, start, _, at = _element(head, at, order)
+    flags = _numbers(head, start, 1, order)[0]
+    _, start, size, at = _element(head, at, order)
+    shape = _numbers(head, start, size // 4, order)
+    _, start, size, at = _element(head, at, order)
+    name = bytes(head[start : start + size]).decode("latin-1")
+    numeric = flags & 0xFF in _NUMERIC and not flags & _COMPLEX and len(shape) > 0
+    return Variable(name, shape, body, compressed, order, numeric, at)
+
+
+def _element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
+    """Return type, start and length of the element at `at`, and where the next one begins."""
+    word = _numbers(data, at, 1, order, "I")[0]
+    if word >> 16:  # the small form: the length in the upper half, the data in place of it
+        return word & 0xFFFF, at + 4, word >> 16, at + 8
+    size = _numbers(data, at + 4, 1, order, "I")[0]
+    return word, at + 8, size, at + 8 + size + -size % 8
+
+
+def _numbers(data: bytes | memoryview, at: int, count: int, order: str, kind: str = "i") -> tuple[int, ...]:
+    if at + 4 * count > len(data):
+        raise ValueError(_ENDS)
+    return struct.unpack_from(f"{order}{count}{kind}", data, at)
+
+
+def _unpack(body: memoryview, compressed: bool, most: int) -> bytes | memoryview:
+    """Return the first `most` bytes of a variable."""
+    return zlib.decompressobj().decompress(body, most) if compressed else body[:most]

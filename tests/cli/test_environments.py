@@ -1,0 +1,301 @@
+"""Every command where things are missing or odd: extras, OpenCL, a home, a locale, file names, a terminal.
+
+Commands that share an environment run one after the other in one process, which is several times as fast.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+ASSET = "data_stubs/splat_like.triasset"
+CHECKPOINT = "data_stubs/checkpoint"
+SCENE = "data_stubs/scenes/nerf_synthetic/pebble"
+GOLDEN = "tests/golden/metrics"
+SMALL = ("--turntable", "1", "--size", "32x24", "-o")
+EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
+EXTRAS += ("dask", "distributed", "pynvml", "wgpu", "bpy")
+"""What the extras bring."""
+DRIVER = """
+import json, os, sys
+commands, absent = json.load(sys.stdin)
+commands = [[os.fsdecode(word.encode("latin-1")) for word in words] for words in commands]
+sys.modules.update(dict.fromkeys(absent))  # importing them fails, looking for them finds nothing
+from msb.cli import main
+for words in commands:
+    sys.argv = ["msb", *words]
+    status = 0
+    try:
+        main()
+    except SystemExit as end:
+        status = end.code
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+        stream.buffer.write(b"\\0%d\\0" % status)
+        stream.flush()
+"""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one command of several ended."""
+
+    words: tuple[str, ...]
+    status: int
+    out: bytes
+    err: bytes
+
+
+def run_all(
+    commands: list[tuple[str, ...]], cwd: Path, absent: tuple[str, ...] = (), **env: str | None
+) -> list[Ended]:
+    """Run the commands in one process; a variable that is None is not set."""
+    wanted: dict[str, str | None] = {
+        **os.environ,
+        "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}",
+        **env,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVER],
+        # Bytes, as a shell passes them on: the process may see other characters in them than we do.
+        input=json.dumps(
+            [[[os.fsencode(w).decode("latin-1") for w in one] for one in commands], absent]
+        ).encode(),
+        capture_output=True,
+        cwd=cwd,
+        env={key: value for key, value in wanted.items() if value is not None},
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr.decode(errors="replace")
+    out, err = done.stdout.split(b"\0"), done.stderr.split(b"\0")
+    assert len(out) == 2 * len(commands) + 1
+    return [Ended(words, int(out[2 * n + 1]), out[2 * n], err[2 * n]) for n, words in enumerate(commands)]
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    """Return a folder with the data that examples use."""
+    for folder in ("data_stubs", "tests"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    return tmp_path
+
+
+@pytest.fixture
+def nowhere(tmp_path: Path) -> str:
+    """Return a folder in which nobody, root included, can write: it is below a file."""
+    (tmp_path / "file").touch()
+    return str(tmp_path / "file" / "folder")
+
+
+def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
+    missing = {
+        "crosscheck": [("audit", "--cross-check", ASSET)],
+        "view": [("view", ASSET), ("view", "--figure", "f.png", ASSET), ("audit", "--view", ASSET)],
+        "wgpu": [("render", "--renderer", "wgpu", *SMALL, "w", ASSET)],
+        "blender": [("render", "--renderer", "blender_cycles", *SMALL, "b", ASSET)],
+        "distributed": [("run", "--scheduler", "tcp://127.0.0.1:1", "-o", "r", "data_stubs/protocol.toml")],
+        "lpips": [("eval", "--vgg-weights", "vgg.pth", f"{GOLDEN}/pred", f"{GOLDEN}/gt")],
+    }
+    named = {words: extra for extra, group in missing.items() for words in group}
+    whole = [("view", "--html", "v.html", ASSET), ("report", "--paper", "--table", "mesh_connectivity")]
+    ended = run_all([*named, *whole], work, EXTRAS, MSB_BLENDER=None)
+    for one in ended[: len(named)]:
+        line = one.err.decode()
+        assert (one.status, one.out, len(line.splitlines())) == (2, b"", 1), line
+        assert line.startswith(("EXTRA_MISSING: ", "ENGINE_MISSING: "))
+        assert f"meshsplatbench[{named[one.words]}]" in line
+    assert [one.status for one in ended[len(named) :]] == [0, 0]
+    assert not any((work / name).exists() for name in ("f.png", "w", "b"))
+
+
+def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
+    cameras = ("--cameras", "data_stubs/views.json", "--camera", "0")
+    needs = [
+        ("render", *SMALL, "r", ASSET),
+        ("render", "--tier", "dedicated", *SMALL, "r", ASSET),
+        ("bench", ASSET),
+        ("run", "-o", "res", "data_stubs/protocol.toml"),
+        ("devices",),
+        ("view", "-q", "--compare", *cameras, "--paths", "standard", "--html", "c.html", ASSET),
+    ]
+    works = [
+        ("audit", ASSET),
+        ("export", CHECKPOINT, "e.triasset"),
+        ("convert", ASSET, "c.glb"),
+        ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
+        ("info", ASSET),
+        ("validate", ASSET),
+        ("report", "--paper", "--table", "mesh_connectivity"),
+        ("run", "--dry-run", "data_stubs/protocol.toml"),
+        ("render", "--tier", "reference", *SMALL, "ref", ASSET),
+        ("view", "--html", "v.html", ASSET),
+        ("view", "--web", "w.html", ASSET),
+    ]
+    ended = run_all([*needs, *works], work, OCL_ICD_VENDORS=nowhere)
+    for one in ended[: len(needs)]:
+        line = one.err.decode()
+        assert (one.status, one.out, len(line.splitlines())) == (5, b"", 1), line
+        assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
+        assert "OCL_ICD_VENDORS names nothing that exists" in line
+    assert {one.words[0]: one.status for one in ended[len(needs) :] if one.status} == {}
+
+
+def test_neither_home_nor_cache_is_needed(work: Path, nowhere: str) -> None:
+    commands = [
+        ("render", *SMALL, "r", ASSET),
+        ("report", "--paper", "-o", "paper", "--format", "html"),
+        ("config", "show"),
+    ]
+    places = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
+    ended = run_all(commands, work, POCL_CACHE_DIR=None, **dict.fromkeys(places, nowhere))
+    assert [(one.status, one.err) for one in ended] == [(0, b"")] * len(commands)
+    (one,) = run_all([("info", ASSET)], work, **dict.fromkeys(places))
+    assert one.status == 0
+
+
+def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) -> None:
+    result = msb("devices", POCL_CACHE_DIR=nowhere, MSB_DEVICE="pocl")
+    if "found no platform" in result.err:
+        pytest.skip("PoCL is not installed")
+    assert result.status == 5
+    assert "POCL_CACHE_DIR=" in result.err
+    assert "cannot be written" in result.err
+
+
+@pytest.mark.parametrize(
+    ("env", "shown"),
+    [
+        ({"PYTHONIOENCODING": "ascii"}, r"V\xf6gel \u7f51"),
+        (
+            {"PYTHONIOENCODING": None, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+            r"V\udcc3\udcb6gel \udce7\udcbd\udc91",
+        ),
+        ({"PYTHONIOENCODING": "latin-1", "LANG": "de_DE.ISO-8859-1"}, r"Vögel \u7f51"),
+    ],
+    ids=["ascii", "C", "latin-1"],
+)
+def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None], shown: str) -> None:
+    (work / "Vögel").symlink_to(ROOT / SCENE)
+    (work / "Vögel 网.triasset").symlink_to(ROOT / ASSET)
+    commands: list[tuple[str, ...]] = [
+        ("audit", "Vögel 网.triasset"),
+        ("audit", "--explain", "lcc_area_ratio"),
+        ("audit", "网.ply"),
+        ("info", "Vögel 网.triasset"),
+        ("methods",),
+        ("methods", "--format", "markdown"),
+        ("report", "--paper", "--table", "mesh_connectivity"),
+        ("scenes", "Vögel"),
+        ("view", "--html", "网.html", ASSET),
+        *((name, "--help") for name in ("audit", "render", "report", "run")),
+    ]
+    ended = run_all(commands, work, **env)
+    assert {one.words: one.status for one in ended if one.status} == {("audit", "网.ply"): 3}
+    encoding = "latin-1" if env["PYTHONIOENCODING"] == "latin-1" else "ascii"
+    text = {one.words: (one.out + one.err).decode(encoding) for one in ended}
+    assert text["audit", "Vögel 网.triasset"].startswith(f"{shown}.triasset: BAD")
+    assert f"{shown}.triasset" in text["info", "Vögel 网.triasset"]
+    assert "LCC face (up)" in text["report", "--paper", "--table", "mesh_connectivity"]
+    assert (work / "网.html").exists()
+
+
+NAMES = {
+    "space and emoji": "with space 网格 🦊",
+    "not UTF-8": os.fsdecode(b"bytes\xff\xe4"),
+    "control characters": "new\nline\x1b[31m\x7f",
+    "dash": "-v",
+    "quotes and marks": 'it\'s "[bold]" per%20cent#?&x$HOME*',
+    "long": "ü" * 110,
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse some of these names")
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES.keys())
+def test_any_file_name_will_do(tmp_path: Path, name: str) -> None:
+    work = tmp_path / name
+    work.mkdir()
+    shutil.copy(ROOT / ASSET, work / f"{name}.triasset")
+    shutil.copytree(ROOT / SCENE, work / f"{name}s")
+    here = f"./{name}"
+    (tmp_path / "link").symlink_to(work)
+    commands = [
+        ("audit", "--json", f"{here}.json", "--csv", f"{here}.csv", "--log-file", f"{here}.log", "."),
+        ("audit", "--elements", f"{here}.vtp", f"../{name}/../link/"),
+        ("validate", f"{here}.triasset"),
+        ("info", str(work / f"{name}.triasset")),
+        ("convert", f"{here}.triasset", f"{here}.obj"),
+        ("convert", f"{here}.obj", f"{here}2.triasset"),
+        ("view", "--html", f"{here}v.html", f"{here}.triasset"),
+        ("view", "--web", f"{here}w.html", f"{here}.triasset"),
+        ("scenes", f"{here}s"),
+        ("run", "--dry-run", "--scene", f"{here}s", "-o", f"{here}r", f"{here}2.triasset"),
+    ]
+    ended = run_all(commands, work)
+    for one in ended:
+        refused = one.words[0] == "run" and not is_utf8(name)
+        assert one.status == (2 if refused else 0), one.err
+        assert b"RUN_PATH_NAME: " in one.err or not refused
+        text = one.out.decode()
+        # What was written is named as it is, for the next program; what was read, as a terminal can show it.
+        assert one.words[0] in ("view", "run") or all(c.isprintable() or c == "\n" for c in text)
+    assert json.loads((work / f"{name}.json").read_bytes())["path"] == f"{name}.triasset"
+    assert (work / f"{name}.log").exists()
+
+
+def is_utf8(name: str) -> bool:
+    """Return whether the file system's bytes of `name` are UTF-8."""
+    try:
+        os.fsencode(name).decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
+    commands = [
+        ("audit", ASSET),
+        ("info", ASSET),
+        ("methods",),
+        ("scenes", "data_stubs/scenes"),
+        ("devices",),
+        ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
+        ("run", "--dry-run", "--only", "pebble", "data_stubs/protocol.toml"),
+    ]
+    plain = {"NO_COLOR": None, "FORCE_COLOR": None, "TERM": "xterm"}
+    wide = run_all(commands, work, COLUMNS="80", **plain)
+    for one in wide:
+        assert one.status == 0
+        lines = one.out.decode().splitlines()
+        # A verdict is one line in a pipe, and a path is never broken.
+        prose = [line for line in lines if line.startswith((ASSET, str(work)))]
+        assert max(len(line) for line in lines if line not in prose) <= 80
+        assert all(c.isprintable() or c == "\n" for c in one.out.decode())
+    narrow = run_all(commands, work, COLUMNS="40", **plain)
+    row = next(line for line in narrow[0].out.decode().splitlines() if line.startswith("this mesh"))
+    assert row.split() == ["this", "mesh", "0.52", "6.46", "0.47", "0.17", "0.74", "0.72", "0.72", "5,799"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes are closed otherwise there")
+@pytest.mark.parametrize("line", ["methods", f"audit {ASSET}", "report --paper", "render --help"])
+def test_a_reader_that_left_is_no_error(line: str) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "wb") as pipe:
+        done = subprocess.run(
+            [sys.executable, "-m", "msb", *line.split()], stdout=pipe, stderr=subprocess.PIPE, cwd=ROOT
+        )
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -1,0 +1,52 @@
+"""Several commands at once on one machine, as a script that loops over models starts them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PROCESSES = 4
+
+
+def start(folder: Path, number: int, cache: Path) -> subprocess.Popen[bytes]:
+    """Start a rendering of two views into a folder of its own."""
+    return subprocess.Popen(
+        [
+            *(sys.executable, "-m", "msb", "render", "--turntable", "2", "--size", "64x48", "--json", "-"),
+            *("-o", str(folder / str(number)), "data_stubs/splat_like.triasset"),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+        env={**os.environ, "POCL_CACHE_DIR": str(cache)},
+    )
+
+
+def hashes(process: subprocess.Popen[bytes]) -> list[str]:
+    """Return the hash of each view, once the process has ended well."""
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, err) == (0, b"")
+    return [row["sha256"] for row in json.loads(out)["frames"]]
+
+
+def test_renderings_that_start_at_once_on_an_empty_cache_are_as_one_alone(tmp_path: Path) -> None:
+    together = [start(tmp_path / "together", number, tmp_path / "cache") for number in range(PROCESSES)]
+    found = [hashes(process) for process in together]
+    alone = hashes(start(tmp_path / "alone", 0, tmp_path / "other cache"))
+    assert len(alone) == 2
+    assert found == [alone] * PROCESSES
+    images = {
+        path.relative_to(tmp_path / "alone" / "0"): path for path in (tmp_path / "alone").rglob("*.png")
+    }
+    assert images
+    for number in range(PROCESSES):
+        for name, path in images.items():
+            assert (tmp_path / "together" / str(number) / name).read_bytes() == path.read_bytes()

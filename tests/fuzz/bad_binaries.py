@@ -1,0 +1,207 @@
+"""Bad images, evaluation data and weights: name -> fuzz target, content, code, and a piece of the message."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+from scipy.io import savemat
+
+if TYPE_CHECKING:
+    from tests.fuzz.bad_texts import Bad
+
+GRID: dict[str, Any] = {
+    "ObsMask": np.ones((3, 3, 3), np.uint8),
+    "BB": np.array([[0, 0, 0], [1, 1, 1.0]]),
+    "Res": np.array([[0.5]]),
+}
+
+
+def matlab(form: str = "5", **variables: Any) -> bytes:
+    """Return a MATLAB file."""
+    stream = io.BytesIO()
+    savemat(stream, variables, format=form)
+    return stream.getvalue()
+
+
+def grid(old: bytes = b"", new: bytes = b"", **variables: Any) -> bytes:
+    """Return the volume of a scan with other variables, or with its first `old` bytes replaced."""
+    content = matlab(**{**GRID, **variables})
+    assert old in content
+    return content.replace(old, new, 1)
+
+
+def extents(*axes: int) -> bytes:
+    """Return the lengths of axes as MATLAB stores them."""
+    return struct.pack("<3i", *axes)
+
+
+BYTES = struct.pack("<2I", 2, 27)
+"""The tag before the voxels: type uint8, 27 bytes."""
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    """Return a chunk of a PNG with its checksum."""
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def png(
+    width: int, height: int, *, depth: int = 8, kind: int = 2, rows: bytes = b"", more: bytes = b""
+) -> bytes:
+    """Return a PNG whose header says so, whatever `rows` (before they are packed) hold."""
+    head = chunk(b"IHDR", struct.pack(">2I5B", width, height, depth, kind, 0, 0, 0))
+    end = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + head + more + end
+
+
+def picture(mode: str, size: tuple[int, int] = (4, 3), form: str = "PNG") -> bytes:
+    """Return a black picture of a kind of Pillow's."""
+    stream = io.BytesIO()
+    Image.new(mode, size).save(stream, form)
+    return stream.getvalue()
+
+
+def npy(header: str, body: bytes = b"", version: bytes = b"\1\0") -> bytes:
+    """Return a .npy file with this header."""
+    text = header.encode() + b"\n"
+    return b"\x93NUMPY" + version + struct.pack("<H", len(text)) + text + body
+
+
+def shape(axes: str, dtype: str = "<f4") -> str:
+    """Return the header of a .npy file."""
+    return f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({axes})}}"
+
+
+def archive(method: int = zipfile.ZIP_STORED, **members: bytes) -> bytes:
+    """Return an archive of .npy files."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as file:
+        for name, content in members.items():
+            file.writestr(f"{name}.npy", content)
+    return stream.getvalue()
+
+
+def tensors(header: Any, body: bytes = bytes(256), length: int | None = None) -> bytes:
+    """Return a .safetensors file; `length` is what it says of its header."""
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return struct.pack("<Q", len(text) if length is None else length) + text + body
+
+
+def bias(**changes: Any) -> dict[str, Any]:
+    """Return a header with one tensor."""
+    return {"features.0.bias": {"dtype": "F32", "shape": [64], "data_offsets": [0, 256]} | changes}
+
+
+BIAS = "features.0.bias"
+_PNG: dict[str, tuple[bytes, str]] = {
+    "bomb": (png(60_000, 60_000), "3600000000 pixels"),
+    "compressed text": (
+        png(1, 1, more=chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(1 << 26)))),
+        "cannot be decoded",
+    ),
+    "compressed profile": (
+        png(1, 1, more=chunk(b"iCCP", b"a\0\0" + zlib.compress(bytes(1 << 26)))),
+        "cannot",
+    ),
+    "no size": (png(0, 0), ""),
+    "side of 2^31": (png(1 << 31, 1), ""),
+    "16 bits": (png(4, 3, depth=16, rows=bytes(75)), "16 bits per channel"),
+    "2 bits": (png(4, 3, depth=2, kind=0, rows=bytes(6)), "2 bits per channel"),
+    "palette": (picture("P"), "in a palette"),
+    "grey": (picture("L"), "kind L"),
+    "grey and alpha": (picture("LA"), "kind LA"),
+    "one colour transparent": (png(1, 1, rows=bytes(4), more=chunk(b"tRNS", bytes(6))), "one colour"),
+    "two headers": (
+        png(1, 1, rows=bytes(4), more=chunk(b"IHDR", struct.pack(">2I5B", 60_000, 60_000, 8, 2, 0, 0, 0))),
+        "",
+    ),
+    "checksum": (png(4, 3, rows=bytes(39)).replace(b"IDAT", b"IDAU"), "cannot be decoded"),
+    "another format": (picture("RGB", form="BMP"), "cannot be decoded"),
+}
+
+_GRID: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "cannot be read"),
+    "zeros": (bytes(500), "cannot be read"),
+    "HDF5": (grid(b"\x00\x01IM", b"\x00\x02IM"), "cannot be read"),
+    "negative axis": (grid(extents(3, 3, 3), extents(-1, 3, 3)), "ObsMask is -1 x 3 x 3"),
+    "no voxel": (grid(extents(3, 3, 3), extents(0, 3, 3)), "ObsMask is 0 x 3 x 3"),
+    "huge axes": (grid(extents(3, 3, 3), extents(1 << 30, 1 << 30, 3)), "at most 536870912 voxels"),
+    "more voxels than bytes": (grid(extents(3, 3, 3), extents(300, 300, 300)), "cannot be read"),
+    "4 GiB of voxels": (grid(BYTES, struct.pack("<2I", 2, 0xFFFFFFF0)), "cannot be read"),
+    "unknown type": (grid(BYTES, struct.pack("<2I", 200, 27)), "unknown type 200"),
+    "text": (grid(Res="x"), "Res"),
+    "cell": (grid(Res=np.array([["x"]], object)), "no real numbers"),
+    "struct": (grid(Res={"a": 1}), "no real numbers"),
+    "complex": (grid(BB=GRID["BB"] * 1j), "no real numbers"),
+    "NaN": (grid(Res=np.array([[np.nan]])), "finite numbers"),
+    "no plane": (matlab(P=np.ones((4, 1))), "no variable ObsMask"),
+}
+
+_NPY: dict[str, tuple[bytes, str]] = {
+    "terabytes": (npy(shape("1048576, 1048576, 3")), "cannot be decoded"),
+    "negative axis": (npy(shape("-1, 3, 3")), ""),
+    "wrapping axes": (npy(shape("4294967296, 4294967296, 3")), "cannot be decoded"),
+    "objects": (npy(shape("1, 1, 3", "|O"), bytes(24)), "cannot be decoded"),
+    "code": (npy("__import__('os').system('ls')"), "cannot be decoded"),
+    "nested": (npy("(" * 5000), "cannot be decoded"),
+    "records": (npy("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1, 1, 3)}", bytes(12)), ""),
+    "newer version": (npy(shape("1, 1, 3"), bytes(12), b"\x09\0"), "cannot be decoded"),
+}
+
+_WEIGHTS: dict[str, tuple[bytes, str]] = {
+    "no archive": (b"noise", "cannot be read"),
+    "nothing": (archive(), "it holds no features."),
+    "terabytes": (archive(**{BIAS: npy(shape("1099511627776"))}), "cannot be read"),
+    "bomb": (
+        archive(zipfile.ZIP_DEFLATED, **{BIAS: npy(shape("16777216"), bytes(1 << 26))}),
+        "features.0.bias is too long",
+    ),
+    "objects": (archive(**{BIAS: npy(shape("1", "|O"), bytes(8))}), "cannot be read"),
+    "code": (archive(**{BIAS: npy("__import__('os').system('ls')")}), "cannot be read"),
+}
+
+_TENSORS: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "cannot be read"),
+    "short": (b"1234", "cannot be read"),
+    "long header": (tensors(bias(), length=1 << 62), "longer than the file"),
+    "nested": (tensors(b'{"a":' * 5000), "cannot be read"),
+    "a list": (tensors([]), ""),
+    "other type": (tensors(bias(dtype="F16")), "must be F32"),
+    "offsets beyond the end": (tensors(bias(data_offsets=[256, 512])), "must be F32"),
+    "offsets turned round": (tensors(bias(data_offsets=[256, 0])), "must be F32"),
+    "negative offsets": (tensors(bias(data_offsets=[-256, 0])), "must be F32"),
+    "fractions": (tensors(bias(data_offsets=[0.5, 256.5])), ""),
+    "no offsets": (tensors({"features.0.bias": {"dtype": "F32"}}), "cannot be read"),
+    "other shape": (tensors(bias(shape=[8, 9])), "cannot be read"),
+}
+
+_NEUS: dict[str, tuple[bytes, str]] = {
+    "no archive": (b"noise", "not an archive"),
+    "nothing": (archive(), "holds no world_mat_0"),
+    "no scale": (archive(world_mat_0=npy(shape("4, 4", "<f8"), bytes(128))), "holds no scale_mat_0"),
+    "terabytes": (archive(world_mat_0=npy(shape("1048576, 1048576"))), ""),
+    "objects": (archive(world_mat_0=npy(shape("4, 4", "|O"), bytes(128)), scale_mat_0=b""), "is not 4 x 4"),
+    "bomb": (
+        archive(zipfile.ZIP_DEFLATED, world_mat_0=bytes(1 << 26), scale_mat_0=b""),
+        "is not 4 x 4",
+    ),
+}
+
+BAD: dict[str, Bad] = {
+    f"{target}: {name}": (target, content, code, message)
+    for target, code, table in (
+        ("image_png", "METRIC_IMAGE_FILE", _PNG),
+        ("image_npy", "METRIC_IMAGE_FILE", _NPY),
+        ("dtu_grid", "METRIC_DTU_FILE", _GRID),
+        ("vgg_npz", "METRIC_VGG_WEIGHTS", _WEIGHTS),
+        ("vgg_safetensors", "METRIC_VGG_WEIGHTS", _TENSORS),
+        ("neus_npz", "SCENE_MATRICES", _NEUS),
+    )
+    for name, (content, message) in table.items()
+}

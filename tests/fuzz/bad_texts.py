@@ -1,0 +1,176 @@
+"""Bad TOML, JSON and YAML: name -> fuzz target, content, code, and a piece of the message."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from tests.bench.test_protocol import MINIMAL
+from tests.report.factory import make_result
+
+Bad = tuple[str, bytes, str, str]
+DIGITS = b"1" * 5000
+"""More than Python turns into a number."""
+HEXADECIMAL = b"0x" + b"f" * 5000
+"""A number that Python makes, but does not print."""
+BIG = b"1" + b"0" * 400
+"""No float is that large."""
+
+
+def protocol(more: bytes, old: str = "", new: str = "") -> bytes:
+    """Return a small good protocol with an end, or with a change."""
+    return MINIMAL.replace(old, new).encode() + more if old else MINIMAL.encode() + more
+
+
+def result(**changes: Any) -> bytes:
+    """Return a good record with some of its keys replaced."""
+    made = json.loads(make_result("capture", "desk", "two_dts", "dedicated").to_json())
+    return json.dumps({**made, **changes}).encode()
+
+
+_NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
+
+_PROTOCOL: dict[str, tuple[bytes, str]] = {
+    "number of 5000 digits": (b"x = " + DIGITS, "it is not TOML: Exceeds the limit"),
+    "hexadecimal of 5000 digits": (protocol(b"resolution = " + HEXADECIMAL), "it holds what it may not"),
+    "brackets": (b"x = " + b"[" * 5000, "nested too deeply"),
+    "dotted keys": (b"a." * 2000 + b"a = 1", "nested too deeply"),
+    "huge resolution": (protocol(b"resolution = -" + BIG + b".5"), "it holds what it may not"),
+    "huge gamma": (protocol(b"settings = { gamma = " + BIG + b" }"), "/settings: "),
+    "long key": (protocol(b'"' + b"k" * 9000 + b'" = 1'), "extra inputs"),
+    "key with a line break": (protocol(b'"a\\nb\\u0000" = 1'), "extra inputs"),
+    "long place": (protocol(b"", "{scene}", "{" + "s" * 9000 + "}"), "there is no {sss"),
+    "long method": (protocol(b"", "two_dts", "m" * 9000), "there is no method"),
+    "date": (b"x = 2020-99-99", "it is not TOML"),
+    "byte-order mark": (b"\xef\xbb\xbf" + protocol(b""), "it is not TOML"),
+    "UTF-16": (MINIMAL.encode("utf-16"), "it is not TOML"),
+    "key twice": (protocol(b'name = "dtu"\n'), "it is not TOML"),
+    "control character": (b'x = "\x07"', "it is not TOML"),
+    "lone surrogate": (b'x = "\\ud800"', "it is not TOML"),
+    "too long": (b"#" * ((1 << 20) + 1), "longer than"),
+}
+
+_SETTINGS: dict[str, tuple[bytes, str]] = {
+    "number of 5000 digits": (b"verbose = " + DIGITS, "it is no TOML"),
+    "hexadecimal of 5000 digits": (b"quiet = " + HEXADECIMAL, "it must be true or false"),
+    "count of 5000 digits": (b"verbose = " + HEXADECIMAL, "it must be a whole number"),
+    "count of 65 bits": (b"verbose = 18446744073709551616", "it must be a whole number"),
+    "list of huge numbers": (b"[render]\nset = [" + HEXADECIMAL + b"]", "a list of texts or numbers"),
+    "brackets": (b"x = " + b"[" * 5000, "nested too deeply"),
+    "dotted keys": (b"quiet." + b"a." * 2000 + b"a = 1", '"quiet" is no command'),
+    "tables in an option": (b"[audit]\nquiet." + b"a." * 2000 + b"a = 1", "it must be true or false"),
+    "long key": (b"k" * 9000 + b" = 1", "is no option"),
+    "key with a line break": (b'"a\\nb" = 1', "is no option"),
+    "array of tables": (b"[[audit]]\nquiet = true\n", "is no option"),
+    "not UTF-8": (b"\xff", "it is no TOML"),
+    "too long": (b"#" * ((1 << 20) + 1), "more than 1048576 bytes"),
+}
+
+_PYPROJECT: dict[str, tuple[bytes, str]] = {
+    "brackets": (b"tool.msb.x = " + b"[" * 5000, "nested too deeply"),
+    "tool is a list": (b"[[tool]]\nmsb = 1 # tool.msb", "it is no TOML"),
+    "msb is a number": (b"tool.msb = 1", "tool.msb is no table"),
+}
+
+_RESULT: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "is empty"),
+    "not JSON": (result()[:-5], "is not JSON"),
+    "not UTF-8": (b"\xff", "is not UTF-8"),
+    "nested": (_NESTED, "nests 5000 levels"),
+    "no object": (b"[]", "object"),
+    "NaN": (result().replace(b'"seconds": 1.5', b'"seconds": NaN'), "holds NaN"),
+    "overflow": (result().replace(b'"seconds": 1.5', b'"seconds": 1e999'), "overflows"),
+    "key twice": (b'{"schema": 1, "schema": 1}', "twice"),
+    "long integer": (result().replace(b'"seconds": 1.5', b'"seconds": ' + DIGITS), "5000 digits"),
+    "lone surrogate": (result().replace(b'"done"', b'"\\ud800"'), "surrogate"),
+    "other schema": (result(schema="msb.result/2"), "/schema"),
+    "unknown key": (result(more=1), "/more: extra inputs"),
+    "long unknown key": (result(**{"k" * 9000: 1}), "extra inputs"),
+    "text for a number": (result(seconds="1.5"), "/seconds"),
+    "true for a number": (result(seconds=True), "/seconds"),
+    "negative time": (result(seconds=-1), "/seconds"),
+    "status": (result(status="fine"), "/status"),
+    "audit of a text": (result(audit={"counts": {"faces": "9"}, "metrics": {}}), "/audit/counts"),
+    "audit of a list": (result(audit={"counts": [], "metrics": {}}), "/audit/counts"),
+    "chamfer of a text": (result(chamfer={"overall": "0.5"}), "/chamfer/overall"),
+    "image without width": (
+        result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
+        "/quality",
+    ),
+}
+
+_RECORDS: dict[str, Bad] = {
+    **{
+        f"{target}: {name}": (target, content, code, message)
+        for target, code in (
+            ("track", "RECORD_INVALID"),
+            ("published", "RECORD_INVALID"),
+            ("benchmark", "FILE_NOT_RECOGNISED"),
+        )
+        for name, content, message in (
+            ("empty", b"", "is empty"),
+            ("not JSON", b'{"schema":', "is not JSON"),
+            ("nested", _NESTED, "nests 5000 levels"),
+            ("NaN", b'{"schema": NaN}', "holds NaN"),
+            ("long integer", b'{"schema": ' + DIGITS + b"}", "5000 digits"),
+            ("key twice", b'{"a": 1, "a": 1}', "twice"),
+            ("other schema", b'{"schema": "msb.other/1"}', ""),
+            ("no object", b"[1]", ""),
+        )
+    },
+    "published: text for a value": (
+        "published",
+        b'{"schema": "msb-paper-table/1", "cells": [{"dataset": "dtu", "scene": "1", "method": "2dts",'
+        b' "condition": "dedicated", "metric": "psnr", "value": "20"}]}',
+        "RECORD_INVALID",
+        "/cells/0/value",
+    ),
+    "track: too long": ("track", b" " * ((1 << 20) + 1), "RECORD_INVALID", "longer than"),
+    "benchmark: too long": ("benchmark", b" " * ((1 << 20) + 1), "FILE_NOT_RECOGNISED", "more than"),
+    "benchmark: text for a time": (
+        "benchmark",
+        b'{"schema": "msb.bench/1", "fps": 1, "device_ms": {"p50": "1"}, "stages_ms": {}, '
+        b'"memory_bytes": {}}',
+        "FILE_NOT_RECOGNISED",
+        "no record of msb bench",
+    ),
+}
+
+_YAML: dict[str, tuple[bytes, str]] = {
+    "aliases": (b"a: &a [1]\nmodel: {b: *a}\n", "not valid YAML"),
+    "object": (b"model: {a: !!python/object/apply:os.system [ls]}", "not valid YAML"),
+    "brackets": (b"model: " + b"[" * 400, "not valid YAML"),
+    "list for a key": (b"? [a]\n: b", "not valid YAML"),
+    "number of 5000 digits": (b"model: {a: " + DIGITS + b"}", "not valid YAML"),
+    "date": (b"model: {a: 2020-99-99}", "not valid YAML"),
+    "control character": (b"model: {a: \x07}", "not valid YAML"),
+    "no model": (b"a: 1", 'no section "model"'),
+    "a list": (b"- model", 'no section "model"'),
+    "two documents": (b"model: {}\n---\nmodel: {}\n", "not valid YAML"),
+}
+
+_GATES: dict[str, tuple[bytes, str]] = {
+    "infinity": (b"components>inf", "not a finite number"),
+    "overflow": (b"components>1e999", "not a finite number"),
+    "no number": (b"components>x", "not a finite number"),
+    "unknown key": (b"componets>1", "did you mean components"),
+    "long key": (b"a" * 9000 + b">1", "there is no key"),
+    "code": (b"__import__('os')", "not KEY OPERATOR NUMBER"),
+    "line break": (b"components>1\n\nx", "not KEY OPERATOR NUMBER"),
+}
+
+BAD: dict[str, Bad] = {
+    **{
+        f"{target}: {name}": (target, content, code, message)
+        for target, code, table in (
+            ("protocol", "PROTOCOL_INVALID", _PROTOCOL),
+            ("msb_toml", "CONFIG_INVALID", _SETTINGS),
+            ("pyproject", "CONFIG_INVALID", _PYPROJECT),
+            ("result", "RECORD_INVALID", _RESULT),
+            ("two_dts_yaml", "CHECKPOINT_CONFIG_FILE", _YAML),
+            ("gate", "USAGE", _GATES),
+        )
+        for name, (content, message) in table.items()
+    },
+    **_RECORDS,
+}

@@ -1,0 +1,31 @@
+"""Bad contents of files give their code, at the place where the reader looks for the file."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from fuzz.targets import TARGETS
+from tests.fuzz.bad_binaries import BAD as BAD_BINARIES
+from tests.fuzz.bad_texts import BAD as BAD_TEXTS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SECONDS = 2.0
+"""Of processor time."""
+BAD = BAD_TEXTS | BAD_BINARIES
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_content(name: str, tmp_path: Path) -> None:
+    target, content, code, message = BAD[name]
+    feed = TARGETS[target].at(tmp_path)
+    start = time.process_time()
+    error = feed(content)
+    assert time.process_time() - start < SECONDS
+    assert error is not None
+    assert error.code == code
+    assert message in error.message

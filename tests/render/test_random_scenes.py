@@ -1,0 +1,122 @@
+"""Every method, setting, order and sampling on random scenes; `tests.render.sweep` draws more of them.
+
+Kept below are the mistakes that the sweep has found.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.methods import METHODS as METHOD_TABLE
+from msb.methods import ORDERS, SAMPLINGS
+from msb.reference import render_reference
+from msb.render.dedicated import DedicatedRenderer
+from msb.scenes import Camera
+from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
+from tests.render import standard_scenes
+from tests.render.differential import OFF, apart, difference, draw, own_look
+from tests.render.random_cases import KINDS, STANDARD, draw_case, draw_settings
+
+if TYPE_CHECKING:
+    from msb.cl import Device
+
+DRAWS = 10
+
+
+@pytest.mark.parametrize("method", [*METHODS, STANDARD])
+def test_equals_the_reference(method: str, cpu: Device, gpu: Device) -> None:
+    """At most a rounding away: the figures asked for are 0.1 % of the pixels and 60 dB."""
+    pixels = explained = 0
+    for seed in range(DRAWS):
+        case = draw_case(method, seed)
+        found = difference(case, cpu if case.style == "cpu" else gpu)
+        assert not found.off, f"{case}: {found.off}"
+        assert found.quality > (80 if method == STANDARD else 90), str(case)
+        pixels, explained = pixels + found.pixels, explained + found.explained.get("image", 0)
+    assert pixels > 1500
+    assert explained <= 0.01 * pixels
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_is_near_the_reference_in_double_precision(method: str, cpu: Device, gpu: Device) -> None:
+    """In most scenes: in some, rounding changes the order of everything."""
+    shares = []
+    for seed in range(100, 107):
+        case = draw_case(method, seed)
+        frame = draw(DedicatedRenderer, case, cpu if case.style == "cpu" else gpu)
+        shares.append(apart(frame.image, own_look(case, np.float64).image, OFF).mean())
+    assert np.median(shares) < 1e-3
+
+
+def test_draws_have_everything() -> None:
+    """Of each method all settings and all their choices, modes and kinds of scene, for the cases above."""
+    for method in METHODS:
+        cases = [draw_case(method, seed) for seed in range(100)]
+        assert {case.kind for case in cases} == set(KINDS)
+        assert {case.style for case in cases} == {"cpu", "gpu"}
+        for name, choices in (("order", ORDERS), ("sampling", SAMPLINGS)):
+            assert {case.options[name] for case in cases} == set(choices)
+        assert any(case.camera.width * case.camera.height <= 2 for case in cases)
+        settings = [draw_settings(np.random.default_rng(seed), method) for seed in range(60)]
+        for name, setting in METHOD_TABLE[method].settings.items():
+            values = {each[name] for each in settings}
+            assert all(setting.problem(value) is None for value in values)
+            assert len(values) > 1
+            assert values >= set(setting.choices) | ({None} if setting.optional else set())
+
+
+@pytest.mark.parametrize("scale", [2, 3, 5, 7])
+@pytest.mark.parametrize("method", ["two_dts", "mesh_splatting"])
+def test_raw_buffers_at_any_scale(method: str, scale: int, cpu: Device, gpu: Device) -> None:
+    """Rasters whose rows are no whole number of tiles of whole pixels were read from the wrong place."""
+    settings: dict[str, Any] = {"render_up_scale": scale}
+    if method == "mesh_splatting":
+        settings = {"supersample": scale, "opacity_floor": 0.0, "sigma": 0.5}
+    asset, camera = soup(method, random_triangles(4)), front_camera(17, 17)
+    wanted = render_reference(asset, camera, settings=settings).raw
+    for device in (cpu, gpu):
+        renderer = DedicatedRenderer(asset, device=device, settings=settings, outputs=("raw",))
+        found = renderer.render(camera, (0, 0, 0)).raw
+        renderer.close()
+        assert len(found) >= 3
+        for name, array in found.items():
+            assert array.shape[:2] == (17 * scale, 17 * scale)
+            assert apart(array, wanted[name], 1e-4).mean() < 2e-3, name
+
+
+def test_depth_of_a_needle_that_leads_away(cpu: Device, gpu: Device) -> None:
+    """Computed from its far corner, seen at a hundred times the distance, a plane's depth was 0.05 % off."""
+    corners = np.array([[-6, -2.879, 35], [-0.054, -0.1, 0.35], [-0.03, 0.12, 0.4]], np.float32)
+    view = standard_scenes.camera(140, 132, 190.0)
+    y, x = np.mgrid[: view.height, : view.width] + 0.5
+    rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1)
+    exact = corners.astype(np.float64)
+    normal = np.cross(exact[1] - exact[0], exact[2] - exact[0])
+    depth = (normal @ exact[0]) / (rays @ normal)
+    mesh = standard_scenes.unshared(corners[None])
+    for device in (cpu, gpu):
+        frame = standard_scenes.draw(device, standard_scenes.mesh_asset(mesh), view)
+        hit = frame.alpha > 0
+        assert hit.sum() > 300
+        assert np.median(np.abs(frame.depth / depth - 1)[hit]) < 5e-5
+
+
+@pytest.mark.parametrize("method", SPLATTING)
+def test_an_engine_keeps_the_same_faces_at_the_edge_of_a_sample(
+    method: str, cpu: Device, gpu: Device
+) -> None:
+    """Small faces whose box of samples begins just after a sample."""
+    camera = Camera(32, 32, 32.0, 32.0, 15.5, 15.5, np.eye(4))
+    corners = np.array([[0, 0], [0.02, 0], [0, 0.02]])
+    flat = 0.1 + 10.0 ** np.arange(-5.0, -2.0, 0.25)[:, None, None] - 5 + corners
+    triangles = np.concatenate([flat, np.full((12, 3, 1), 32.0)], axis=2)
+    window = {"sigma": np.full(12, -9, np.float32)} if method == "triangle_splatting" else {}
+    asset = soup(method, (triangles / 16).astype(np.float32), **window)
+    wanted = render_reference(asset, camera, sampling="engine").visible
+    for device in (cpu, gpu):
+        renderer = DedicatedRenderer(asset, device=device, sampling="engine")
+        np.testing.assert_array_equal(renderer.render(camera, (0, 0, 0)).visible, wanted)
+        renderer.close()

@@ -1,0 +1,88 @@
+"""Signals that end a command: no traceback, no temporary file, the shell's status for them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.bench.protocols import protocol
+from tests.conftest import ROOT
+from tests.robustness.whole import check_whole, finals, leftovers
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+# Who is started in the background inherits that interrupts are ignored. Writing is made slow, so that the
+# signal comes in the middle of it.
+SLOW = (
+    "import signal, sys, time\n"
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "import msb.asset.writer\nfrom msb.asset.writer import _pieces\n"
+    "def slowly(chunks):\n    for piece in _pieces(chunks):\n        yield piece\n        time.sleep(60)\n"
+    "msb.asset.writer._pieces = slowly\n"
+    "from msb.cli import main\nmain()"
+)
+
+
+@pytest.mark.parametrize(
+    ("form", "number"),
+    [("packed", signal.SIGINT), ("folder", signal.SIGTERM), ("packed", signal.SIGHUP)],
+)
+def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str) -> None:
+    line = ["export", "--form", form, ROOT / "data_stubs" / "checkpoint", tmp_path / "a.triasset"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW, *map(str, line)], stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    until = time.monotonic() + 30
+    while not leftovers(tmp_path) and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    assert leftovers(tmp_path), "it never began to write"
+    process.send_signal(number)
+    try:
+        _, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (128 + number, "")
+    assert not leftovers(tmp_path)
+    assert not list(finals(tmp_path))
+
+
+def test_a_run_is_broken_off(tmp_path: Path) -> None:
+    (tmp_path / "protocol.toml").write_bytes(protocol(tmp_path, ("two_dts",)).text)
+    line = [sys.executable, "-m", "msb", "run", "-v", str(tmp_path / "protocol.toml")]
+    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    assert process.stderr is not None
+    try:
+        assert process.stderr.readline().startswith("models: ")
+        while not leftovers(tmp_path) and process.poll() is None:
+            time.sleep(0.001)
+        process.terminate()
+        rest = process.stderr.read()
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+    assert process.returncode == 128 + signal.SIGTERM
+    assert "Traceback" not in rest
+    assert not leftovers(tmp_path)
+    for path in finals(tmp_path):
+        check_whole(path)
+
+
+def test_a_signal_that_is_ignored_stays_so(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "import msb.cli.info as info\nimport msb.asset\nload = msb.asset.load\n"
+        "def hang_up(*args):\n    os.kill(os.getpid(), signal.SIGHUP)\n    return load(*args)\n"
+        "msb.asset.load = hang_up\nsys.argv = ['msb', 'info', 'data_stubs/splat_like.triasset']\n"
+        "from msb.cli import main\nmain()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
