@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from msb.atomic import new_file, remove_leftovers
-from msb.errors import OutputError, UsageError
+from msb.bench.checked import read_bytes
+from msb.errors import MsbError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 RESULT = "result.json"
 _LOCK = ".lock"
 _RUN = ".run.json"
+_MAX_RUN = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def _holder(root: Path) -> str:
 
 def _about(root: Path) -> dict[str, object]:
     try:
-        found = json.loads((root / _RUN).read_text())
-    except (OSError, ValueError):
+        found = json.loads(read_bytes(root / _RUN, _MAX_RUN))
+    except (MsbError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -58,27 +58,18 @@ def test_help_has_usage_examples_and_fits_80_columns(msb: Msb, command: str) -> 
     assert msb(*command.split(), "-h").out == result.out
 
 
-def examples() -> list[str]:
-    found = []
-    for command in ("", *(name for name in COMMANDS if name != "view")):  # tests/viewers has those
-        done = subprocess.run(
-            [sys.executable, "-m", "msb", *command.split(), "--help"],
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-        )
-        text = done.stdout.split("Examples:")[1].split("Exit status")[0]
-        lines = text.replace("\\\n", " ").splitlines()
-        found += [line.strip() for line in lines if line.strip()]
-    return sorted(set(found))
-
-
 @pytest.mark.oracle
-def test_every_help_example_runs(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_every_help_example_runs(command: str, msb: Msb, tmp_path: Path) -> None:
     pytest.importorskip("pymeshlab", reason="extra crosscheck is not installed")
+    if command == "view":
+        pytest.skip("tests/viewers runs them")
     for folder in ("data_stubs", "tests"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    for example in examples():
+    text = msb(*command.split(), "--help").out.split("Examples:")[1].split("Exit status")[0]
+    for example in text.replace("\\\n", " ").splitlines():
+        if not example.strip():
+            continue
         program, *args = shlex.split(example)
         start = ["audit"] if program == "msb-audit" else []
         done = subprocess.run(
