@@ -201,7 +201,7 @@ class Planner:
         if why is not None:
             return Planned(cell, None, status="unsupported", reason=why)
         imported = cell.condition == "non_engine" and pair.method.non_engine != REFERENCE
-        if isinstance(model, MsbError) and not imported:
+        if isinstance(model, Exception) and not imported:
             return Planned(cell, None, status="failed", reason=reason_of(model))
         if model is None and not imported:  # a dry run reads no model
             main: Part = "audit" if cell.condition == "exported_mesh" else "quality"

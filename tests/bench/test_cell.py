@@ -124,6 +124,14 @@ def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.M
     assert bench.record(done).quality is None
 
 
+def test_a_bug_while_a_model_is_read_costs_its_cells_and_says_where(bench: Bench) -> None:
+    pairs = pairs_of(bench.file)
+    models = {pair: KeyError("what") for pair in pairs}
+    found = Planner(bench.file, bench.run, Known()).plan(pairs, models)
+    assert {one.status for one in found} == {"failed"}
+    assert {one.reason.code for one in found if one.reason} == {"INTERNAL"}
+
+
 def test_a_timing_keeps_the_images_and_the_other_way_round(bench: Bench) -> None:
     first = bench.record(bench.compute("dedicated", "quality"))
     second = bench.record(bench.compute("dedicated", "timing"))
