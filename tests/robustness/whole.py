@@ -61,7 +61,7 @@ def content(path: Path, folder: Path) -> Any:
     if path.name == "result.json":
         return _timeless(json.loads(path.read_text("utf-8").replace(str(folder), "FOLDER")))
     if path.suffix == ".mp4":
-        return _frames(path)  # its encoder has several threads, and now and then finds other bytes for them
+        return _frames(path)  # its encoder, which has several threads, once found other bytes for equal ones
     data = path.read_bytes()
     if path.suffix == ".json":
         return _timeless(json.loads(data.decode().replace(str(folder), "FOLDER")))
