@@ -45,7 +45,7 @@ class Sizes:
     large_block : int
         Corners from which a block is sorted in place, if that is more than a share of all.
     rounds : int
-        How often the memory for the corners is used.
+        How often the memory for the corners is used; once more where a large block takes more memory beside.
     most_compared : int
         Faces of a vertex whose neighbours are compared all with all; a multiple of 8, up to 32.
     chunk_pairs : int
@@ -175,8 +175,9 @@ class _Run:
         share = 3 * face_count // (16 * self.workers)
         self.large = max(self.sizes.large_block, share)
         largest = int(block_sizes.max(initial=0))
+        rounds = self.sizes.rounds + (largest > self.large)
         # A little more than a round's share, because blocks do not divide evenly.
-        room = max(int(self.starts[-1]) // self.sizes.rounds * 33 // 32, largest)
+        room = max(int(self.starts[-1]) // rounds * 33 // 32, largest)
         self.memory = _empty(max(room + 1, -(-3 * face_count // 2)) * 16)
         records = self._share(self.memory, "corners")
         words = (self.workers + 1) * self.tally.itemsize // 8
@@ -184,7 +185,7 @@ class _Run:
         self.block_edges = self._zeros(self.blocks, np.uint64, "block edges")
         self.valences = self._new(6 * face_count // self.sizes.valences + 1, np.uint32, "valences")
         self.used = self._zeros(1, np.uint32, "valences used"), self._zeros(1, np.uint32, "chunks used")
-        self._make_lists()
+        self._make_lists(rounds)
         small = self._scratch(self.workers, self.large)
         large = self._scratch(1, min(largest, face_count), large=True) if largest > self.large else None
         for first, end in self._rounds(room):
@@ -227,11 +228,11 @@ class _Run:
             *_uints(self.large, large, first, end - first, self.shift, len(self.points)),
         )  # fmt: skip
 
-    def _make_lists(self) -> None:
+    def _make_lists(self, rounds: int) -> None:
         """Make room for the pairs: at most one for each half-edge, in chunks, some of which are not full."""
         sizes, kinds = self.sizes, 3
         full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
-        begun = kinds * (self.workers + 1) * (2 * sizes.rounds + 2)
+        begun = kinds * (self.workers + 1) * (2 * rounds + 2)
         self.pairs = self._large((full + begun + 1) * sizes.chunk_pairs, np.uint64, "pairs")
         self.fills = self._new(full + begun + 1, np.uint32, "chunks of pairs")
 
