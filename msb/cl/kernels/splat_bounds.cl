@@ -25,8 +25,7 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
     if (first >= count)
         return;
     size_t rows[LANES];
-    for (uint k = 0; k < LANES; k++)
-        rows[k] = first + k < count ? first + k : count - 1;
+    consecutive(first, count, rows);
     vec3 p[3];
     corners_of(rows, positions, indices, p);
     vec3 center = center_of(p[0], p[1], p[2]);

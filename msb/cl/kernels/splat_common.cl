@@ -175,6 +175,13 @@ vec3 rotate_to_camera(__constant View *view, vec3 v)
 
 // ---- members of rows of `width` floats
 
+// LANES rows from `first` on; beyond the last of `count`, that again.
+void consecutive(size_t first, size_t count, size_t *rows)
+{
+    for (uint k = 0; k < LANES; k++)
+        rows[k] = first + k < count ? first + k : count - 1;
+}
+
 #if LANES == 8
 real load(__global const float *p, const size_t *rows, uint width, uint member)
 {

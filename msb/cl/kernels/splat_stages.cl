@@ -47,8 +47,7 @@ __kernel void shade_vertices(__constant View *view, __global const float *positi
     if (first >= vertices)
         return;
     size_t rows[LANES];
-    for (uint k = 0; k < LANES; k++)
-        rows[k] = first + k < vertices ? first + k : vertices - 1;
+    consecutive(first, vertices, rows);
 #if LANES == 8
     for (uint k = 0; k < LANES; k++)
         if (first + k + VERTICES_AHEAD < vertices)
