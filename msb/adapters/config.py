@@ -19,17 +19,27 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 1 << 16
 """Configs have some kilobytes, and a log starts with one; the limit bounds the work on anything else."""
+MAX_DEPTH = 32
+"""Configs nest 3 deep."""
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 """GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "="."""
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Without aliases: no config has them, and nested ones stand for exponentially many values."""
+    """Without aliases: no config has them, and nested ones stand for exponentially many values.
+
+    And not nested deeper than any config: the library calls itself for each level.
+    """
+
+    _depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
+        if self.check_event(yaml.AliasEvent) or self._depth == MAX_DEPTH:
             raise yaml.YAMLError
-        return super().compose_node(parent, index)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
@@ -104,7 +114,7 @@ def _config_of(path: Path) -> dict[str, Any]:
         text = match[1]
     try:
         data = yaml.load(text, _PlainLoader)  # a SafeLoader: plain values only
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" in line {mark.line + 1}"
         raise _unusable(path, f"it is not valid YAML{where}") from None

@@ -7,11 +7,11 @@ lets deep nesting end in RecursionError. A manifest that relies on any of these 
 from __future__ import annotations
 
 import json
-import re
 from typing import Any, NoReturn
 
 from msb.asset.manifest import MANIFEST_NAME
 from msb.errors import AssetError, shorten
+from msb.nesting import json_nesting
 
 MAX_BYTES = 1 << 20
 """A manifest of 64 buffers is about 20 kB; one MiB leaves room and bounds the work."""
@@ -19,8 +19,6 @@ MAX_DEPTH = 16
 """The format nests 4 deep; extensions may nest further."""
 MAX_DIGITS = 20
 """2^64 has 20 digits; no field of the format needs more."""
-_STRING_OR_BRACKET = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-"""A string may have no end; possessive, so that no length of it takes memory."""
 
 
 def parse_strict_json(
@@ -61,7 +59,7 @@ class _Parser:
 
     def parse(self, data: bytes) -> Any:
         text = self.decode(data)
-        if (depth := _nesting(text)) > MAX_DEPTH:
+        if (depth := json_nesting(text)) > MAX_DEPTH:
             message = f"nests {depth} levels; {MAX_DEPTH} are allowed"
             self.refuse("TRIASSET_MANIFEST_TOO_DEEP", message, value=depth, limit=MAX_DEPTH)
         try:
@@ -123,18 +121,6 @@ class _Parser:
             message = f"holds an integer of {digits} digits; {MAX_DIGITS} are allowed"
             self.refuse("TRIASSET_MANIFEST_INTEGER", message, value=shorten(text, 30), limit=MAX_DIGITS)
         return int(text)
-
-
-def _nesting(text: str) -> int:
-    """Return the greatest nesting of brackets outside strings (0 if there are none)."""
-    depth = deepest = 0
-    for token in _STRING_OR_BRACKET.finditer(text):
-        if token[0] in ("[", "{"):
-            depth += 1
-            deepest = max(deepest, depth)
-        elif token[0] in ("]", "}"):
-            depth -= 1
-    return deepest
 
 
 def has_lone_surrogate(value: Any) -> bool:

@@ -60,7 +60,7 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
     ----------
     model : type of BaseModel
     data : object
-        As a JSON or TOML parser gives it.
+        As a JSON or TOML parser gives it, nested no deeper than ours allow.
     file : path-like
         Named in the error.
     code : str
@@ -74,8 +74,6 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
     try:
         # JSON again: only from JSON does a strict model take a list for a tuple.
         return model.model_validate_json(json.dumps(data, allow_nan=False))
-    except RecursionError:  # TOML's dotted keys nest without brackets
-        raise InputError(code, "it holds what it may not: nested too deeply", file=file) from None
     except (TypeError, ValueError) as error:
         if not isinstance(error, ValidationError):  # a date, NaN: TOML has what JSON has not
             raise InputError(code, f"it holds what it may not: {shorten(str(error))}", file=file) from None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from msb.atomic import new_file, remove_leftovers
-from msb.bench.checked import read_bytes
+from msb.bench.checked import read_json
 from msb.errors import MsbError, OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def _holder(root: Path) -> str:
 
 def _about(root: Path) -> dict[str, object]:
     try:
-        found = json.loads(read_bytes(root / _RUN, _MAX_RUN))
-    except (MsbError, ValueError, RecursionError):
+        found = read_json(root / _RUN, _MAX_RUN)
+    except MsbError:
         return {}
     return found if isinstance(found, dict) else {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +17,7 @@ from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
 from msb.bench.records import CONDITIONS, Condition
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.methods import METHODS
+from msb.nesting import parse_toml
 
 AUTO = "auto"
 PROTOCOL_NAME = "protocol.toml"
@@ -206,11 +206,9 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
     """Return the protocol that `text` is, as if it stood in the file `path`; errors as of `read_protocol`."""
     try:
-        data: dict[str, Any] = tomllib.loads(text.decode())
-    except ValueError as error:  # of the encoding, the syntax, or an integer of thousands of digits
+        data = parse_toml(text.decode())
+    except ValueError as error:  # of the encoding, the syntax or the limits
         raise _bad(path, f"it is not TOML: {shorten(str(error))}") from error
-    except RecursionError:
-        raise _bad(path, "it is not TOML: nested too deeply") from None
     protocol = checked(Protocol, data, file=path, code="PROTOCOL_INVALID")
     _check(protocol, path)
     return ProtocolFile(Path(path), text, protocol)

@@ -123,16 +123,14 @@ def in_files(key: str, option: Any) -> bool:
 
 
 def _add_file(found: Settings, commands: Commands, path: Path) -> None:
-    import tomllib
+    from msb.nesting import parse_toml
 
     try:
-        data: Any = tomllib.loads(_read(path).decode())
+        data: Any = parse_toml(_read(path).decode())
         if path.name == PYPROJECT:
             data = data.get("tool", {}).get("msb", {})
     except (ValueError, AttributeError) as error:
         raise UsageError("CONFIG_INVALID", f"it is no TOML: {shorten(str(error))}", file=path) from error
-    except RecursionError:
-        raise UsageError("CONFIG_INVALID", "it is no TOML: nested too deeply", file=path) from None
     if not isinstance(data, dict):
         raise UsageError("CONFIG_INVALID", "tool.msb is no table", file=path)
     # What is said for one command is stronger than what is said for all.
@@ -195,8 +193,8 @@ def _is_scalar(value: Any) -> bool:
 def _shown(value: Any) -> str:
     try:
         return shorten(repr(value), 40)
-    except (ValueError, RecursionError):
-        return "too long or nested too deeply to be shown"
+    except ValueError:
+        return "too long to be shown"
 
 
 def _from_text(variable: str, option: Any, text: str) -> Any:

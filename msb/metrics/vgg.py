@@ -13,6 +13,7 @@ import numpy as np
 
 from msb.errors import MetricError, UsageError, shorten
 from msb.metrics.files import file_sha256, reason, regular_file
+from msb.nesting import json_nesting
 
 if TYPE_CHECKING:
     import os
@@ -47,6 +48,7 @@ HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
 """Of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
 _MAX_JSON = 1 << 20
+_MAX_DEPTH = 16
 _MAX_HEAD = 1 << 10
 """Bytes before the numbers of a .npy."""
 
@@ -194,7 +196,10 @@ def _read_safetensors(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights
     length = int(data[:8].view("<u8")[0])
     if length > min(_MAX_JSON, len(data) - 8):
         raise MetricError("METRIC_VGG_WEIGHTS", "its header is longer than the file or 1 MiB", file=path)
-    header = json.loads(data[8 : 8 + length].tobytes())
+    text = data[8 : 8 + length].tobytes().decode()
+    if json_nesting(text) > _MAX_DEPTH:
+        raise MetricError("METRIC_VGG_WEIGHTS", f"its header nests deeper than {_MAX_DEPTH}", file=path)
+    header = json.loads(text)
     body, found = data[8 + length :], {}
     for key, shape in wanted.items():
         if key not in header:

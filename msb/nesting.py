@@ -1,0 +1,70 @@
+"""How deep a document nests, known before a recursive parser reads it.
+
+A parser that runs into Python's recursion limit does so at any place: also inside whatever the garbage
+collector happens to run there, whose errors land on standard error. So nesting is bounded beforehand.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from typing import Any
+
+MAX_TOML_DEPTH = 32
+"""Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too."""
+_JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
+"""A string may have no end; possessive, so that no length of it takes memory."""
+_TOML_TOKEN = re.compile(
+    r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
+    r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
+    r'|"(?:[^"\\\n]++|\\.)*+"?'
+    r"|'[^'\n]*+'?"
+    r"|#[^\n]*+"
+    r"|[\[{\]}]",
+    re.DOTALL,
+)
+"""Strings of several lines end with three quotes, before which two more may stand (TOML 1.0, String)."""
+
+
+def json_nesting(text: str) -> int:
+    """Return the greatest nesting of brackets outside strings (0 if there are none)."""
+    return _deepest(_JSON_TOKEN, text)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the TOML document `text`.
+
+    Raises
+    ------
+    ValueError
+        It is none, holds an integer of thousands of digits, or nests more than 32 deep in its brackets or
+        its dotted keys.
+    """
+    if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH:
+        raise ValueError(_TOO_DEEP)
+    document = tomllib.loads(text)
+    level: list[Any] = [document]
+    for _ in range(MAX_TOML_DEPTH + 1):  # dotted keys nest without brackets
+        level = [inner for outer in level for inner in _children(outer)]
+    if level:
+        raise ValueError(_TOO_DEEP)
+    return document
+
+
+_TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
+
+
+def _children(value: dict[str, Any] | list[Any]) -> list[Any]:
+    inside = value.values() if isinstance(value, dict) else value
+    return [one for one in inside if isinstance(one, dict | list)]
+
+
+def _deepest(token: re.Pattern[str], text: str) -> int:
+    depth = deepest = 0
+    for found in token.finditer(text):
+        if found[0] in ("[", "{"):
+            depth += 1
+            deepest = max(deepest, depth)
+        elif found[0] in ("]", "}"):
+            depth -= 1
+    return deepest
