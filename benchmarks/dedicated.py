@@ -19,7 +19,6 @@ import argparse
 import ctypes
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -31,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.dedicated_scenes import METHODS, SIZES, camera, model
-from benchmarks.measure import machine
+from benchmarks.measure import c_library, machine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,15 +48,8 @@ BLACK = (0.0, 0.0, 0.0)
 class Peer:
     """The functions of dedicated_peer.c."""
 
-    def __init__(self, folder: Path) -> None:
-        library = folder / "peer.so"
-        source = Path(__file__).with_name("dedicated_peer.c")
-        compiler = shutil.which("cc") or shutil.which("gcc")
-        if compiler is None:
-            raise FileNotFoundError("there is no C compiler")
-        flags = ["-O3", "-mavx2", "-mfma", "-fopenmp", "-shared", "-fPIC"]
-        subprocess.run([compiler, str(source), "-o", str(library), *flags, "-lm"], check=True)
-        self._library = ctypes.CDLL(str(library))
+    def __init__(self) -> None:
+        self._library = c_library(Path(__file__).with_name("dedicated_peer.c"), "-mavx2", "-mfma")
 
     def milliseconds(self, name: str, *arguments: Any) -> float:
         """Call function `name`; arrays are passed by their address, numbers as they are."""
@@ -70,13 +62,14 @@ class Peer:
         return 1e3 * (time.perf_counter() - begun)
 
 
-def peer(folder: Path, device: Device) -> Peer | None:
+def peer(device: Device) -> Peer | None:
     """Return the peer where there is one: on a CPU, with a compiler."""
     if device.record.kind != "cpu":
         return None
     try:
-        return Peer(folder)
-    except (OSError, subprocess.CalledProcessError):
+        return Peer()
+    except RuntimeError as error:
+        print(f"not compared with C: {error}")
         return None
 
 
@@ -109,7 +102,7 @@ def traffic(peer: Peer, asset: Asset, visible: np.ndarray, written: np.ndarray) 
 
 
 def stages(
-    method: str, faces: int, rounds: int, selected: tuple[str | None, Any], folder: Path, alone: bool
+    method: str, faces: int, rounds: int, selected: tuple[str | None, Any], alone: bool
 ) -> list[dict[str, Any]]:
     """Return a row for each image size; `alone` leaves out what the pipeline is compared with."""
     from msb.cl import open_device
@@ -119,7 +112,7 @@ def stages(
     with open_device(selected[0], style=selected[1]) as device:
         ours = SplattingPipeline(asset, device=device, outputs=())
         plain = SplattingPipeline(asset, device=device, outputs=(), early_stop=False, exact_tiles=False)
-        c = None if alone else peer(folder, device)
+        c = None if alone else peer(device)
         for width, height in SIZES:
             view = camera(width, height)
             visible = ours.render(view, BLACK).visible
@@ -169,14 +162,14 @@ def _ratio(values: Sequence[float], others: Sequence[float]) -> float:
     return median(value / other for value, other in zip(values, others, strict=True))
 
 
-def blends(faces: int, rounds: int, folder: Path) -> list[dict[str, Any]]:
+def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
     """Return the milliseconds of 2DTS's blend stage and of other ways to do the same, a row an image size."""
     from msb.cl import open_device
     from msb.render.splatting import SplattingPipeline
 
     asset, found = model("two_dts", faces), []
     with open_device("cpu") as cpu, open_device("cpu", style="gpu") as gpu, open_device("cpu") as whole:
-        by_hand = peer(folder, cpu)
+        by_hand = peer(cpu)
         ours = SplattingPipeline(asset, device=cpu, outputs=())
         ways: dict[str, Any] = {
             "ours": ours,
@@ -321,26 +314,25 @@ def main() -> None:
     print("\n".join(f"{key}: {value}" for key, value in found["machine"].items()))
     print(f"device: {found['device']}\nmedians of {options.rounds} rounds, milliseconds")
     own_cpu = record.kind == "cpu" and style == "cpu"
-    with tempfile.TemporaryDirectory() as name:
-        if "stages" in options.parts:
-            found["stages"] = rows = []
-            for method in options.method:
-                for faces in options.faces:
-                    selected = options.device, options.style
-                    rows += stages(method, faces, options.rounds, selected, Path(name), options.alone)
-                    print_stages(rows[-len(SIZES) :], head=len(rows) == len(SIZES))
-                    sys.stdout.flush()
-            if not own_cpu:
-                print_paper(rows)
-        if "blend" in options.parts and own_cpu:
-            found["blend"] = rows = []
-            for faces in sorted({min(options.faces), moderate(options.faces)}):
-                rows += blends(faces, options.rounds, Path(name))
-                print_blends(rows[-len(SIZES) :], head=len(rows) == len(SIZES))
+    if "stages" in options.parts:
+        found["stages"] = rows = []
+        for method in options.method:
+            for faces in options.faces:
+                selected = options.device, options.style
+                rows += stages(method, faces, options.rounds, selected, options.alone)
+                print_stages(rows[-len(SIZES) :], head=len(rows) == len(SIZES))
                 sys.stdout.flush()
-        if "threads" in options.parts and own_cpu and "stages" in found:
-            found["one thread"] = on_one_thread(options)
-            print_threads(found["one thread"], found["stages"])
+        if not own_cpu:
+            print_paper(rows)
+    if "blend" in options.parts and own_cpu:
+        found["blend"] = rows = []
+        for faces in sorted({min(options.faces), moderate(options.faces)}):
+            rows += blends(faces, options.rounds)
+            print_blends(rows[-len(SIZES) :], head=len(rows) == len(SIZES))
+            sys.stdout.flush()
+    if "threads" in options.parts and own_cpu and "stages" in found:
+        found["one thread"] = on_one_thread(options)
+        print_threads(found["one thread"], found["stages"])
     if options.json:
         options.json.parent.mkdir(parents=True, exist_ok=True)
         options.json.write_text(json.dumps(found, indent=1) + "\n")

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import platform
 import re
 import resource
+import shutil
+import subprocess
+import tempfile
 import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -31,6 +35,42 @@ def machine(*packages: str) -> dict[str, str]:
             versions[name] = "not installed"
     cores = f"{len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"
     return {"machine": f"{model}, {cores}", "python": platform.python_version(), **versions}
+
+
+def c_library(source: Path, *flags: str) -> ctypes.CDLL:
+    """Return `source`, C with OpenMP, compiled with -O3 and `flags`.
+
+    Its threads sleep when they have nothing to do. By default they wait busily, for milliseconds, on cores
+    that what is measured next needs.
+
+    Raises
+    ------
+    RuntimeError
+        There is no compiler, or it does not take the source.
+    """
+    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        raise RuntimeError("there is no C compiler; set CC")
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder, "peer.so")
+        command = [
+            compiler,
+            "-O3",
+            "-fopenmp",
+            "-shared",
+            "-fPIC",
+            *flags,
+            "-o",
+            str(library),
+            str(source),
+            "-lm",
+        ]
+        try:
+            subprocess.run(command, check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise RuntimeError(f"{source.name} cannot be compiled: {error}") from error
+        return ctypes.CDLL(str(library))
 
 
 def reset_peak() -> int:

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import ctypes
 import os
-import shutil
-import subprocess
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.measure import c_library
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, Scene, pose
 
 if TYPE_CHECKING:
@@ -63,15 +61,8 @@ def msb_frame(scene: Scene) -> Frame:
 
 
 def _plain_c(scene: Scene, bands: bool, ordered: bool) -> Frame:
-    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        raise RuntimeError("there is no C compiler; set CC")
-    with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "peer.so"
-        source = Path(__file__).with_name("standard_peer.c")
-        flags = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC"]
-        subprocess.run([compiler, *flags, "-o", str(library), str(source), "-lm"], check=True)
-        draw = ctypes.CDLL(str(library)).render
+    source = Path(__file__).with_name("standard_peer.c")
+    draw = c_library(source, "-march=native", "-ffast-math").render
     positions, indices, colors = scene.positions, scene.indices, scene.colors
     if ordered:
         order = _spatial_order(positions[indices].mean(axis=1))

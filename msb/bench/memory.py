@@ -14,7 +14,7 @@ Group = Literal["geometry", "appearance", "scratch", "targets"]
 
 _USES: dict[Group, tuple[str, ...]] = {
     "geometry": (
-        *("positions", "indices", "bounds", "coverage"),
+        *("positions", "indices", "bounds", "groups", "numbers", "coverage"),
         *("opaque faces", "standard triangles", "standard boxes"),
     ),
     "appearance": (
@@ -39,6 +39,9 @@ _USES: dict[Group, tuple[str, ...]] = {
             "splat listed",
             "splat listed before",
             "splat visible",
+            "splat visible by number",
+            "splat unsettled",
+            "splat order keys",
             "splat vertex colors",
         ),
         *("splat tiles", "splat ordered tiles", "splat tiles of ordered faces", "splat tile counts"),

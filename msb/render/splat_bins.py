@@ -16,23 +16,23 @@ from msb.errors import DeviceError
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device
-    from msb.methods import Order
+    from msb.render.splat_depth import DepthSort
 
 _GROUP = 64
 
 
 class Projected(NamedTuple):
-    """What `project` writes for F faces; those listed have a place each, in order of the asset.
+    """What `project` writes for F faces; those listed have a place each.
 
     Attributes
     ----------
     faces, keys, tiles : Buffer
         By place: the record that blending reads, depth, rectangle of tiles. A work-item's places begin at
-        the number of its first face.
+        the row of its first face.
     listed : Buffer
         By work-item, how many of its faces are listed.
     visible : Buffer
-        By face, whether the official culling keeps it.
+        By row, whether the official culling keeps it.
     """
 
     faces: Buffer
@@ -55,7 +55,7 @@ class TileLists(NamedTuple):
 
 
 def bin_faces(
-    device: Device, found: Projected, chunk: int, columns: int, rows: int, order: Order
+    device: Device, found: Projected, chunk: int, columns: int, rows: int, sort: DepthSort
 ) -> TileLists:
     """Queue depth order and tile lists of faces projected `chunk` a work-item; waits for the two counts.
 
@@ -75,8 +75,8 @@ def bin_faces(
         group = 1 if device.style == "cpu" else _GROUP
         sizes = np.uint32(items), np.uint32(chunk)
         program.compact(items, group, before, found.keys, keys, places, *sizes)
-        if order != "none" and listed:
-            _, places = sort_pairs(device, keys, places, name="splat depth sort")
+        if listed:
+            places = sort(found, keys, places)
     with device.stage("bin"):
         make = _count_and_fill if device.style == "cpu" else _sort_by_tile
         return make(device, found, places, listed, columns, columns * rows)

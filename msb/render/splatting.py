@@ -17,7 +17,9 @@ from msb.asset.settings import check_modes, effective_settings
 from msb.render.frame import Frame, chosen_extras
 from msb.render.protocol import Drawn
 from msb.render.splat_bins import Projected, bin_faces
+from msb.render.splat_depth import DepthSort
 from msb.render.splat_methods import make_model, sh_buffers
+from msb.render.splat_order import LANES, WORK_GROUP, keep_model
 from msb.render.splat_view import TILE, make_view
 from msb.render.tenancy import Tenancy
 
@@ -31,9 +33,6 @@ if TYPE_CHECKING:
     from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
-_GROUP = 64
-_LANES = {"cpu": 8, "gpu": 1}
-"""Faces, or samples of a row, that a work-item takes at once. Never 16: PoCL crashes (docs/opencl.md)."""
 _CHUNK = {"cpu": 4096, "gpu": 1}
 """Faces of a work-item of the projection: on a CPU enough to fill queues, and many times its threads."""
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
@@ -95,7 +94,6 @@ class SplattingPipeline:
     ) -> None:
         values = effective_settings(asset.manifest, settings)
         check_modes(order, sampling)
-        self._order = order
         check_drawable(asset)
         self._model = model = make_model(asset, values)
         self._outputs = chosen_extras(outputs) & {*model.outputs, "raw"}
@@ -118,22 +116,15 @@ class SplattingPipeline:
         self._stored_positions = asset.buffers["positions"]
         self._extent = np.maximum(model.positions.max(axis=0), -model.positions.min(axis=0))
 
+        ordered = not model.vertex_colors  # a soup: three corners a row, whatever the indices are
         self._tenancy = Tenancy(device, "splat")
         self._device, self._static = self._tenancy.device, self._tenancy.kept
         self._scratch = self._tenancy.scratch
         self._chunk = _CHUNK[self._device.style]
         try:
-            for name, array in (
-                ("positions", model.positions),
-                ("indices", asset.buffers["indices"] if model.vertex_colors else None),
-                ("coverage", model.coverage),
-                ("f_dc", f_dc),
-                ("f_rest", f_rest),
-            ):
-                self._tenancy.keep(name, np.zeros(1, np.float32) if array is None else array)
             defines = {
                 **model.defines,
-                "LANES": _LANES[self._device.style],
+                "LANES": LANES[self._device.style],
                 "EXTRAS": bool(self._outputs),
                 "EARLY_STOP": early_stop,
                 "ENGINE": engine,
@@ -141,7 +132,15 @@ class SplattingPipeline:
                 "COVERAGE": model.coverage.shape[1],
             }
             self._program: Program = self._device.program(model.program, defines)
-            self._bound_faces()
+            arrays = {
+                "positions": model.positions.reshape(self._count, 9) if ordered else model.positions,
+                "indices": None if ordered else asset.buffers["indices"],
+                "coverage": model.coverage,
+                "f_dc": f_dc,
+                "f_rest": f_rest,
+            }
+            keep_model(self._tenancy, self._program, self._count, arrays, ordered=ordered)
+            self._sort = DepthSort(self._device, self._program, order, ordered=ordered)
         except BaseException:
             self.close()
             raise
@@ -185,7 +184,7 @@ class SplattingPipeline:
             view.write(np.frombuffer(record.tobytes(), np.uint8))
             found = self._project(view)
         columns, rows = int(record["columns"]), int(record["rows"])
-        lists = bin_faces(device, found, self._chunk, columns, rows, self._order)
+        lists = bin_faces(device, found, self._chunk, columns, rows, self._sort)
         planes = _EXTRA_PLANES if self._outputs else _PLANES
         band_rows = self._band_rows(columns, rows, len(planes))
         width, height = camera.width, camera.height
@@ -208,15 +207,6 @@ class SplattingPipeline:
         self._pixels, self._samples, self._visible = pixels, samples, found.visible
         self.counts = {"listed": lists.listed, "pairs": lists.pairs}
 
-    def _bound_faces(self) -> None:
-        """Find every face's bounding sphere, by which most of those out of view are dropped."""
-        static, lanes = self._static, _LANES[self._device.style]
-        stride = -(-self._count // lanes) * lanes
-        static["bounds"] = self._device.allocate((4, stride), np.float32, "bounds")
-        sizes = np.uint32(stride), np.uint32(self._count)
-        arguments = static["positions"], static["indices"], static["bounds"]
-        self._program.bound_faces(-(-self._count // lanes), _GROUP, *arguments, *sizes)
-
     def _project(self, view: Buffer) -> Projected:
         count, static, device = self._count, self._static, self._device
         chunk, chunks = self._chunk, -(-count // self._chunk)
@@ -232,14 +222,17 @@ class SplattingPipeline:
             vertices = len(self._model.positions)
             first_color = self._scratch("vertex colors", (vertices, 3))
             arguments = view, static["positions"], static["f_dc"], static["f_rest"], first_color
-            items = -(-vertices // _LANES[device.style])
-            self._program.shade_vertices(items, _GROUP, *arguments, np.uint32(vertices))
-        names = "bounds", "positions", "indices", "coverage"
-        stride = static["bounds"].shape[1]
+            items = -(-vertices // LANES[device.style])
+            self._program.shade_vertices(items, WORK_GROUP, *arguments, np.uint32(vertices))
+        names = ["bounds", "numbers", "positions", "indices", "coverage"]
+        values = [count, static["bounds"].shape[1]]
         cpu = device.style == "cpu"
-        sizes = map(np.uint32, (count, chunk, stride) if cpu else (count, stride))
+        if cpu:
+            names.insert(0, "groups")
+            values[1:1] = chunk, static["groups"].shape[1]
+        sizes = map(np.uint32, values)
         sources = (*(static[name] for name in names), first_color, static["f_rest"])
-        self._program.project(chunks, 1 if cpu else _GROUP, view, *sources, *found, *sizes)
+        self._program.project(chunks, 1 if cpu else WORK_GROUP, view, *sources, *found, *sizes)
         return found
 
     def _band_rows(self, columns: int, rows: int, planes: int) -> int:
@@ -280,7 +273,7 @@ class SplattingPipeline:
         values = camera.width, rows, model.scale, *ends, columns * TILE, here * TILE, first_row
         band = self._scratch("band", len(values), np.uint32)
         band.write(np.array(values, np.uint32))
-        size, group = (camera.width, rows), (_GROUP, 1)
+        size, group = (camera.width, rows), (WORK_GROUP, 1)
         rgb = (np.float32(value) for value in background)
         program.resolve(size, group, samples, band, pixels["image"], pixels["alpha"], pixels["depth"], *rgb)
         if self._outputs:
@@ -295,10 +288,17 @@ class SplattingPipeline:
             image=pixels["image"].read(),
             alpha=pixels["alpha"].read(),
             depth=pixels["depth"].read(),
-            visible=self._visible.read().view(np.bool_),
+            visible=self._read_visible(),
             raw=self._read_raw(camera, background) if "raw" in self._outputs else {},
             **optional,
         )
+
+    def _read_visible(self) -> NDArray[np.bool_]:
+        """Return which faces the official culling keeps, in the order of the asset."""
+        found = self._scratch("visible by number", self._count, np.uint8)
+        arguments = self._visible, self._static["numbers"], found, np.uint32(self._count)
+        self._program.visible_by_number(self._count, WORK_GROUP, *arguments)
+        return found.read().view(np.bool_)
 
     def _read_raw(self, camera: Camera, background: tuple[float, float, float]) -> dict[str, NDArray[Any]]:
         """Return the official kernel's buffers, from the planes of the whole raster."""

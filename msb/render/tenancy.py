@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.cl import Device, open_device
+from msb.errors import DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -62,6 +64,8 @@ class Tenancy:
 
     def close(self) -> None:
         """Release what is kept; a device that was lent stays open, and so do its scratch buffers."""
+        with contextlib.suppress(DeviceError):  # closed, or lost
+            self.device.finish()  # buffers may be on memory of the host
         for buffer in self.kept.values():
             buffer.release()
         self.kept.clear()

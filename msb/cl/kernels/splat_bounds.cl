@@ -43,8 +43,47 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
     HERE(bounds + 3 * (size_t)stride) = AS_REAL(upper_half(radius) | (low & 0xffff));
 }
 
-// Of LANES consecutive faces from `first` on, which may be kept. NaN is kept.
-mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first)
+#if LANES == 8
+#define GROUP 64 // faces
+
+// The spheres about groups of GROUP consecutive faces, laid out as `bounds`; inradius is the largest of a face.
+__kernel void bound_groups(__global const float *bounds, __global float *groups, uint stride,
+                           uint group_stride, uint count)
+{
+    size_t g = get_global_id(0), begin = g * GROUP, end = begin + GROUP < count ? begin + GROUP : count;
+    if (begin >= count)
+        return;
+    __global const float *x = bounds, *y = x + stride, *z = y + stride;
+    __global const uint *radii = (__global const uint *)(z + stride);
+    float low[3] = {x[begin], y[begin], z[begin]}, high[3] = {x[begin], y[begin], z[begin]};
+    for (size_t i = begin; i < end; i++) {
+        float here[3] = {x[i], y[i], z[i]};
+        for (int k = 0; k < 3; k++) {
+            low[k] = here[k] < low[k] ? here[k] : low[k];
+            high[k] = here[k] > high[k] ? here[k] : high[k];
+        }
+    }
+    float center[3], radius = 0.0f;
+    uint inradius = 0;
+    for (int k = 0; k < 3; k++)
+        center[k] = 0.5f * low[k] + 0.5f * high[k];
+    for (size_t i = begin; i < end; i++) {
+        float dx = x[i] - center[0], dy = y[i] - center[1], dz = z[i] - center[2];
+        float reach = sqrt(dx * dx + dy * dy + dz * dz) + as_float(radii[i] & 0xffff0000);
+        radius = reach > radius ? reach : radius;
+        inradius = max(inradius, radii[i] & 0xffff);
+    }
+    for (int k = 0; k < 3; k++)
+        groups[g + k * (size_t)group_stride] = center[k];
+    uint rounded = (as_uint(radius * 1.0001f) + 0xffff) & 0xffff0000;
+    groups[g + 3 * (size_t)group_stride] = as_float(rounded | inradius);
+}
+#endif
+
+// Of LANES consecutive spheres from `first` on, which are of faces that may be kept, or of groups that hold such
+// a face. depth_growth: by how many radii a centroid may be farther than a sphere's centre. NaN is kept.
+mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first,
+                 float depth_growth)
 {
     __constant Limits *limits = &view->limits;
     __constant float *m = view->world_to_camera, *sides = limits->sides;
@@ -60,7 +99,7 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
 #if CORNERS_MAY_BE_BEHIND && !ENGINE
     // A corner behind the camera is mirrored to anywhere.
     real nearest = z - radius;
-    mask before = nearest > 0.1f * (magnitude(x) + magnitude(y) + radius);
+    mask before = nearest > 0.1f * (magnitude(x) + magnitude(y) + 1.5f * radius);
     beside &= before;
 #if SMALL_IS_DROPPED
     // The projection magnifies by at most focal |p| / z^2, and the inradius by no more; less than 1 sample is
@@ -70,5 +109,5 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
     beside |= before & (most < 0.99f * nearest * nearest);
 #endif
 #endif
-    return !((z + radius * limits->depth_growth < limits->nearest) | beside);
+    return !((z + radius * depth_growth < limits->nearest) | beside);
 }

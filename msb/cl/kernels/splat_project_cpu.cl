@@ -1,7 +1,7 @@
-// Projection, CPU style: one work-item takes `chunk` consecutive faces. Those that may be kept queue up, and
-// are projected eight at a time; in most views that are few. What is listed is written one after the other,
-// from the chunk's first place on, and gets its colours from there, again eight at a time. Tile lists name a
-// face by its place, not by its number.
+// Projection, CPU style: one work-item takes `chunk` consecutive faces: groups of them whose sphere is not out
+// of view. Those that may be kept queue up, and are projected eight at a time; in most views that are few. What
+// is listed is written one after the other, from the chunk's first place on, and gets its colours from there,
+// again eight at a time. Tile lists name a face by its place, neither by its row nor by its number.
 
 #define QUEUE 64 // a power of two
 #define AHEAD 40 // faces whose data are on their way
@@ -46,8 +46,9 @@ size_t project_eight(const size_t *rows, size_t count, const Source *source, __c
     return place;
 }
 
-// Colours the first `count` of eight faces.
-void color_eight(__global Face *faces, size_t count, const Source *source, __constant View *view)
+// Colours the first `count` of eight faces, and gives them their numbers, where their rows were.
+void color_eight(__global Face *faces, size_t count, __global const uint *numbers, const Source *source,
+                 __constant View *view)
 {
     size_t rows[LANES];
     real color[COLORS];
@@ -60,39 +61,50 @@ void color_eight(__global Face *faces, size_t count, const Source *source, __con
 #endif
     }
     color_faces(rows, source, view, color);
-    for (uint k = 0; k < count && k < LANES; k++)
+    for (uint k = 0; k < count && k < LANES; k++) {
+        faces[k].number = (int)numbers[rows[k]];
         for (uint c = 0; c < COLORS; c++)
             faces[k].color[c] = PICK_F(color[c], k);
+    }
 }
 
 // listed: how many of each work-item's faces.
-__kernel void project(__constant View *view, __global const float *bounds, __global const float *positions,
+__kernel void project(__constant View *view, __global const float *groups, __global const float *bounds,
+                      __global const uint *numbers, __global const float *positions,
                       __global const uint *indices, __global const float *coverage,
                       __global const float *f_dc, __global const float *f_rest, __global Face *faces,
                       __global uint *keys, __global Tiles *tiles, __global uint *listed,
-                      __global uchar *visible, uint count, uint chunk, uint stride)
+                      __global uchar *visible, uint count, uint chunk, uint group_stride, uint stride)
 {
+    __constant Limits *limits = &view->limits;
+    float depth_growth = limits->depth_growth, group_growth = depth_growth > 1.0f ? depth_growth : 1.0f;
     size_t begin = get_global_id(0) * chunk, end = begin + chunk < count ? begin + chunk : count;
     Source source = {positions, indices, coverage, f_dc, f_rest};
     Found out = {faces, keys, tiles, visible};
     size_t queue[QUEUE], head = 0, tail = 0, place = begin, colored = begin;
     for (size_t i = begin; i < end; i++)
         visible[i] = 0;
-    for (size_t i = begin; i < end; i += LANES) {
-        uint kept = bits8(may_be_kept(view, bounds, stride, i)) & first_bits(end - i);
-        for (; kept; kept &= kept - 1) {
-            size_t row = i + LOWEST_BIT(kept);
-            prefetch_face(row, &source);
-            queue[tail++ % QUEUE] = row;
+    for (size_t block = begin; block < end; block += LANES * GROUP) {
+        uint near = bits8(may_be_kept(view, groups, group_stride, block / GROUP, group_growth));
+        for (near &= first_bits((end - block + GROUP - 1) / GROUP); near; near &= near - 1) {
+            size_t first = block + GROUP * LOWEST_BIT(near), last = first + GROUP < end ? first + GROUP : end;
+            for (size_t i = first; i < last; i += LANES) {
+                uint kept = bits8(may_be_kept(view, bounds, stride, i, depth_growth)) & first_bits(last - i);
+                for (; kept; kept &= kept - 1) {
+                    size_t row = i + LOWEST_BIT(kept);
+                    prefetch_face(row, &source);
+                    queue[tail++ % QUEUE] = row;
+                }
+                if (tail - head < AHEAD + LANES)
+                    continue;
+                place = project_eight(queue + head % QUEUE, LANES, &source, view, &out, place);
+                head += LANES;
+                if (place - colored < AHEAD + LANES)
+                    continue;
+                color_eight(faces + colored, LANES, numbers, &source, view);
+                colored += LANES;
+            }
         }
-        if (tail - head < AHEAD + LANES)
-            continue;
-        place = project_eight(queue + head % QUEUE, LANES, &source, view, &out, place);
-        head += LANES;
-        if (place - colored < AHEAD + LANES)
-            continue;
-        color_eight(faces + colored, LANES, &source, view);
-        colored += LANES;
     }
     for (; head < tail; head += LANES) {
         size_t *rows = queue + head % QUEUE;
@@ -101,6 +113,6 @@ __kernel void project(__constant View *view, __global const float *bounds, __glo
         place = project_eight(rows, tail - head, &source, view, &out, place);
     }
     for (; colored < place; colored += LANES)
-        color_eight(faces + colored, place - colored, &source, view);
+        color_eight(faces + colored, place - colored, numbers, &source, view);
     listed[get_global_id(0)] = (uint)(place - begin);
 }

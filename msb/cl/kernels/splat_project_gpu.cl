@@ -1,18 +1,19 @@
-// Projection, GPU style: one work-item a face, stored at the place of its number.
+// Projection, GPU style: one work-item a face, stored at the place of its row.
 
 // listed: 1 or 0.
-__kernel void project(__constant View *view, __global const float *bounds, __global const float *positions,
-                      __global const uint *indices, __global const float *coverage,
-                      __global const float *f_dc, __global const float *f_rest, __global Face *faces,
-                      __global uint *keys, __global Tiles *tiles, __global uint *listed,
-                      __global uchar *visible, uint count, uint stride)
+__kernel void project(__constant View *view, __global const float *bounds, __global const uint *numbers,
+                      __global const float *positions, __global const uint *indices,
+                      __global const float *coverage, __global const float *f_dc,
+                      __global const float *f_rest, __global Face *faces, __global uint *keys,
+                      __global Tiles *tiles, __global uint *listed, __global uchar *visible, uint count,
+                      uint stride)
 {
     size_t i = get_global_id(0);
     if (i >= count)
         return;
     visible[i] = 0;
     listed[i] = 0;
-    if (!may_be_kept(view, bounds, stride, i))
+    if (!may_be_kept(view, bounds, stride, i, view->limits.depth_growth))
         return;
     Source source = {positions, indices, coverage, f_dc, f_rest};
     FaceLanes made;
@@ -23,7 +24,7 @@ __kernel void project(__constant View *view, __global const float *bounds, __glo
     if (!seen)
         return;
     color_faces(&i, &source, view, made.faces.color);
-    made.faces.number = (int)i;
+    made.faces.number = (int)numbers[i];
     listed[i] = 1;
     keys[i] = as_uint(depth);
     tiles[i] = (Tiles)(t.x0, t.y0, t.x1, t.y1);

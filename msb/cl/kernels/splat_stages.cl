@@ -82,6 +82,7 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
     return seen & (t->x1 > t->x0) & (t->y1 > t->y0);
 }
 
+#include "splat_ties.cl"
 #if LANES == 8
 #include "splat_project_cpu.cl"
 #include "splat_blend_cpu.cl"

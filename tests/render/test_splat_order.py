@@ -1,0 +1,158 @@
+"""How faces lie on the device, the spheres about them, and in which order they are blended all the same."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.render.splat_bins import Projected
+from msb.render.splat_depth import DepthSort
+from msb.render.splatting import SplattingPipeline
+from tests.reference.soups import SPLATTING, front_camera, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from msb.cl import Device
+    from msb.methods import Order
+
+COUNT = 5003
+BITS = 18
+NUMBER_WORD = {"two_dts": 22, "triangle_splatting": 23, "mesh_splatting": 37}
+"""Where a record of the method has the number of its face."""
+
+
+@pytest.fixture(params=["cpu", "gpu"])
+def device(request: pytest.FixtureRequest) -> Device:
+    found: Device = request.getfixturevalue(request.param)
+    return found
+
+
+def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:
+    """Return (COUNT, 3, 3): one far away, one without an extent, some that are alike."""
+    random = np.random.default_rng(seed)
+    corners = random.normal(size=(COUNT, 3, 3)) * np.exp(random.uniform(-8, 0, (COUNT, 1, 1)))
+    found = corners + random.normal(scale=3, size=(COUNT, 1, 3))
+    found[17] += 5000
+    found[18] = found[18, :1]
+    found[100:200] = found[200:300]
+    return found.astype(np.float32)
+
+
+@pytest.fixture(params=SPLATTING)
+def pipeline(request: pytest.FixtureRequest, device: Device) -> Iterator[SplattingPipeline]:
+    window = {"sigma": np.zeros(COUNT, np.float32)} if request.param == "triangle_splatting" else {}
+    made = SplattingPipeline(soup(request.param, triangles_of_all_sizes(), **window), device=device)
+    yield made
+    made.close()
+
+
+def interleaved(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return keys of (n, 3) cells, whose bits take turns: x lowest."""
+    keys = np.zeros(len(cells), np.uint64)
+    for bit in range(BITS):
+        for axis in range(3):
+            here = cells[:, axis] >> np.uint64(bit) & np.uint64(1)
+            keys |= here << np.uint64(3 * bit + axis)
+    return keys
+
+
+def halves(words: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the two numbers that each word holds, radius and inradius."""
+    bits = words.view(np.uint32)
+    return (bits & np.uint32(0xFFFF0000)).view(np.float32), (bits << np.uint32(16)).view(np.float32)
+
+
+def test_rows_run_by_size_and_along_a_curve_through_space(pipeline: SplattingPipeline) -> None:
+    """The NumPy twin of splat_order.cl, from the spheres of the rows."""
+    kept = pipeline._static
+    numbers = kept["numbers"].read()
+    np.testing.assert_array_equal(np.sort(numbers), np.arange(COUNT))
+    if pipeline._model.vertex_colors:
+        np.testing.assert_array_equal(numbers, np.arange(COUNT))
+        return
+    bounds = kept["bounds"].read()[:, :COUNT]
+    centers, (_, inradius) = bounds[:3].T, halves(bounds[3])
+    low, high = centers.min(axis=0), centers.max(axis=0)
+    scale = np.float32(((1 << BITS) - 1) / (high.astype(np.float64) - low).max())
+    cells = np.minimum((centers - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64)
+    exponent = inradius.view(np.uint32).astype(np.uint64) >> np.uint64(23)
+    keys = exponent << np.uint64(3 * BITS) | interleaved(cells)
+    assert len(np.unique(exponent)) > 8
+    np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
+
+
+def test_what_belongs_to_faces_is_in_their_rows(pipeline: SplattingPipeline) -> None:
+    kept, model = pipeline._static, pipeline._model
+    numbers = kept["numbers"].read()
+    if model.vertex_colors:
+        np.testing.assert_array_equal(kept["positions"].read(), model.positions)
+        return
+    np.testing.assert_array_equal(kept["positions"].read(), model.positions.reshape(COUNT, 9)[numbers])
+    np.testing.assert_array_equal(kept["coverage"].read(), model.coverage[numbers])
+
+
+def test_spheres_hold_their_faces(pipeline: SplattingPipeline) -> None:
+    kept = pipeline._static
+    corners = triangles_of_all_sizes()[kept["numbers"].read()].astype(np.float64)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).sum(axis=1)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    inradius = doubled / np.maximum(sides, 1e-300)
+    levels = {"bounds": 1, "groups": 64} if "groups" in kept else {"bounds": 1}
+    for name, size in levels.items():
+        spheres = kept[name].read()[:, : -(-COUNT // size)].repeat(size, axis=1)[:, :COUNT]
+        radius, largest = halves(spheres[3])
+        distance = np.linalg.norm(corners - spheres[:3].T[:, None], axis=2).max(axis=1)
+        noise = 1e-6 * np.abs(corners).max(axis=(1, 2))
+        assert (distance <= radius + noise).all()
+        assert (inradius <= largest + noise).all()
+        if size == 1:
+            assert (radius <= 1.02 * distance + noise).all()
+
+
+@pytest.mark.parametrize("order", ["tile", "none"])
+@pytest.mark.parametrize("different", [1, 40, 4000, 10**6])
+def test_equal_depths_are_sorted_by_number(
+    pipeline: SplattingPipeline, order: Order, different: int, device: Device
+) -> None:
+    """Runs of two, of some, longer ones than are sorted in place, and one of all."""
+    random = np.random.default_rng(different)
+    places = np.sort(random.choice(COUNT, 3001, replace=False)).astype(np.uint32)
+    ordered = not pipeline._model.vertex_colors
+    numbers = random.permutation(COUNT) if ordered else np.arange(COUNT)
+    depths = np.sqrt(random.integers(1, different + 1, COUNT)).astype(np.float32)
+    records = np.zeros((COUNT, pipeline.record_words), np.uint32)
+    records[:, NUMBER_WORD[pipeline._model.program.removeprefix("splat_")]] = numbers
+    unused: Any = None
+    found = Projected(
+        faces=device.upload(records),
+        keys=device.upload(depths.view(np.uint32)),
+        tiles=unused,
+        listed=unused,
+        visible=device.allocate(COUNT),
+    )
+    sort = DepthSort(device, pipeline._program, order, ordered=ordered)
+    keys = device.upload(depths[places].view(np.uint32))
+    result = sort(found, keys, device.upload(places.copy())).read()
+    by_depth = np.zeros(len(places)) if order == "none" else depths[places]
+    np.testing.assert_array_equal(result, places[np.lexsort((numbers[places], by_depth))])
+
+
+def test_a_plane_that_the_camera_faces(device: Device) -> None:
+    """All depths are equal, so sorted or not the order is that of the asset."""
+    random = np.random.default_rng(3)
+    count = 2000
+    triangles = random.normal(scale=0.2, size=(count, 3, 3)) + random.uniform(-1, 1, (count, 1, 3))
+    triangles[..., 2] = 4
+    opacity = random.normal(1, 1, count).astype(np.float32)
+    asset = soup("two_dts", triangles.astype(np.float32), opacity=opacity)
+    images = []
+    for order in ("global", "none"):
+        made = SplattingPipeline(asset, device=device, order=order)  # type: ignore[arg-type]
+        images.append(made.render(front_camera(), (0, 0, 0)).image)
+        made.close()
+    np.testing.assert_array_equal(*images)
