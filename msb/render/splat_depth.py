@@ -28,22 +28,26 @@ class DepthSort:
         Of the method.
     order : {"tile", "global", "none"}
         "none": by number alone.
-    ordered : bool
-        Faces lie in drawing order (`msb.render.splat_order`), not in that of their numbers.
+
+    Attributes
+    ----------
+    by_rows : bool
+        Faces lie in the order of their numbers, as they are stored; not in drawing order
+        (`msb.render.splat_order`).
     """
 
-    def __init__(self, device: Device, program: Program, order: Order, *, ordered: bool) -> None:
+    def __init__(self, device: Device, program: Program, order: Order) -> None:
         self._device = device
         self._program = program
         self._by_number_alone = order == "none"
-        self._ordered = ordered
+        self.by_rows = True
 
     def __call__(self, found: Projected, depths: Buffer, places: Buffer) -> Buffer:
         """Return `places`, which are ascending, sorted by their `depths`; overwrites both."""
         if self._by_number_alone:
-            return self._by_number(found, depths, places) if self._ordered else places
+            return places if self.by_rows else self._by_number(found, depths, places)
         order = self._by_depth(depths, places)
-        if not self._ordered or self._settle(found, *order):
+        if self.by_rows or self._settle(found, *order):
             return order[1]
         # Too many are equal, as in a plane that the camera faces: one stable sort after the other.
         places = self._by_number(found, depths, places)

@@ -7,15 +7,15 @@ faces keep their numbers, and those of equal depth are blended in the order of t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msb.cl.sort import sort_pairs
+from msb.errors import DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import NDArray
 
     from msb.cl import Buffer, Device, Program
@@ -33,70 +33,74 @@ _PIECE = 1 << 14
 """Rows that are put in order at a time: what is read and written of them stays in the cache."""
 _NOTHING = np.zeros(1, np.float32)
 """Stands for an array the kernels of a method do not read."""
+_MOST = 4
+"""A model that takes more than one in so many of the device's bytes is left as it is."""
+
+Arrays = Mapping[str, "NDArray[np.generic] | None"]
+"""What the kernels read of a model, "positions" and "indices" among it."""
 
 
-def keep_model(
-    tenancy: Tenancy,
-    program: Program,
-    count: int,
-    arrays: Mapping[str, NDArray[np.generic] | None],
-    *,
-    ordered: bool,
-) -> None:
-    """Keep what the kernels read of a model.
+def keep_model(tenancy: Tenancy, program: Program, count: int, arrays: Arrays) -> None:
+    """Keep a model of `count` faces as it is stored.
 
-    Parameters
-    ----------
-    tenancy : Tenancy
-        Gets all of the arrays by their names, "numbers" (uint32, of the face in each row), "bounds" and, for
-        the CPU style, "groups" (splat_bounds.cl says what they hold).
-    program : Program
-        Of the method.
-    count : int
-        F, of faces.
-    arrays : mapping of str to array or None
-        "positions" and "indices" among them.
-    ordered : bool
-        All of the arrays have F rows, and are kept in drawing order. Else they are kept as they are: faces of
-        a mesh share vertices, and to fetch those is what costs.
+    The tenancy gets all of the arrays by their names, "numbers" (uint32, of the face in each row), "bounds"
+    and, for the CPU style, "groups" (splat_bounds.cl says what they hold). `program` is the method's.
     """
     kept, device = tenancy.kept, tenancy.device
-    for name in ("positions", "indices") if ordered else arrays:
-        array = arrays[name]
+    for name, array in arrays.items():
         tenancy.keep(name, _NOTHING if array is None else array)
-    kept["bounds"] = device.allocate((4, _lanes_up(tenancy, count)), np.float32, "bounds")
-    _bound_faces(tenancy, program, count)
-    order = np.arange(count, dtype=np.uint32)
-    if ordered:
-        order = _drawing_order(device, kept["bounds"], count)
-        kept["positions"].release()
-        for name, array in arrays.items():
-            kept[name] = device.share(_NOTHING if array is None else _in_order(array, order), name)
-        _bound_faces(tenancy, program, count)
-    tenancy.keep("numbers", order)
+    tenancy.keep("numbers", np.arange(count, dtype=np.uint32))
+    kept["bounds"] = device.allocate((4, _lanes_up(device, count)), np.float32, "bounds")
     if device.style == "cpu":
-        _bound_groups(tenancy, program, count)
+        kept["groups"] = device.allocate((4, _lanes_up(device, -(-count // _GROUP))), np.float32, "groups")
+    _bound(tenancy, program, count)
 
 
-def _lanes_up(tenancy: Tenancy, count: int) -> int:
-    lanes = LANES[tenancy.device.style]
+def order_model(tenancy: Tenancy, program: Program, count: int, arrays: Arrays) -> bool:
+    """Put a model that is kept in drawing order: all of its arrays, which have `count` rows, one a face.
+
+    It becomes a copy of what may have been a mapped file. Return False, and leave everything as it is, where
+    there is little room for that.
+    """
+    kept, device = tenancy.kept, tenancy.device
+    rows = {name: array for name, array in arrays.items() if array is not None}
+    if _MOST * sum(array.nbytes for array in rows.values()) > device.record.global_memory:
+        return False
+    try:
+        order = _drawing_order(device, kept["bounds"], count)
+        ordered = {name: _in_order(array, order) for name, array in rows.items()}
+    except MemoryError:
+        return False
+    except DeviceError as error:
+        if error.code != "DEVICE_MEMORY":
+            raise
+        return False
+    finally:
+        device.release_scratch("splat order keys")
+        device.release_scratch("splat face sort")
+    for name, array in {**ordered, "numbers": order}.items():
+        kept[name].release()
+        kept[name] = device.share(array, name)
+    _bound(tenancy, program, count)
+    return True
+
+
+def _lanes_up(device: Device, count: int) -> int:
+    lanes = LANES[device.style]
     return -(-count // lanes) * lanes
 
 
-def _bound_faces(tenancy: Tenancy, program: Program, count: int) -> None:
-    """Find every face's bounding sphere, by which most of those out of view are dropped."""
-    kept, stride = tenancy.kept, tenancy.kept["bounds"].shape[1]
-    arguments = kept["positions"], kept["indices"], kept["bounds"], np.uint32(stride), np.uint32(count)
-    program.bound_faces(stride // LANES[tenancy.device.style], WORK_GROUP, *arguments)
-
-
-def _bound_groups(tenancy: Tenancy, program: Program, count: int) -> None:
-    """Find bounding spheres of groups of faces, by which most of those are dropped."""
-    groups = -(-count // _GROUP)
-    bounds, stride = tenancy.kept["bounds"], _lanes_up(tenancy, groups)
-    tenancy.kept["groups"] = made = tenancy.device.allocate((4, stride), np.float32, "groups")
-    sizes = map(np.uint32, (bounds.shape[1], stride, count))
-    program.bound_groups(groups, WORK_GROUP, bounds, made, *sizes)
+def _bound(tenancy: Tenancy, program: Program, count: int) -> None:
+    """Find the bounding spheres of faces, by which most of those out of view are dropped, and of groups."""
+    kept, style = tenancy.kept, tenancy.device.style
+    bounds = kept["bounds"]
+    faces, stride = np.uint32(count), np.uint32(bounds.shape[1])
+    items = bounds.shape[1] // LANES[style]
+    program.bound_faces(items, WORK_GROUP, kept["positions"], kept["indices"], bounds, stride, faces)
+    if style == "cpu":
+        groups = kept["groups"]
+        strides = stride, np.uint32(groups.shape[1])
+        program.bound_groups(-(-count // _GROUP), WORK_GROUP, bounds, groups, *strides, faces)
 
 
 def _drawing_order(device: Device, bounds: Buffer, count: int) -> NDArray[np.uint32]:
@@ -109,14 +113,12 @@ def _drawing_order(device: Device, bounds: Buffer, count: int) -> NDArray[np.uin
     sizes = np.uint32(bounds.shape[1]), np.uint32(count)
     device.program("splat_order").order_keys(count, WORK_GROUP, bounds, keys, *sizes, *low, scale)
     _, numbers = sort_pairs(device, keys, bits=_KEY_BITS, name="splat face sort")
-    order: NDArray[np.uint32] = numbers.read()
-    device.release_scratch("splat order keys")
-    device.release_scratch("splat face sort")
-    return order
+    return numbers.read()
 
 
 def _in_order(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
-    found = np.zeros(array.shape, array.dtype)
+    # In huge pages, unlike zeros.
+    found = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below
     for start in range(0, len(order), _PIECE):
         here = slice(start, start + _PIECE)
         np.take(array, order[here], axis=0, out=found[here], mode="clip")

@@ -19,7 +19,7 @@ from msb.render.protocol import Drawn
 from msb.render.splat_bins import Projected, bin_faces
 from msb.render.splat_depth import DepthSort
 from msb.render.splat_methods import make_model, sh_buffers
-from msb.render.splat_order import LANES, WORK_GROUP, keep_model
+from msb.render.splat_order import LANES, WORK_GROUP, keep_model, order_model
 from msb.render.splat_view import TILE, make_view
 from msb.render.tenancy import Tenancy
 
@@ -38,6 +38,9 @@ _CHUNK = {"cpu": 4096, "gpu": 1}
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 """Planes of samples are kept for a band of the raster at a time, since 4 x 4 samples of an 8K frame are 10
 GB: so many bytes for each compute unit of a CPU (what its cache holds), or in all."""
+_ORDERED_AT = 3
+"""The frame from which faces lie in drawing order: who draws that many is likely to draw many. It takes as
+long as some hundred frames gain."""
 _TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
 """`tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
@@ -114,9 +117,11 @@ class SplattingPipeline:
         }
         # Upstream's background depth is the farthest corner, as stored.
         self._stored_positions = asset.buffers["positions"]
-        self._extent = np.maximum(model.positions.max(axis=0), -model.positions.min(axis=0))
+        axes = model.positions.T  # NumPy takes 20 times as long to reduce along the first axis
+        self._extent = np.array([max(axis.max(), -axis.min()) for axis in axes], np.float32)
 
-        ordered = not model.vertex_colors  # a soup: three corners a row, whatever the indices are
+        soup = not model.vertex_colors  # three corners a row, whatever the indices are
+        self._frames = 0
         self._tenancy = Tenancy(device, "splat")
         self._device, self._static = self._tenancy.device, self._tenancy.kept
         self._scratch = self._tenancy.scratch
@@ -133,14 +138,15 @@ class SplattingPipeline:
             }
             self._program: Program = self._device.program(model.program, defines)
             arrays = {
-                "positions": model.positions.reshape(self._count, 9) if ordered else model.positions,
-                "indices": None if ordered else asset.buffers["indices"],
+                "positions": model.positions.reshape(self._count, 9) if soup else model.positions,
+                "indices": None if soup else asset.buffers["indices"],
                 "coverage": model.coverage,
                 "f_dc": f_dc,
                 "f_rest": f_rest,
             }
-            keep_model(self._tenancy, self._program, self._count, arrays, ordered=ordered)
-            self._sort = DepthSort(self._device, self._program, order, ordered=ordered)
+            keep_model(self._tenancy, self._program, self._count, arrays)
+            self._unordered = arrays if soup else None
+            self._sort = DepthSort(self._device, self._program, order)
         except BaseException:
             self.close()
             raise
@@ -153,6 +159,7 @@ class SplattingPipeline:
         DeviceError
             `DEVICE_MEMORY`: the frame, its samples or its tile lists do not fit; the message has the figure.
         """
+        self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
             with self._device.stage("read"):
@@ -161,6 +168,7 @@ class SplattingPipeline:
 
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
         """Draw as `render` and wait, reading nothing back but the two counts of the tile lists."""
+        self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
         return Drawn(timing.milliseconds(), timing.span())
@@ -172,6 +180,14 @@ class SplattingPipeline:
     def close(self) -> None:
         """Release everything; a device that was given stays open, and so do its scratch buffers."""
         self._tenancy.close()
+
+    def _order_faces(self, at_frame: int = _ORDERED_AT) -> None:
+        """Put faces in drawing order before that frame; but those of a mesh, which share vertices."""
+        self._frames += 1
+        if self._unordered is not None and self._frames >= at_frame:
+            ordered = order_model(self._tenancy, self._program, self._count, self._unordered)
+            self._sort.by_rows = not ordered
+            self._unordered = None
 
     def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
         """Queue everything from the projection to the pixels of the frame."""

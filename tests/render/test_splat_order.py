@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from msb.render import splat_order
 from msb.render.splat_bins import Projected
 from msb.render.splat_depth import DepthSort
 from msb.render.splatting import SplattingPipeline
@@ -47,6 +48,7 @@ def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:
 def pipeline(request: pytest.FixtureRequest, device: Device) -> Iterator[SplattingPipeline]:
     window = {"sigma": np.zeros(COUNT, np.float32)} if request.param == "triangle_splatting" else {}
     made = SplattingPipeline(soup(request.param, triangles_of_all_sizes(), **window), device=device)
+    made._order_faces(at_frame=1)
     yield made
     made.close()
 
@@ -122,8 +124,7 @@ def test_equal_depths_are_sorted_by_number(
     """Runs of two, of some, longer ones than are sorted in place, and one of all."""
     random = np.random.default_rng(different)
     places = np.sort(random.choice(COUNT, 3001, replace=False)).astype(np.uint32)
-    ordered = not pipeline._model.vertex_colors
-    numbers = random.permutation(COUNT) if ordered else np.arange(COUNT)
+    numbers = np.arange(COUNT) if pipeline._sort.by_rows else random.permutation(COUNT)
     depths = np.sqrt(random.integers(1, different + 1, COUNT)).astype(np.float32)
     records = np.zeros((COUNT, pipeline.record_words), np.uint32)
     records[:, NUMBER_WORD[pipeline._model.program.removeprefix("splat_")]] = numbers
@@ -135,24 +136,65 @@ def test_equal_depths_are_sorted_by_number(
         listed=unused,
         visible=device.allocate(COUNT),
     )
-    sort = DepthSort(device, pipeline._program, order, ordered=ordered)
+    sort = DepthSort(device, pipeline._program, order)
+    sort.by_rows = pipeline._sort.by_rows
     keys = device.upload(depths[places].view(np.uint32))
     result = sort(found, keys, device.upload(places.copy())).read()
     by_depth = np.zeros(len(places)) if order == "none" else depths[places]
     np.testing.assert_array_equal(result, places[np.lexsort((numbers[places], by_depth))])
 
 
-def test_a_plane_that_the_camera_faces(device: Device) -> None:
-    """All depths are equal, so sorted or not the order is that of the asset."""
+@pytest.mark.parametrize("method", SPLATTING)
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize(
+    "options", [{}, {"order": "global"}, {"order": "none"}, {"sampling": "engine"}], ids=str
+)
+def test_the_order_on_the_device_does_not_show(
+    method: str, flat: bool, options: dict[str, Any], device: Device
+) -> None:
+    """Frame after frame the same bytes, whether faces are far apart or in a plane that the camera faces."""
     random = np.random.default_rng(3)
-    count = 2000
-    triangles = random.normal(scale=0.2, size=(count, 3, 3)) + random.uniform(-1, 1, (count, 1, 3))
-    triangles[..., 2] = 4
-    opacity = random.normal(1, 1, count).astype(np.float32)
-    asset = soup("two_dts", triangles.astype(np.float32), opacity=opacity)
-    images = []
-    for order in ("global", "none"):
-        made = SplattingPipeline(asset, device=device, order=order)  # type: ignore[arg-type]
-        images.append(made.render(front_camera(), (0, 0, 0)).image)
-        made.close()
-    np.testing.assert_array_equal(*images)
+    triangles = triangles_of_all_sizes() + np.float32([0, 0, 5])
+    if flat:
+        triangles[..., 2] = 4
+    rows = COUNT * (3 if method == "mesh_splatting" else 1)
+    buffers = {"opacity": random.normal(1, 1, rows).astype(np.float32)}
+    if method == "triangle_splatting":
+        buffers["sigma"] = random.normal(0, 1, COUNT).astype(np.float32)
+    pipeline = SplattingPipeline(soup(method, triangles, **buffers), device=device, outputs="all", **options)
+    try:
+        frames = [pipeline.render(front_camera(97, 61), (0.1, 0.2, 0.3)) for _ in range(4)]
+    finally:
+        pipeline.close()
+    assert pipeline._sort.by_rows == (method == "mesh_splatting")
+    assert frames[0].visible is not None
+    assert frames[0].visible.sum() > 100
+    for frame in frames[1:]:
+        for name in ("image", "alpha", "depth", "visible", "normal", "depth_median", "face_id"):
+            np.testing.assert_array_equal(getattr(frame, name), getattr(frames[0], name), err_msg=name)
+        for name in frames[0].raw:
+            np.testing.assert_array_equal(frame.raw[name], frames[0].raw[name], err_msg=name)
+
+
+@pytest.mark.parametrize("why", ["room on the device", "room on the host"])
+def test_a_model_stays_as_it_is_where_there_is_no_room_for_a_copy(
+    why: str, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline = SplattingPipeline(soup("two_dts", triangles_of_all_sizes()), device=device)
+    first = pipeline.render(front_camera(), (0, 0, 0))
+    held = pipeline.memory()
+    if why == "room on the host":
+
+        def full(*_: object, **__: object) -> None:
+            raise MemoryError
+
+        monkeypatch.setattr(np, "take", full)
+    else:
+        monkeypatch.setattr(splat_order, "_MOST", device.record.global_memory)
+    try:
+        frames = [pipeline.render(front_camera(), (0, 0, 0)) for _ in range(3)]
+        assert pipeline._sort.by_rows
+        assert pipeline.memory().keys() - held.keys() == set()
+        np.testing.assert_array_equal(frames[-1].image, first.image)
+    finally:
+        pipeline.close()
