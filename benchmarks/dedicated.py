@@ -43,6 +43,8 @@ PARTS = ("stages", "blend", "threads")
 BEFORE = ("project", "sort", "bin")
 STAGES = (*BEFORE, "blend", "resolve")
 BLACK = (0.0, 0.0, 0.0)
+WARM_UP = 3
+"""Frames: from the third on faces lie in drawing order."""
 
 
 class Peer:
@@ -120,7 +122,7 @@ def stages(
             record = np.zeros((int(visible.sum()), ours.record_words), np.float32)
             moved = traffic(c, asset, visible, record) if c else None
             for pipeline in (ours, *(() if alone else (plain,))):
-                for _ in range(2):
+                for _ in range(WARM_UP):
                     pipeline.draw(view, BLACK)
             drawn, textbook, floor = [], [], []
             for _ in range(rounds):
@@ -178,6 +180,9 @@ def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
         }
         for width, height in SIZES:
             view = camera(width, height)
+            for pipeline in ways.values():
+                for _ in range(WARM_UP):
+                    pipeline.draw(view, BLACK)
             image = ours.render(view, BLACK).image
             columns, rows = -(-width // 16), -(-height // 16)
             pairs = ours.counts["pairs"]
