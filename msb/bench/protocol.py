@@ -25,6 +25,8 @@ REFERENCE = "reference"
 """In the place of a folder of official renderings: our NumPy renderer."""
 _MAX_BYTES = 1 << 20
 _PLACES = ("dataset", "scene", "method")
+_PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
+"""A place in a path; doubled braces stand for themselves."""
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 """Becomes the name of a folder below the results."""
 
@@ -188,7 +190,11 @@ class ProtocolFile:
 
     def resolve(self, template: str, **names: str) -> Path:
         """Return the path that `template` means, its places filled from `names`; ".." as it reads."""
-        filled = re.sub(r"\{(\w+)\}", lambda place: names.get(place[1], place[0]), template)
+
+        def fill(found: re.Match[str]) -> str:
+            return found[0][0] if found[1] is None else names.get(found[1], found[0])
+
+        filled = _PLACE.sub(fill, template)
         return Path(os.path.normpath(Path(self.path.absolute().parent, Path(filled).expanduser())))
 
 
@@ -239,15 +245,20 @@ def single_protocol(
     lines = [
         "[[datasets]]",
         f"name = {_quoted(read_scene(scene).dataset)}",
-        f"path = {_quoted(os.path.abspath(scene))}",  # noqa: PTH100 - names as given, not where links lead
+        f"path = {_path(scene)}",
         "",
         "[[methods]]",
-        f"model = {_quoted(os.path.abspath(model))}",  # noqa: PTH100
+        f"model = {_path(model)}",
     ]
     if non_engine is not None:
-        given = non_engine if non_engine == REFERENCE else os.path.abspath(non_engine)  # noqa: PTH100
-        lines.append(f"non_engine = {_quoted(given)}")
+        lines.append(f"non_engine = {_quoted(REFERENCE) if non_engine == REFERENCE else _path(non_engine)}")
     return parse_protocol("\n".join(lines).encode() + b"\n", PROTOCOL_NAME)
+
+
+def _path(given: str | os.PathLike[str]) -> str:
+    """Return a path as a protocol has it: the names as given, not where links lead; braces doubled."""
+    absolute = os.path.abspath(given)  # noqa: PTH100 - resolve() follows links
+    return _quoted(absolute.replace("{", "{{").replace("}", "}}"))
 
 
 def _quoted(text: str) -> str:
@@ -268,10 +279,10 @@ def _check(protocol: Protocol, path: object) -> None:
             raise _bad(path, text, where)
         for key in ("model", "non_engine", "training", "mesh"):
             known = _PLACES if method.name != AUTO else _PLACES[:2]
-            for place in re.findall(r"\{(.*?)\}", getattr(method, key) or ""):
-                if place not in known:
+            for found in _PLACE.finditer(getattr(method, key) or ""):
+                if found[1] is not None and found[1] not in known:
                     there = ", ".join(f"{{{name}}}" for name in known)
-                    text = f"{where}/{key}: there is no {{{shorten(place)}}}; there are {there}"
+                    text = f"{where}/{key}: there is no {{{shorten(found[1])}}}; there are {there}"
                     raise _bad(path, text, f"{where}/{key}")
         there_are = [dataset.name for dataset in protocol.datasets]
         for name in method.datasets:

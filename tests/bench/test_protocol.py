@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,15 @@ def test_paths_are_relative_to_the_file_and_have_places() -> None:
     assert file.resolve("../x", **names) == Path("/a/x")
     assert file.resolve("/abs/{scene}", **names) == Path("/abs/s")
     assert file.resolve("~/x", **names) == Path.home() / "x"
+
+
+def test_doubled_braces_stand_for_themselves() -> None:
+    text = MINIMAL.replace("{scene}", "{{x}}/{scene}{{")
+    file = parse_protocol(text.encode(), "/a/b/p.toml")
+    model = file.protocol.methods[0].model
+    assert model is not None
+    assert str(file.resolve(model, dataset="d", scene="s", method="m")).endswith("/{x}/s{")
+    assert file.resolve("{{scene}}/{scene}", scene="s") == Path("/a/b/{scene}/s")
 
 
 def test_settings_none_switches_off() -> None:
@@ -123,3 +133,14 @@ def test_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert parse_protocol(file.text, file.path) == file
     with pytest.raises(MsbError, match="SCENE_LAYOUT"):
         single_protocol(PEBBLE / "two_dts", tmp_path)
+
+
+def test_places_in_names_of_files_are_no_places(tmp_path: Path) -> None:
+    folder = tmp_path / "{x}{scene}}"
+    shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", folder / "scan1")
+    file = single_protocol(folder / "model", folder / "scan1", non_engine=str(folder / "renders"))
+    dataset, method = file.protocol.datasets[0], file.protocol.methods[0]
+    assert method.model is not None
+    assert method.non_engine is not None
+    for given, name in ((dataset.path, "scan1"), (method.model, "model"), (method.non_engine, "renders")):
+        assert file.resolve(given, scene="s", dataset="d", method="m") == folder / name
