@@ -42,6 +42,7 @@ _USES: dict[Group, tuple[str, ...]] = {
             "splat visible by number",
             "splat unsettled",
             "splat order keys",
+            "splat order points",
             "splat vertex colors",
         ),
         *("splat tiles", "splat ordered tiles", "splat tiles of ordered faces", "splat tile counts"),

@@ -1,8 +1,8 @@
 """A model on the device: faces in an order that suits drawing, with bounding spheres.
 
 Checkpoints hold faces in the order in which training made them, so what a view keeps is scattered over all
-of memory. Here faces of about the same size that are close together in space lie together. Nobody sees that:
-faces keep their numbers, and those of equal depth are blended in the order of the asset.
+of memory. Here what is close together in space lies together, in soups faces of about the same size. Nobody
+sees that: faces keep their numbers, and those of equal depth are blended in the order of the asset.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _GROUP = 64
 """GROUP in splat_bounds.cl."""
 _AXIS_BITS = 18
 """AXIS_BITS in splat_order.cl."""
-_KEY_BITS = 3 * _AXIS_BITS + 8
+_SIZE_BITS = 8
 _PIECE = 1 << 14
 """Rows that are put in order at a time: what is read and written of them stays in the cache."""
 _NOTHING = np.zeros(1, np.float32)
@@ -57,18 +57,24 @@ def keep_model(tenancy: Tenancy, program: Program, count: int, arrays: Arrays) -
 
 
 def order_model(tenancy: Tenancy, program: Program, count: int, arrays: Arrays) -> bool:
-    """Put a model that is kept in drawing order: all of its arrays, which have `count` rows, one a face.
+    """Put a model that is kept in drawing order: `count` faces, and with them what belongs to each.
 
-    It becomes a copy of what may have been a mapped file. Return False, and leave everything as it is, where
-    there is little room for that.
+    Of a mesh that are the indices alone; its vertices, with what belongs to them, follow the same curve. The
+    model becomes a copy of what may have been a mapped file. Return False, and leave everything as it is,
+    where there is little room for that.
     """
     kept, device = tenancy.kept, tenancy.device
-    rows = {name: array for name, array in arrays.items() if array is not None}
-    if _MOST * sum(array.nbytes for array in rows.values()) > device.record.global_memory:
+    given = {name: array for name, array in arrays.items() if array is not None}
+    if _MOST * sum(array.nbytes for array in given.values()) > device.record.global_memory:
         return False
+    indices = given.pop("indices", None)
     try:
-        order = _drawing_order(device, kept["bounds"], count)
-        ordered = {name: _in_order(array, order) for name, array in rows.items()}
+        faces = rows = _curve_order(device, kept["bounds"], count, by_size=indices is None)
+        if indices is not None:
+            rows = _vertex_order(device, given["positions"])
+        ordered = {name: _in_order(array, rows) for name, array in given.items()}
+        if indices is not None:
+            ordered["indices"] = _renumbered(_in_order(indices, faces), rows)
     except MemoryError:
         return False
     except DeviceError as error:
@@ -76,9 +82,9 @@ def order_model(tenancy: Tenancy, program: Program, count: int, arrays: Arrays) 
             raise
         return False
     finally:
-        device.release_scratch("splat order keys")
+        device.release_scratch("splat order ")
         device.release_scratch("splat face sort")
-    for name, array in {**ordered, "numbers": order}.items():
+    for name, array in {**ordered, "numbers": faces}.items():
         kept[name].release()
         kept[name] = device.share(array, name)
     _bound(tenancy, program, count)
@@ -103,17 +109,33 @@ def _bound(tenancy: Tenancy, program: Program, count: int) -> None:
         program.bound_groups(-(-count // _GROUP), WORK_GROUP, bounds, groups, *strides, faces)
 
 
-def _drawing_order(device: Device, bounds: Buffer, count: int) -> NDArray[np.uint32]:
-    """Return the number of the face in each row; `bounds` are those of the faces by number."""
-    with bounds.mapped() as found:
+def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -> NDArray[np.uint32]:
+    """Return the number of the face or vertex in each row; `points` are (4, n) and have coordinates first."""
+    with points.mapped() as found:
         low, high = found[:3, :count].min(axis=1), found[:3, :count].max(axis=1)
     span = np.max(high.astype(np.float64) - low)
     scale = np.float32(((1 << _AXIS_BITS) - 1) / span if 0 < span < np.inf else 0)
     keys = device.scratch("splat order keys", count, np.uint64)
-    sizes = np.uint32(bounds.shape[1]), np.uint32(count)
-    device.program("splat_order").order_keys(count, WORK_GROUP, bounds, keys, *sizes, *low, scale)
-    _, numbers = sort_pairs(device, keys, bits=_KEY_BITS, name="splat face sort")
-    return numbers.read()
+    sizes = np.uint32(points.shape[1]), np.uint32(count)
+    order_keys = device.program("splat_order").order_keys
+    order_keys(count, WORK_GROUP, points, keys, *sizes, *low, scale, np.uint32(by_size))
+    bits = 3 * _AXIS_BITS + (_SIZE_BITS if by_size else 0)
+    return sort_pairs(device, keys, bits=bits, name="splat face sort")[1].read()
+
+
+def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.uint32]:
+    count = len(positions)
+    points = device.scratch("splat order points", (4, count), np.float32)
+    points.write(np.ascontiguousarray(positions.T))
+    return _curve_order(device, points, count, by_size=False)
+
+
+def _renumbered(indices: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return `indices` into rows that were put in that order."""
+    places = np.zeros_like(order)
+    places[order] = np.arange(len(order), dtype=np.uint32)
+    found: NDArray[np.uint32] = places[indices]
+    return found
 
 
 def _in_order(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:

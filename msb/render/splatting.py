@@ -19,7 +19,7 @@ from msb.render.protocol import Drawn
 from msb.render.splat_bins import Projected, bin_faces
 from msb.render.splat_depth import DepthSort
 from msb.render.splat_methods import make_model, sh_buffers
-from msb.render.splat_order import LANES, WORK_GROUP, keep_model, order_model
+from msb.render.splat_order import LANES, WORK_GROUP, Arrays, keep_model, order_model
 from msb.render.splat_view import TILE, make_view
 from msb.render.tenancy import Tenancy
 
@@ -145,7 +145,7 @@ class SplattingPipeline:
                 "f_rest": f_rest,
             }
             keep_model(self._tenancy, self._program, self._count, arrays)
-            self._unordered = arrays if soup else None
+            self._unordered: Arrays | None = arrays
             self._sort = DepthSort(self._device, self._program, order)
         except BaseException:
             self.close()
@@ -182,7 +182,7 @@ class SplattingPipeline:
         self._tenancy.close()
 
     def _order_faces(self, at_frame: int = _ORDERED_AT) -> None:
-        """Put faces in drawing order before that frame; but those of a mesh, which share vertices."""
+        """Put faces in drawing order before that frame."""
         self._frames += 1
         if self._unordered is not None and self._frames >= at_frame:
             ordered = order_model(self._tenancy, self._program, self._count, self._unordered)

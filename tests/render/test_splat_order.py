@@ -69,33 +69,37 @@ def halves(words: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.
     return (bits & np.uint32(0xFFFF0000)).view(np.float32), (bits << np.uint32(16)).view(np.float32)
 
 
-def test_rows_run_by_size_and_along_a_curve_through_space(pipeline: SplattingPipeline) -> None:
-    """The NumPy twin of splat_order.cl, from the spheres of the rows."""
+def curve(points: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """Return the keys of (n, 3) points along the curve: the NumPy twin of splat_order.cl."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = np.float32(((1 << BITS) - 1) / (high.astype(np.float64) - low).max())
+    return interleaved(np.minimum((points - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64))
+
+
+def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> None:
     kept = pipeline._static
     numbers = kept["numbers"].read()
     np.testing.assert_array_equal(np.sort(numbers), np.arange(COUNT))
-    if pipeline._model.vertex_colors:
-        np.testing.assert_array_equal(numbers, np.arange(COUNT))
-        return
     bounds = kept["bounds"].read()[:, :COUNT]
-    centers, (_, inradius) = bounds[:3].T, halves(bounds[3])
-    low, high = centers.min(axis=0), centers.max(axis=0)
-    scale = np.float32(((1 << BITS) - 1) / (high.astype(np.float64) - low).max())
-    cells = np.minimum((centers - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64)
-    exponent = inradius.view(np.uint32).astype(np.uint64) >> np.uint64(23)
-    keys = exponent << np.uint64(3 * BITS) | interleaved(cells)
-    assert len(np.unique(exponent)) > 8
+    keys = curve(bounds[:3].T)
+    if not pipeline._model.vertex_colors:
+        exponent = halves(bounds[3])[1].view(np.uint32).astype(np.uint64) >> np.uint64(23)
+        assert len(np.unique(exponent)) > 8
+        keys |= exponent << np.uint64(3 * BITS)
     np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
 
 
-def test_what_belongs_to_faces_is_in_their_rows(pipeline: SplattingPipeline) -> None:
+def test_everything_is_in_the_row_where_it_belongs(pipeline: SplattingPipeline) -> None:
     kept, model = pipeline._static, pipeline._model
     numbers = kept["numbers"].read()
+    rows, stored = numbers, model.positions.reshape(COUNT, 9)
     if model.vertex_colors:
-        np.testing.assert_array_equal(kept["positions"].read(), model.positions)
-        return
-    np.testing.assert_array_equal(kept["positions"].read(), model.positions.reshape(COUNT, 9)[numbers])
-    np.testing.assert_array_equal(kept["coverage"].read(), model.coverage[numbers])
+        stored = model.positions
+        rows = np.argsort(curve(stored), kind="stable")
+        corners = stored[np.arange(3 * COUNT).reshape(-1, 3)[numbers]]
+        np.testing.assert_array_equal(kept["positions"].read()[kept["indices"].read()], corners)
+    np.testing.assert_array_equal(kept["positions"].read(), stored[rows])
+    np.testing.assert_array_equal(kept["coverage"].read(), model.coverage[rows])
 
 
 def test_spheres_hold_their_faces(pipeline: SplattingPipeline) -> None:
@@ -124,7 +128,7 @@ def test_equal_depths_are_sorted_by_number(
     """Runs of two, of some, longer ones than are sorted in place, and one of all."""
     random = np.random.default_rng(different)
     places = np.sort(random.choice(COUNT, 3001, replace=False)).astype(np.uint32)
-    numbers = np.arange(COUNT) if pipeline._sort.by_rows else random.permutation(COUNT)
+    numbers = random.permutation(COUNT)
     depths = np.sqrt(random.integers(1, different + 1, COUNT)).astype(np.float32)
     records = np.zeros((COUNT, pipeline.record_words), np.uint32)
     records[:, NUMBER_WORD[pipeline._model.program.removeprefix("splat_")]] = numbers
@@ -137,7 +141,7 @@ def test_equal_depths_are_sorted_by_number(
         visible=device.allocate(COUNT),
     )
     sort = DepthSort(device, pipeline._program, order)
-    sort.by_rows = pipeline._sort.by_rows
+    sort.by_rows = False
     keys = device.upload(depths[places].view(np.uint32))
     result = sort(found, keys, device.upload(places.copy())).read()
     by_depth = np.zeros(len(places)) if order == "none" else depths[places]
@@ -166,7 +170,7 @@ def test_the_order_on_the_device_does_not_show(
         frames = [pipeline.render(front_camera(97, 61), (0.1, 0.2, 0.3)) for _ in range(4)]
     finally:
         pipeline.close()
-    assert pipeline._sort.by_rows == (method == "mesh_splatting")
+    assert not pipeline._sort.by_rows
     assert frames[0].visible is not None
     assert frames[0].visible.sum() > 100
     for frame in frames[1:]:

@@ -1,7 +1,7 @@
-// In which order the faces of a model lie on the device, decided once for each asset: by size, and among faces of
-// about the same size along a Z-order curve through their centroids. So what a view keeps lies together, in
-// memory and on the screen: lines and pages that are fetched are used whole, and groups of faces are dropped as
-// one.
+// In which order the faces of a model, or the vertices of a mesh, lie on the device: along a Z-order curve through
+// space; faces of a soup by size first, and along the curve among those of about the same size. So what a view
+// keeps lies together, in memory and on the screen: lines and pages that are fetched are used whole, and groups
+// of faces are dropped as one.
 //
 // Source of the curve: G. M. Morton, A computer oriented geodetic data base (1966).
 
@@ -25,9 +25,9 @@ uint cell_of(float x, float low, float cells_per_unit)
     return cell > 0.0f ? (uint)(cell < CELLS - 1.0f ? cell : CELLS - 1.0f) : 0; // NaN: 0
 }
 
-// bounds: of bound_faces (splat_bounds.cl); low: the least coordinates there are.
+// bounds: of bound_faces (splat_bounds.cl), whose last row is read only if `by_size`; low: the least coordinates.
 __kernel void order_keys(__global const float *bounds, __global ulong *keys, uint stride, uint count,
-                         float low_x, float low_y, float low_z, float cells_per_unit)
+                         float low_x, float low_y, float low_z, float cells_per_unit, uint by_size)
 {
     size_t i = get_global_id(0);
     if (i >= count)
@@ -35,7 +35,7 @@ __kernel void order_keys(__global const float *bounds, __global ulong *keys, uin
     ulong x = spread(cell_of(bounds[i], low_x, cells_per_unit));
     ulong y = spread(cell_of(bounds[i + stride], low_y, cells_per_unit));
     ulong z = spread(cell_of(bounds[i + 2 * (size_t)stride], low_z, cells_per_unit));
-    // The inradius, whose power of two is the size.
-    uint size = (as_uint(bounds[i + 3 * (size_t)stride]) & 0xffff) >> 7;
-    keys[i] = (ulong)size << 3 * AXIS_BITS | x | y << 1 | z << 2;
+    keys[i] = x | y << 1 | z << 2;
+    if (by_size) // the power of two of the inradius
+        keys[i] |= (ulong)((as_uint(bounds[i + 3 * (size_t)stride]) & 0xffff) >> 7) << 3 * AXIS_BITS;
 }
