@@ -20,7 +20,7 @@ _TOML_TOKEN = re.compile(
     r'|"(?:[^"\\\n]++|\\.)*+"?'
     r"|'[^'\n]*+'?"
     r"|#[^\n]*+"
-    r"|[\[{\]}]",
+    r"|[\[{\]}.,=\n]",
     re.DOTALL,
 )
 """Strings of several lines end with three quotes, before which two more may stand (TOML 1.0, String)."""
@@ -40,11 +40,11 @@ def parse_toml(text: str) -> dict[str, Any]:
         It is none, holds an integer of thousands of digits, or nests more than 32 deep in its brackets or
         its dotted keys.
     """
-    if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH:
+    if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH or _dotted(text) > MAX_TOML_DEPTH:
         raise ValueError(_TOO_DEEP)
     document = tomllib.loads(text)
     level: list[Any] = [document]
-    for _ in range(MAX_TOML_DEPTH + 1):  # dotted keys nest without brackets
+    for _ in range(MAX_TOML_DEPTH + 1):  # a dotted key below a dotted heading
         level = [inner for outer in level for inner in _children(outer)]
     if level:
         raise ValueError(_TOO_DEEP)
@@ -52,6 +52,18 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
+
+
+def _dotted(text: str) -> int:
+    """Return the most dots of a key: the library's time goes with the square of it."""
+    dots = most = 0
+    for found in _TOML_TOKEN.finditer(text):
+        if found[0] == ".":
+            dots += 1
+            most = max(most, dots)
+        elif found[0] in ("=", ",", "\n", "[", "{", "]", "}"):
+            dots = 0
+    return most
 
 
 def _children(value: dict[str, Any] | list[Any]) -> list[Any]:

@@ -57,12 +57,21 @@ def test_brackets_in_strings_and_comments_do_not_count() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["a = " + "[" * 500_000, "a = " + "{b=" * 300_000, "a." * 20_000 + "a = 1", f"[{'a.' * 20_000}a]"],
+    ["a = " + "[" * 500_000, "a = " + "{b=" * 300_000, "a." * 500_000 + "a = 1", f"[{'a.' * 500_000}a]"],
     ids=["arrays", "tables", "dotted keys", "dotted heading"],
 )
 def test_no_depth_reaches_the_recursion_limit(text: str) -> None:
     with pytest.raises(ValueError, match="nested too deeply"):
         parse_toml(text)
+
+
+def test_dots_that_are_not_of_one_key() -> None:
+    text = f"[{'a.' * 20}a]\n{'b.' * 9}b = [{'1.5, ' * 99}1.5] # {'.' * 99}\n'{'.' * 99}' = \"{'.' * 99}\"\n"
+    assert parse_toml(text) == tomllib.loads(text)
+    with pytest.raises(ValueError, match="nested too deeply"):
+        parse_toml(f"[{'a.' * 20}a]\n{'b.' * 20}b = 1")
+    with pytest.raises(ValueError, match="nested too deeply"):
+        parse_toml("'a' . " * 40 + "a = 1")
 
 
 def test_strings_without_an_end_are_only_bad_toml() -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import psutil
 import pytest
 
+from msb.bench import pool
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.errors import MsbError
 from tests.bench.workers import double, moody
@@ -87,8 +88,9 @@ def _until(condition: object, seconds: float = 60) -> None:
         time.sleep(0.05)
 
 
-def test_no_scheduler_is_one_clear_line() -> None:
+def test_no_scheduler_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="extra distributed is not installed")
+    monkeypatch.setattr(pool, "_CONNECT_SECONDS", 1)
     with pytest.raises(MsbError, match="RUN_SCHEDULER: no Dask scheduler answers"):
         DaskWorkers("tcp://127.0.0.1:9")
     with pytest.raises(MsbError, match="RUN_SCHEDULER"):
