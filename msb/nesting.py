@@ -12,6 +12,7 @@ from typing import Any
 
 MAX_TOML_DEPTH = 32
 """Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too."""
+_TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
 """A string may have no end; possessive, so that no length of it takes memory."""
 _TOML_TOKEN = re.compile(
@@ -24,6 +25,8 @@ _TOML_TOKEN = re.compile(
     re.DOTALL,
 )
 """Strings of several lines end with three quotes, before which two more may stand (TOML 1.0, String)."""
+_STEPS = {"[": 1, "{": 1, "]": -1, "}": -1, ",": 0, "=": 0, "\n": 0}
+"""What ends a key -> by how much nesting grows there."""
 
 
 def json_nesting(text: str) -> int:
@@ -40,7 +43,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         It is none, holds an integer of thousands of digits, or nests more than 32 deep in its brackets or
         its dotted keys.
     """
-    if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH or _dotted(text) > MAX_TOML_DEPTH:
+    if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH:
         raise ValueError(_TOO_DEEP)
     document = tomllib.loads(text)
     level: list[Any] = [document]
@@ -51,32 +54,23 @@ def parse_toml(text: str) -> dict[str, Any]:
     return document
 
 
-_TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
-
-
-def _dotted(text: str) -> int:
-    """Return the most dots of a key: the library's time goes with the square of it."""
-    dots = most = 0
-    for found in _TOML_TOKEN.finditer(text):
-        if found[0] == ".":
-            dots += 1
-            most = max(most, dots)
-        elif found[0] in ("=", ",", "\n", "[", "{", "]", "}"):
-            dots = 0
-    return most
-
-
 def _children(value: dict[str, Any] | list[Any]) -> list[Any]:
     inside = value.values() if isinstance(value, dict) else value
     return [one for one in inside if isinstance(one, dict | list)]
 
 
 def _deepest(token: re.Pattern[str], text: str) -> int:
-    depth = deepest = 0
+    """Return the greatest nesting of brackets or, if that is more, the most dots of one key.
+
+    Of dots, because the time of the TOML library goes with their square.
+    """
+    depth = dots = deepest = 0
     for found in token.finditer(text):
-        if found[0] in ("[", "{"):
-            depth += 1
-            deepest = max(deepest, depth)
-        elif found[0] in ("]", "}"):
-            depth -= 1
+        mark = found[0]
+        if mark == ".":
+            dots += 1
+        elif mark in _STEPS:
+            dots = 0
+            depth += _STEPS[mark]
+        deepest = max(deepest, depth, dots)
     return deepest

@@ -13,12 +13,11 @@ import numpy as np
 from msb.cl.scan import MOST, chunks_of, exclusive_scan
 from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
+from msb.render.splat_order import WORK_GROUP
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.render.splat_depth import DepthSort
-
-_GROUP = 64
 
 
 class Projected(NamedTuple):
@@ -72,7 +71,7 @@ def bin_faces(
         listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)
         places = device.scratch("splat depth order", listed, np.uint32)
-        group = 1 if device.style == "cpu" else _GROUP
+        group = 1 if device.style == "cpu" else WORK_GROUP
         sizes = np.uint32(items), np.uint32(chunk)
         program.compact(items, group, before, found.keys, keys, places, *sizes)
         if listed:
@@ -93,7 +92,7 @@ def _count_and_fill(
     sizes = np.uint32(listed), np.uint32(chunk), np.uint32(columns), np.uint32(tiles)
     ordered = device.scratch("splat ordered tiles", (max(listed, 1), 4), np.uint16)
     program.count_tiles(chunks, 1, order, found.tiles, ordered, counts, *sizes)
-    program.sum_tiles(tiles, _GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
+    program.sum_tiles(tiles, WORK_GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
     exclusive_scan(device, totals, starts, tiles)
     pairs = int(starts.read(start=tiles)[0])
     lists = device.scratch("splat tile lists", max(pairs, 1), np.uint32)
@@ -107,7 +106,7 @@ def _sort_by_tile(
     program = device.program(f"splat_bins_{device.style}")
     counts = device.scratch("splat tiles of ordered faces", max(listed, 1), np.uint32)
     offsets = device.scratch("splat pair offsets", listed + 1, np.uint64)
-    program.count_pairs(listed, _GROUP, order, found.tiles, counts, np.uint32(listed))
+    program.count_pairs(listed, WORK_GROUP, order, found.tiles, counts, np.uint32(listed))
     exclusive_scan(device, counts, offsets, listed)
     pairs = int(offsets.read(start=listed)[0])
     if pairs > MOST:
@@ -117,11 +116,11 @@ def _sort_by_tile(
     pair_tiles = device.scratch("splat pair tiles", max(pairs, 1), np.uint32)
     places = device.scratch("splat pair places", max(pairs, 1), np.uint32)
     sizes = np.uint32(listed), np.uint32(columns)
-    program.emit_pairs(listed, _GROUP, order, found.tiles, offsets, pair_tiles, places, *sizes)
+    program.emit_pairs(listed, WORK_GROUP, order, found.tiles, offsets, pair_tiles, places, *sizes)
     if pairs:
         bits = max(1, (tiles - 1).bit_length())
         pair_tiles, places = sort_pairs(
             device, pair_tiles, places, count=pairs, bits=bits, name="splat pair sort"
         )
-    program.find_starts(pairs + 1, _GROUP, pair_tiles, starts, np.uint32(pairs), np.uint32(tiles))
+    program.find_starts(pairs + 1, WORK_GROUP, pair_tiles, starts, np.uint32(pairs), np.uint32(tiles))
     return TileLists(starts, places, listed, pairs)

@@ -75,8 +75,7 @@ __kernel void bound_groups(__global const float *bounds, __global float *groups,
     }
     for (int k = 0; k < 3; k++)
         groups[g + k * (size_t)group_stride] = center[k];
-    uint rounded = (as_uint(radius * 1.0001f) + 0xffff) & 0xffff0000;
-    groups[g + 3 * (size_t)group_stride] = as_float(rounded | inradius);
+    groups[g + 3 * (size_t)group_stride] = as_float(upper_half((real)radius).s0 | (int)inradius);
 }
 #endif
 

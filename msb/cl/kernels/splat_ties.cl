@@ -75,7 +75,7 @@ __kernel void depths_of(__global const uint *places, __global const uint *keys, 
         depths[i] = keys[places[i]];
 }
 
-// From places on the device to numbers of faces.
+// visible: by row; found: by number.
 __kernel void visible_by_number(__global const uchar *visible, __global const uint *numbers,
                                 __global uchar *found, uint count)
 {
