@@ -2,21 +2,26 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+FOR_DEMO := $(VENV)/.installed-demo
+FOR_TEST := $(VENV)/.installed-test
 
-.PHONY: demo test engines lint bench clean
+.PHONY: demo test test-all engines lint bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "MeshSplatBench needs Python 3.11 or newer; say which with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-# The cross-check's peers, the viewers, a cluster and the test tools, all from PyPI; the core needs none of them.
-$(STAMP): pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[crosscheck,distributed,test,view]'
+# What the demo uses: runs, the cross-check's peers, and a report with its pictures of topology; all from PyPI.
+$(FOR_DEMO): EXTRAS := bench,crosscheck,view
+# What the tests try: a cluster and films as well, and their own tools.
+$(FOR_TEST): EXTRAS := crosscheck,distributed,test,view
+
+$(FOR_DEMO) $(FOR_TEST): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@
 
-demo: $(STAMP)
+demo: $(FOR_DEMO)
 	@echo "== From a trained checkpoint to an asset, without torch: msb export"
 	@$(BIN)/msb export --force data_stubs/checkpoint out/demo/checkpoint.triasset
 	@echo
@@ -39,27 +44,39 @@ demo: $(STAMP)
 	  $(BIN)/python -m webbrowser "file://$(CURDIR)/out/demo/report/index.html" >/dev/null; \
 	else echo "open it in a browser: file://$(CURDIR)/out/demo/report/index.html"; fi
 
-test: $(STAMP) engines
+test: $(FOR_TEST) engines
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-# What draws in Vulkan and in a browser, on Debian where apt-get asks nobody; without it those tests are skipped.
+# What takes minutes: the tests of kernels on every other OpenCL platform that is installed.
+test-all: $(STAMP) engines
+	$(BIN)/python -m tests.machines
+
+# What draws in Vulkan and in a browser, and OpenCL platforms to test on, on Debian where apt-get asks nobody; tests of
+# what is missing are skipped.
 engines:
-	@if grep -qs '^ID=debian' /etc/os-release && \
-	  { ! ls /usr/share/vulkan/icd.d/*.json || ! command -v chromium; } >/dev/null 2>&1; then \
+	@if grep -qs '^ID=debian' /etc/os-release; then \
+	  missing=; \
+	  ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1 || missing=mesa-vulkan-drivers; \
+	  command -v chromium >/dev/null || missing="$$missing chromium"; \
+	  for package in pocl-opencl-icd mesa-opencl-icd oclgrind; do \
+	    dpkg-query -W -f '$${Status}' $$package 2>/dev/null | grep -q ' installed$$' || missing="$$missing $$package"; \
+	  done; \
 	  sudo=; [ "$$(id -u)" = 0 ] || sudo='sudo -n'; \
-	  echo "installing mesa-vulkan-drivers and chromium, for the tests of engines"; \
-	  { timeout 60 $$sudo apt-get -qq update; timeout 240 $$sudo env DEBIAN_FRONTEND=noninteractive \
-	    apt-get -qq install --no-install-recommends mesa-vulkan-drivers chromium; } >/dev/null 2>&1 || \
-	  echo "they cannot be installed here: tests of engines will be skipped" >&2; \
+	  [ -z "$$missing" ] || timeout 60 $$sudo apt-get -qq update >/dev/null 2>&1; \
+	  for package in $$missing; do \
+	    echo "installing $$package, for tests"; \
+	    timeout 240 $$sudo env DEBIAN_FRONTEND=noninteractive apt-get -qq install --no-install-recommends $$package \
+	      >/dev/null 2>&1 || echo "$$package cannot be installed here: its tests will be skipped" >&2; \
+	  done; \
 	fi
 
-lint: $(STAMP)
+lint: $(FOR_TEST)
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_import_rules.py
 
-bench: $(STAMP)
+bench: $(FOR_TEST)
 	$(BIN)/python -m benchmarks.audit
 	$(BIN)/python -m benchmarks.export
 

@@ -108,7 +108,7 @@ def stages(
 ) -> list[dict[str, Any]]:
     """Return a row for each image size; `alone` leaves out what the pipeline is compared with."""
     from msb.cl import open_device
-    from msb.render.splatting import SplattingPipeline
+    from msb.render.splat.pipeline import SplattingPipeline
 
     asset, found = model(method, faces), []
     with open_device(selected[0], style=selected[1]) as device:
@@ -167,7 +167,7 @@ def _ratio(values: Sequence[float], others: Sequence[float]) -> float:
 def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
     """Return the milliseconds of 2DTS's blend stage and of other ways to do the same, a row an image size."""
     from msb.cl import open_device
-    from msb.render.splatting import SplattingPipeline
+    from msb.render.splat.pipeline import SplattingPipeline
 
     asset, found = model("two_dts", faces), []
     with open_device("cpu") as cpu, open_device("cpu", style="gpu") as gpu, open_device("cpu") as whole:

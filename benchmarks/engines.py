@@ -23,8 +23,8 @@ from data_stubs.make import splat_like_asset
 from msb import Camera
 from msb.asset import Description, build_asset
 from msb.engines.agreement import agreement
+from msb.render.backend import ENGINES, what_is_missing
 from msb.render.images import to_bytes
-from msb.render.protocol import ENGINES, what_is_missing
 from tests.reference.golden import exported, golden_views
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def main() -> None:
             engines.append(name)
         else:
             print(f"{name}: not compared: {missing}")
-    record: dict[str, Any] = {"machine": machine("numpy", "wgpu", "trimesh"), "scenes": {}}
+    record: dict[str, Any] = {"machine": machine("numpy", "wgpu"), "scenes": {}}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     for scene in options.scenes:
         rows = record["scenes"][scene] = compare(scene, engines)

@@ -78,7 +78,7 @@ def show(report: Report) -> None:
         result = row.result
         quality = result and result.quality
         timing = result and result.timing
-        cells = [row.planned.cell.method, row.planned.cell.column]
+        cells = [row.planned.cell.method, row.planned.cell.condition_name]
         cells.append("--" if not quality or quality.psnr is None else f"{quality.psnr:.2f} dB")
         cells.append("--" if not timing else f"{timing.fps:.1f} FPS, P50 {timing.p50_ms:.1f} ms")
         cells.append(f"{row.seconds:.1f} s")

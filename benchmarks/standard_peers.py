@@ -45,7 +45,7 @@ def _camera() -> Camera:
 
 def msb(scene: Scene) -> Frame:
     """Prepare ours: the image alone."""
-    from msb.render.standard import StandardRenderer
+    from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
     image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
@@ -54,7 +54,7 @@ def msb(scene: Scene) -> Frame:
 
 def msb_frame(scene: Scene) -> Frame:
     """Prepare ours: image, coverage, depth and face ids."""
-    from msb.render.standard import StandardRenderer
+    from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
     return lambda: renderer.render(camera, (0.0, 0.0, 0.0)).image
@@ -201,7 +201,7 @@ def engine(name: str) -> Callable[[Scene], Frame]:
     """Return what prepares one of our engines: a frame is image and depth as floats, and what else it has."""
 
     def prepare(scene: Scene) -> Frame:
-        from msb.render.protocol import find_renderer
+        from msb.render.backend import find_renderer
 
         renderer = find_renderer(name)(_asset(scene))
         camera = _camera()

@@ -14,13 +14,13 @@ from PIL import Image
 import msb
 from msb.topology import audit_arrays
 from msb_viewers.deployment.compose import Composer
-from msb_viewers.deployment.shots import Comparison, PathRenderers, choose_paths
+from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import CompareState, Layout
 from msb_viewers.deployment.views import View
 from msb_viewers.figure import compose, panel_images
 from msb_viewers.model import ViewModel, build_model
-from msb_viewers.source import read_source
 from msb_viewers.state import ViewState
+from msb_viewers.viewed_mesh import read_viewed_mesh
 from msb_viewers.viewer import TopologyViewer
 
 HERE = Path(__file__).parent
@@ -33,8 +33,8 @@ SHADES = 5
 
 def demo_model() -> ViewModel:
     """Return the demo asset as the viewer has it."""
-    source = read_source(ASSET)
-    return build_model(source, *audit_arrays(source.vertices, source.faces))
+    mesh = read_viewed_mesh(ASSET)
+    return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
 
 
 def viewer_picture(model: ViewModel) -> Image.Image:
@@ -67,23 +67,23 @@ def figure_picture(model: ViewModel) -> Image.Image:
 def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     """Return the deployment viewer's first view of the demo asset. Its times are this machine's."""
     asset = msb.load(ASSET)
-    paths, missing = choose_paths(asset, [], None, headless=True)
-    state = CompareState.first(Comparison(ASSET.name, asset, paths, missing), layout=layout)
+    tiers, missing = choose_tiers(asset, [], None, headless=True)
+    state = CompareState.first(Comparison(ASSET.name, asset, tiers, missing), layout=layout)
     state.message = ""
-    with PathRenderers(state.comparison) as renderers:
+    with TierRenderers(state.comparison) as renderers:
         view = View("", state.picture_camera(size))
-        renderers.shoot_all(view, state.wanted_paths())  # once before: drivers take their time at first
-        shots = renderers.shoot_all(view, state.wanted_paths())
+        renderers.shoot_all(view, state.wanted_tiers())  # once before: drivers take their time at first
+        shots = renderers.shoot_all(view, state.wanted_tiers())
     return Image.fromarray(Composer().compose(state, shots, size).image)
 
 
 def tutorial_picture() -> Image.Image:
-    """Return what the tutorial's `msb view --compare` writes."""
+    """Return what the tutorial's `msb compare` writes."""
     with tempfile.TemporaryDirectory() as folder:
         asset, picture = Path(folder) / "pebble.triasset", Path(folder) / "compare.png"
         msb.save(msb.export(STUBS / "models" / "walled" / "mesh_splatting"), asset)
         options = ["--camera", "DSC07950", "--screenshot", str(picture), "--size", "1000x760"]
-        command = [sys.executable, "-m", "msb", "view", "--compare", *options]
+        command = [sys.executable, "-m", "msb", "compare", *options]
         scene = STUBS / "scenes" / "mipnerf360" / "pebble"
         subprocess.run([*command, "--cameras", str(scene), str(asset)], check=True)
         return Image.open(picture).convert("RGB")

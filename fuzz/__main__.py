@@ -12,10 +12,10 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 
 from fuzz.targets import TARGETS
+from msb.extras import install, is_installed
 
 SLACK = 300
 """Seconds a worker may take beyond its time: for imports, seeds, and the last input."""
@@ -88,8 +88,8 @@ def main() -> int:
     unknown = [name for name in options.targets if name not in TARGETS]
     if unknown or not (options.targets or options.all):
         parser.error(f"there is no target {', '.join(unknown)}" if unknown else "name a target, or --all")
-    if find_spec("atheris") is None:
-        parser.error("atheris is not installed: pip install 'meshsplatbench[fuzz]'")
+    if not is_installed("atheris"):
+        parser.error(f"atheris is not installed: {install('fuzz')}")
     names = list(TARGETS) if options.all else options.targets
     print(f"{'target':26}{'executions':>12}{'edges':>8}{'deaths':>8}{'findings':>10}")
     with tempfile.TemporaryDirectory(prefix="msb-fuzz-corpus-") as temporary:

@@ -30,13 +30,13 @@ def export(path: Path) -> None:
 
 
 def two_dts_config(path: Path) -> None:
-    from msb.adapters.config import read_two_dts_config as read
+    from msb.methods.two_dts.adapter_config import read_config as read
 
     read(path.parent, path)
 
 
 def cfg_args(path: Path) -> None:
-    from msb.adapters.config import read_cfg_args as read
+    from msb.adapters.training_config import read_cfg_args as read
 
     read(path.parent)
 
@@ -98,13 +98,7 @@ def mask(path: Path) -> None:
 def dtu(path: Path) -> None:
     from msb.metrics import read_dtu_scan
 
-    read_dtu_scan(path.parent.parent, 1)
-
-
-def metric_mesh(path: Path) -> None:
-    from msb.metrics import read_ply
-
-    read_ply(path)
+    read_dtu_scan(next(folder for folder in path.parents if (folder / "ObsMask").is_dir()), 1)
 
 
 def vgg(path: Path) -> None:
@@ -124,13 +118,13 @@ def commands() -> Any:
     from typer.main import get_command
 
     from msb.cli.app import app
-    from msb.cli.settings import single_commands
+    from msb.cli.defaults import single_commands
 
     return single_commands(get_command(app))
 
 
 def settings(path: Path) -> None:
-    from msb.cli.settings import read_settings as read
+    from msb.cli.defaults import read_defaults as read
 
     with chdir(path.parent):
         read(commands())
@@ -144,19 +138,19 @@ def gate(path: Path) -> None:
 
 def report(path: Path) -> None:
     """Read a results folder of one record and make every table, page and finding of it, without figures."""
-    from msb.report.asset_tables import asset_tables, provenance
     from msb.report.collect import collect
     from msb.report.findings import find
-    from msb.report.results import read_results
+    from msb.report.results import load, result_set
+    from msb.report.tables.asset import asset_tables, provenance
 
-    results = read_results(path.parents[5])
+    results = result_set([load(path, path.parents[5])])
     numbers = collect(results)
     find(numbers)
-    for place, columns in results.places.items():
-        records = {column: loaded.result for column, loaded in columns.items()}
+    for place, conditions in results.places.items():
+        records = {condition: loaded.result for condition, loaded in conditions.items()}
         asset_tables(place, records, numbers)
         provenance(records)
-        for loaded in columns.values():
+        for loaded in conditions.values():
             for image in () if loaded.result.quality is None else loaded.result.quality.images:
                 loaded.file(image.file)
 

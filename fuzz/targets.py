@@ -45,7 +45,7 @@ def camera_target(kind: str, file: str, read: Callable[[Path], None] = readers.c
 
 
 def dtu_target(file: str) -> Target:
-    """Return the target of one MATLAB file of DTU's evaluation data; the others are good."""
+    """Return the target of one file of DTU's evaluation data; the others are good."""
     files = seeds.dtu_files()
     return Target(
         readers.dtu, lambda: [files[file]], file, beside={n: data for n, data in files.items() if n != file}
@@ -98,7 +98,7 @@ TARGETS: dict[str, Target] = {
     ),
     "dtu_grid": dtu_target("ObsMask/ObsMask1_10.mat"),
     "dtu_plane": dtu_target("ObsMask/Plane1.mat"),
-    "dtu_ply": Target(readers.metric_mesh, lambda: seeds.meshes(".ply"), "a.ply"),
+    "dtu_cloud": dtu_target("Points/stl/stl001_total.ply"),
     "vgg_npz": Target(readers.vgg, seeds.vgg_archives, "a.npz"),
     "vgg_safetensors": Target(readers.vgg, seeds.vgg_tensors, "a.safetensors"),
     "protocol": Target(readers.protocol, seeds.protocols, "protocol.toml"),
@@ -110,4 +110,4 @@ TARGETS: dict[str, Target] = {
     "published": Target(readers.published, seeds.published, "published.json"),
     "benchmark": Target(readers.benchmark, seeds.benchmarks, "bench.json"),
 }
-"""Reader -> target. DESIGN's list: assets, checkpoints, meshes, cameras, images, TOML, results."""
+"""Reader of files from outside -> target: assets, checkpoints, meshes, cameras, images, TOML, results."""

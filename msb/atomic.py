@@ -1,6 +1,7 @@
 """Outputs that appear whole or not at all.
 
-They are written beside their place under a temporary name, then renamed.
+They are written beside their place under a temporary name, then renamed. What is no regular file or folder, a
+device or a pipe, is written through: nothing can take its place.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ import os
 import re
 import secrets
 import shutil
+import stat
+import sys
+import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, cast
 
-from msb.errors import OutputError
+from msb.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,7 +29,8 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
     """Yield a binary file that takes the place of `path` when the block ends without an error.
 
     Missing parent folders are made. On any failure the temporary file is removed and `path` is as before.
-    A symbolic link at `path` is itself replaced, not what it points to.
+    A symbolic link at `path` is itself replaced, not what it points to; only one that leads to a device or
+    pipe is followed (`is_stream`).
 
     Parameters
     ----------
@@ -37,8 +42,14 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
     ------
     OutputError
         `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
+    UsageError
+        `OUTPUT_EXISTS`: `check_place` was told that the place is free, and it is no more.
     """
     target = _target(path)
+    if is_stream(target):
+        with _translated(target, None), _written_through(target) as file:
+            yield file
+        return
     temporary = _beside(target)
     with _translated(target, size):
         try:
@@ -49,7 +60,8 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            temporary.replace(target)
+            if not _moved_to_free_place(temporary, target):
+                temporary.replace(target)
         except BaseException:
             with contextlib.suppress(OSError):
                 temporary.unlink()
@@ -71,19 +83,23 @@ def new_folder(path: str | os.PathLike[str], *, size: int | None = None) -> Iter
     Raises
     ------
     OutputError
-        `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
+        `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming, and where a device or pipe is.
+    UsageError
+        `OUTPUT_EXISTS`, as `new_file`.
     """
     target = _target(path)
     temporary, aside = _beside(target), _beside(target)
     with _translated(target, size):
         try:
+            _refuse_stream(target)
             _make_parent(target)
             temporary.mkdir()
             yield temporary
             try:
-                if os.path.lexists(target):
-                    target.rename(aside)
-                temporary.rename(target)
+                if not _moved_to_free_place(temporary, target):
+                    if os.path.lexists(target):
+                        target.rename(aside)
+                    temporary.rename(target)
             except BaseException:
                 if os.path.lexists(aside) and not os.path.lexists(target):
                     aside.rename(target)
@@ -107,21 +123,35 @@ def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputEr
     return OutputError(error.code, error.message, file=target / file.relative_to(temporary), **where)
 
 
-def check_place(path: str | os.PathLike[str]) -> None:
+def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: bool = False) -> None:
     """Refuse a place where nothing can be written, before hours are spent on what should go there.
 
     Parameters
     ----------
     path : path-like
         Of a file or folder to be written; its parent folders need not exist.
+    folder : bool
+        A folder is to be written.
+    free : bool
+        Nothing is there, and what comes there meanwhile must not be replaced: `new_file` and `new_folder`
+        then move in only where there still is nothing, until `forget_free_places`.
 
     Raises
     ------
     OutputError
         `OUTPUT_UNWRITABLE`: the folder that would hold it, or the nearest one above that exists, cannot be
-        written in or is none.
+        written in or is none; or a device or pipe that is there cannot be written, or is to be a folder.
     """
     target = _target(path)
+    if is_stream(target):
+        if folder:
+            _refuse_stream(target)
+        if not os.access(target, os.W_OK):
+            text = f"it cannot be written: {os.strerror(errno.EACCES)}"
+            raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
+        return
+    if free:
+        _FREE.add(os.path.abspath(target))  # noqa: PTH100 - the name itself, not what a link there leads to
     with _translated(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.lstat()  # which leaves: a name too long
@@ -132,6 +162,26 @@ def check_place(path: str | os.PathLike[str]) -> None:
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
+def forget_free_places() -> None:
+    """Let what was found free be replaced from now on, as everything else; for the end of a command."""
+    _FREE.clear()
+
+
+def is_stream(path: str | os.PathLike[str]) -> bool:
+    """Return whether what is at `path` can only be written through, never be replaced.
+
+    These are devices, pipes and sockets, also by way of a link, and files this process holds open by their
+    descriptor: ``/dev/stdout``, ``/dev/fd/63``, ``/proc/self/fd/3``, whatever they lead to.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
+
+
+_FREE: set[str] = set()
+"""Places where nothing was when `check_place` looked."""
 _IS_FOLDER = "it is a folder; a file is to be written"
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
@@ -160,6 +210,118 @@ def _target(path: str | os.PathLike[str]) -> Path:
     if not possible:
         raise OutputError("OUTPUT_UNWRITABLE", "this is no name a file or folder can have", file=path)
     return target
+
+
+def _descriptor(path: str | os.PathLike[str]) -> int | None:
+    """Return the number of the open file of this process that `path` is another name of."""
+    place = Path(os.path.abspath(path))  # noqa: PTH100 - see check_place
+    if str(place.parent) == "/dev" and place.name in _STANDARD:
+        return _STANDARD.index(place.name)
+    opened = ("/dev/fd", f"/proc/{os.getpid()}/fd")
+    return int(place.name) if place.name.isdecimal() and os.path.realpath(place.parent) in opened else None
+
+
+@contextlib.contextmanager
+def _written_through(target: Path) -> Iterator[BinaryIO]:
+    """Yield a file, in which a writer may seek; when the block ends without an error it goes to `target`."""
+    with tempfile.TemporaryFile() as file:
+        yield cast("BinaryIO", file)
+        file.seek(0)
+        number = _descriptor(target)
+        if number == 1:
+            sys.stdout.flush()
+        # A descriptor goes on where it is; opened by its name a regular file would be written from its start.
+        number = os.open(target, os.O_WRONLY) if number is None else os.dup(number)
+        with os.fdopen(number, "wb") as stream:
+            shutil.copyfileobj(file, stream)
+
+
+def _refuse_stream(target: Path) -> None:
+    if is_stream(target):
+        text = "it is a device or pipe; a folder is to be written"
+        raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
+
+
+def _moved_to_free_place(temporary: Path, target: Path) -> bool:
+    """Move in, if the place was found free and still is; return False if it may be taken from what is there.
+
+    Raises
+    ------
+    UsageError
+        `OUTPUT_EXISTS`.
+    """
+    place = os.path.abspath(target)  # noqa: PTH100 - see check_place
+    if place not in _FREE:
+        return False
+    try:
+        _rename_to_new(temporary, target)
+    except FileExistsError as error:
+        text = "it was made while this ran, by another program; --force replaces it"
+        raise UsageError("OUTPUT_EXISTS", text, file=target) from error
+    _FREE.discard(place)
+    return True
+
+
+def _rename_to_new(source: Path, target: Path) -> None:
+    """Rename a file or folder to a name that nothing has; of two that do so at once one fails.
+
+    Linux and macOS have a call for this, and Windows' own renaming is one. A file system that does not know
+    it (NFS) mostly has hard links, which do the same for files. Where there is neither, the name is first
+    taken by an empty file or folder: still one of two fails, but for a moment, or after a kill in it, that is
+    what is there.
+
+    Raises
+    ------
+    FileExistsError
+    """
+    if os.name == "nt":
+        source.rename(target)
+        return
+    if _renamed_by_the_system(source, target):
+        return
+    if source.is_dir():
+        target.mkdir()
+    else:
+        try:
+            target.hardlink_to(source)
+        except FileExistsError:
+            raise
+        except OSError:
+            target.touch(exist_ok=False)
+        else:
+            source.unlink()
+            return
+    try:
+        source.replace(target)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            target.rmdir() if target.is_dir() else target.unlink()
+        raise
+
+
+def _renamed_by_the_system(source: Path, target: Path) -> bool:
+    """Return whether the system renamed, by a call that replaces nothing; False if that is not known here."""
+    import ctypes
+
+    library = ctypes.CDLL(None, use_errno=True)
+    names = os.fsencode(source), os.fsencode(target)
+    try:
+        if sys.platform == "darwin":
+            failed = library.renamex_np(*names, _RENAME_EXCL)
+        else:
+            failed = library.renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_NOREPLACE)
+    except AttributeError:  # another C library
+        return False
+    if failed and ctypes.get_errno() == errno.EEXIST:
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    return not failed
+
+
+_STANDARD = ("stdin", "stdout", "stderr")
+_AT_FDCWD, _RENAME_NOREPLACE = -100, 1
+"""Of linux/fcntl.h and linux/fs.h."""
+_RENAME_EXCL = 4
+"""Of macOS' stdio.h."""
 
 
 def _beside(target: Path) -> Path:

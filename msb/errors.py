@@ -6,6 +6,7 @@ exactly one exit status. The command line prints ``CODE: FILE: what is wrong, wh
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -131,7 +132,7 @@ EXIT_STATUS: dict[type[MsbError], int] = {
     Unsupported: 4,
     DeviceError: 5,
 }
-"""Class of failure -> exit status of the command line (DESIGN: Commands)."""
+"""Class of failure -> exit status of the command line, as the help of every command ends with."""
 
 
 class Code(NamedTuple):
@@ -234,6 +235,16 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
+def formula_safe(text: str) -> str:
+    """Return `text` as a cell of a CSV file that no spreadsheet runs: formulas with an apostrophe before.
+
+    These begin with one of = + - @, a tab or the end of a line; numbers, "--" and "1.5 (2/3)" stay. Quotation
+    marks would not help. Source: OWASP, "CSV Injection".
+    """
+    harmless = re.fullmatch(r"--|[+-]?[\d.]+( \(\d+/\d+\))?", text)
+    return text if harmless or not text.startswith(tuple("=+-@\t\r\n")) else f"'{text}"
+
+
 def _codes(kind: type[MsbError], table: dict[str, tuple[str, str]]) -> dict[str, Code]:
     return {name: Code(kind, summary, remedy) for name, (summary, remedy) in table.items()}
 
@@ -271,7 +282,10 @@ CODES: dict[str, Code] = {
     **_codes(
         UsageError,
         {
-            "USAGE": ("The command line is not one we understand.", "See --help, which shows an example."),
+            "USAGE": (
+                "The command line is not one we understand, or a call has an argument of the wrong kind.",
+                "See --help, which shows an example, or the function's docstring.",
+            ),
             "CONFIG_INVALID": (
                 "A file or variable sets what no option is called, or to what it cannot be.",
                 "Correct the file or variable named; msb config show --all lists what can be set.",
@@ -292,9 +306,9 @@ CODES: dict[str, Code] = {
                 "There is no layer, element, vertex or component of that name or number.",
                 "The message says what there is.",
             ),
-            "VIEW_PATH": (
-                "There is no path of that name, or it has no picture to compare.",
-                "The message says which paths there are: truth, reference, dedicated, standard.",
+            "VIEW_TIER": (
+                "There is no tier of that name, or it has no picture to compare.",
+                "The message says what there is to compare: truth, reference, dedicated, standard.",
             ),
             "OUTPUT_EXISTS": (
                 "The output exists and --force was not given.",
@@ -327,6 +341,10 @@ CODES: dict[str, Code] = {
             "CAMERA_UNKNOWN": (
                 "There is no camera of that name or number, or several.",
                 "The message lists some; names are those of the images.",
+            ),
+            "METHOD_NOT_LOADED": (
+                "A package's method is left out: it cannot be loaded, or its name is taken.",
+                "Update or remove the package; the other methods work as before.",
             ),
             "RENDERER_UNKNOWN": (
                 "There is no renderer of that name.",
@@ -370,8 +388,14 @@ CODES: dict[str, Code] = {
                 "Choose a device with more memory, or a smaller image or asset.",
             ),
             "DEVICE_BUILD": (
-                "A kernel does not build for the device.",
-                "This is a bug of ours or of the platform: report it with what --debug shows.",
+                "A kernel does not build for the device, or no device that was meant builds any.",
+                'After "unknown target CPU" the platform\'s compiler is older than the processor: install a '
+                "newer PoCL or Intel's runtime (docs/opencl.md). msb devices tries every device and says "
+                "what to do. Where a line of a kernel is named, report it with what --debug shows.",
+            ),
+            "DEVICE_LIMIT": (
+                "A kernel needs larger work-groups than the device allows for it.",
+                "Take another device: msb devices lists what there is, a CPU allows all that is needed.",
             ),
             "DEVICE_COMMAND": (
                 "The device refused or failed a command.",
@@ -445,6 +469,10 @@ CODES: dict[str, Code] = {
                 "The path exists but cannot be read as a regular file or folder.",
                 "Check its permissions; pipes and devices are not read.",
             ),
+            "FILE_NAMES_ALIKE": (
+                "Two files of a folder have one name, spelled in two Unicode normal forms (NFC and NFD).",
+                "Leave one of them; archives made on macOS bring the second.",
+            ),
             "FILE_NOT_RECOGNISED": (
                 "Neither the name nor the content is of a kind we read.",
                 "Give a .triasset, a .ply, .obj, .off, .stl or .glb file, or a folder of these.",
@@ -453,9 +481,13 @@ CODES: dict[str, Code] = {
                 "A result record is not one of ours, or was changed by hand.",
                 "The message names the key; docs/protocol.md has all of them. Run the cell again.",
             ),
+            "RECORD_MISPLACED": (
+                "A result record is not of the cell in whose place it lies.",
+                "Move it to cells/DATASET/SCENE/METHOD/CONDITION as its cell says, or run the cell again.",
+            ),
             "RESULTS_EMPTY": (
                 "The folder holds no result records.",
-                "Give the folder that msb run wrote: cells/DATASET/SCENE/METHOD/COLUMN/result.json.",
+                "Give the folder that msb run wrote: cells/DATASET/SCENE/METHOD/CONDITION/result.json.",
             ),
             "RENDERS_CHANGED": (
                 "An official rendering is not what the folder's SHA256SUMS says.",
@@ -527,7 +559,7 @@ CODES: dict[str, Code] = {
                 "Give bytes, or floats in [0, 1].",
             ),
             "METRIC_IMAGE_VALUE": (
-                "An image holds NaN or infinity, or floats that are bytes in disguise.",
+                "An image holds NaN, infinity or masked values, or floats that are bytes in disguise.",
                 "Give floats in [0, 1]; divide bytes by 255.",
             ),
             "METRIC_SIZES_DIFFER": (
@@ -565,10 +597,6 @@ CODES: dict[str, Code] = {
             "METRIC_MESH": (
                 "The mesh or points cannot be evaluated: wrong shape, index or coordinate.",
                 "Vertices are (V, 3) finite numbers, faces (F, 3) indices below V.",
-            ),
-            "METRIC_MESH_FILE": (
-                "The file is not a PLY that can be read.",
-                "Write it again; msb convert makes a PLY of any mesh.",
             ),
             "METRIC_MESH_SCALE": (
                 "Sampling the surface every 0.2 mm would take far too many points.",
@@ -734,8 +762,13 @@ CODES: dict[str, Code] = {
             "TRIASSET_FIELD_VALUE": ("A value is outside what the key allows.", _FIX_MANIFEST),
             "TRIASSET_FIELD_UNKNOWN": ("The format has no such key; it is ignored.", _FIX_MANIFEST),
             "TRIASSET_METHOD_UNKNOWN": (
-                '"method" is not one of the methods.',
-                "msb info of a good asset shows one; docs/triasset.md lists all.",
+                '"method" is no name of a method: it must be lower-case letters, digits and underscores.',
+                "msb methods lists the names; docs/triasset.md says what may be one.",
+            ),
+            "TRIASSET_METHOD_NOT_INSTALLED": (
+                "The asset's method is not installed: the asset is audited, converted and drawn on the "
+                "standard tier; its settings and its kernel are not checked.",
+                "Install the package that brings the method, if its own look is wanted, or mend the name.",
             ),
             "TRIASSET_PASS_UNKNOWN": ("A required pass is not one the format names.", _FIX_MANIFEST),
             "TRIASSET_SETTING_UNKNOWN": ("The method has no setting of that name.", _FIX_MANIFEST),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +12,30 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
+UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
+"""In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give PoCL a kernel cache of this session's own, child processes included, unless one is set.
+    """Give PoCL a kernel cache of this session's own, and show it the wheel alone; child processes included.
 
-    What a killed compiler leaves in a cache, or another version of the kernels, must not decide a test.
+    What a killed compiler leaves in a cache, another version of the kernels, or another platform that the
+    system happens to have, must not decide a test. A variable that is set holds; `tests.machines` sets them.
     """
-    if "POCL_CACHE_DIR" not in os.environ:
-        folder = tempfile.TemporaryDirectory(prefix="msb-test-pocl-", ignore_cleanup_errors=True)
-        os.environ["POCL_CACHE_DIR"] = folder.name
+    wanted = {"POCL_CACHE_DIR"} - os.environ.keys()
+    if not {"OCL_ICD_VENDORS", "MSB_DEVICE"} & os.environ.keys() and _the_wheel_is_installed():
+        wanted.add("OCL_ICD_VENDORS")  # in an empty folder the loader finds what lies beside pyopencl
+    for variable in wanted:
+        folder = tempfile.TemporaryDirectory(prefix="msb-test-", ignore_cleanup_errors=True)
+        os.environ[variable] = folder.name
         config.add_cleanup(folder.cleanup)
+
+
+def _the_wheel_is_installed() -> bool:
+    try:
+        return bool(metadata.version("pocl-binary-distribution"))
+    except metadata.PackageNotFoundError:
+        return False
 
 
 @pytest.fixture(scope="session")
@@ -36,6 +50,25 @@ def shared() -> Path:
     if not (SHARED / "golden").is_dir():
         pytest.skip(f"the shared data folder is absent ({SHARED.name} beside the repository)")
     return SHARED
+
+
+@pytest.fixture
+def unknown(tmp_path: Path) -> dict[str, str]:
+    """Return the variables of a process on a machine whose processor the PoCL wheel does not know."""
+    from msb.cl import loader, mend
+    from msb.cl.devices import found_devices
+
+    if not any(mend.is_wheel(handle) for _, handle in found_devices(loader.opencl())):
+        pytest.skip("the PoCL wheel is not here")
+    if mend.why_not():
+        pytest.skip(f"the wheel cannot be mended on this machine: {mend.why_not()}")
+    return {
+        "PYTHONPATH": f"{UNKNOWN_CPU}{os.pathsep}{ROOT}",
+        "POCL_CACHE_DIR": str(tmp_path / "pocl"),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "OCL_ICD_VENDORS": str(tmp_path),
+        **dict.fromkeys((mend.MEND_VARIABLE, "MSB_DEVICE", "PYOPENCL_CTX"), ""),
+    }
 
 
 TETRAHEDRON = (

@@ -47,6 +47,14 @@ def test_links_lead_somewhere() -> None:
             assert not anchor or anchor in anchors(place), f"{path.name}: {target}#{anchor}"
 
 
+def test_nothing_cites_a_document_that_is_not_here() -> None:
+    for folder in ("msb", "viewers", "tests", "fuzz", "docs", "benchmarks", "data_stubs"):
+        for path in (ROOT / folder).rglob("*"):
+            if path.suffix in (".py", ".cl", ".md", ".toml", ".html", ".js"):
+                found = re.findall(r"\bDESIG[N]\b|(?<!\w)\(spe[c]:", path.read_text(encoding="utf-8"))
+                assert not found, path
+
+
 def test_shipped_asset_is_what_its_script_makes(tmp_path: Path) -> None:
     msb.save(splat_like_asset(), tmp_path / "again.triasset")
     shipped = ROOT / "data_stubs" / "splat_like.triasset"

@@ -27,7 +27,7 @@ from msb.bench.run import run_protocol
 from msb.cli.app import app
 from msb.meshes import write_mesh
 from msb.meshes.assets import mesh_from_asset
-from msb.render.protocol import what_is_missing
+from msb.render.backend import what_is_missing
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -41,12 +41,12 @@ TWO_DTS = ROOT / "data_stubs" / "models" / "walled" / "two_dts"
 NOT_RUN = {
     r"make ": "installs everything; the continuous integration runs it",
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
-    r"msb view (?!.*--(screenshot|figure|html|web) )": "opens a window",
+    r"msb (view|compare) (?!.*--(screenshot|figure|html) )": "opens a window",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_cluster.py has one",
 }
 """Commands that are not run, and why. Of ours at least the options are parsed."""
 NEEDS = {
-    r"msb view (?!.*--(compare|web)).*--(screenshot|figure)": "view",
+    r"msb view .*--(screenshot|figure)": "view",
     r"msb-audit .*--cross-check": "crosscheck",
     r"msb render .*--renderer wgpu": "wgpu",
     r"msb bench .*--renderer threejs": "threejs",
@@ -161,7 +161,10 @@ def test_every_command_runs(
             (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
     paths = [str(ROOT), str(ROOT / "viewers")]
     if document == "docs/extending.md":
-        paths.append(str(installed(document, tmp_path / "site")))
+        site = installed(document, tmp_path / "site")
+        paths.append(str(site))
+        shutil.copy(site / "facets.toml", tmp_path)
+        subprocess.run([sys.executable, site / "make_facets.py"], cwd=tmp_path, check=True)
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],
         input=json.dumps([shlex.split(line) for line in lines]),
@@ -177,6 +180,9 @@ def test_every_command_runs(
     )
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     assert done.stdout.count("\n$ ") + 1 >= len(lines)
+    if document == "docs/extending.md":
+        report = tmp_path / "out" / "facets-report"
+        assert any("Facets" in path.read_text() for path in report.glob("*.html"))
 
 
 @pytest.mark.parametrize(
@@ -196,17 +202,27 @@ def test_python_runs(document: str, stand_ins: Path, tmp_path: Path) -> None:
 
 
 def installed(document: str, site: Path) -> Path:
-    """Return a folder that holds the package of `document` as pip would have installed it."""
-    (module,), (text,) = blocks(document, "python"), blocks(document, "toml")
-    project = tomllib.loads(text)["project"]
-    ((group, entries),) = project["entry-points"].items()
-    ((_, place),) = entries.items()
-    info = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    info.mkdir(parents=True)
-    (site / f"{place.partition(':')[0]}.py").write_text(module)
-    (info / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
-    rows = "".join(f"{name} = {value}\n" for name, value in entries.items())
-    (info / "entry_points.txt").write_text(f"[{group}]\n{rows}")
+    """Return a folder that holds the packages of `document` as pip would have installed them.
+
+    A block is the file that the line before it names; a pyproject.toml ends the files of a package.
+    """
+    text = (ROOT / document).read_text(encoding="utf-8")
+    for name, block in re.findall(
+        r"`([\w/.]+)`[^`\n]*:\n\n```\w+\n(.*?)^```", text, re.DOTALL | re.MULTILINE
+    ):
+        (site / name).parent.mkdir(parents=True, exist_ok=True)
+        (site / name).write_text(block)
+        if name != "pyproject.toml":
+            continue
+        project = tomllib.loads(block)["project"]
+        info = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
+        groups = [
+            f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
+            for group, entries in project["entry-points"].items()
+        ]
+        (info / "entry_points.txt").write_text("".join(groups))
     return site
 
 

@@ -1,39 +1,68 @@
-"""Who may import whom (DESIGN: Layout). The table below is the rule; the code is held to it."""
+"""Who may import whom, and what of others. The tables below are the rule; the code is held to them."""
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 ROOT = Path(__file__).parent.parent
-GROUND = {"errors", "methods", "atomic", "nesting", "asset", "scenes", "_version"}
+GROUND = {
+    "errors",
+    "extras",
+    "methods",
+    "atomic",
+    "bounded_parsing",
+    "files",
+    "paths",
+    "asset",
+    "scenes",
+    "_version",
+}
 """NumPy and the standard library only."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
     "__init__": GROUND | {"topology", "render", "adapters", "metrics"},
     "errors": set(),
-    "methods": set(),
+    # The registry and what methods declare: how their code reads datasets is said with `scenes`.
+    "methods": {"errors", "scenes"},
+    "extras": {"errors"},
     "atomic": {"errors"},
-    "nesting": set(),
+    "files": {"errors", "paths"},
+    "bounded_parsing": set(),
+    "paths": {"errors"},
     "_version": set(),
     "asset": GROUND,
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
-    "cl": {"errors"},
-    "topology": {"errors", "cl"},
-    "metrics": {"errors", "nesting"},
+    "cl": {"errors", "extras", "atomic", "_version"},
+    "topology": {"errors", "extras", "cl"},
+    "metrics": {"errors", "extras", "bounded_parsing", "files", "paths", "meshes"},
     "render": GROUND | {"cl"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes"},
-    "report": {"errors", "methods", "bench", "_version"},  # of bench, the records and what follows from them
+    # A method's folder, by role: what draws knows no checkpoint, the reference nothing that draws.
+    "methods.adapter": GROUND | {"adapters", "meshes"},
+    "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
+    "methods.reference": GROUND | {"reference"},
+    "methods.look": GROUND | {"render", "cl"},
+    # Of bench, the records and what follows from them.
+    "report": {"errors", "extras", "files", "methods", "bench", "paths", "_version"},
     "bench": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "reference", "engines", "cl"},
+    # What shows is below the commands that open it.
+    "viewers": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "cl"},
 }
-ANYTHING = {"cli", "viewers"}
+ANYTHING = {"cli"}
 LAZY = {
     "torch",
     "pyvista",
@@ -61,8 +90,10 @@ FOREIGN: dict[str, set[str]] = {
     "meshes": {"numpy", "trimesh"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
+    "methods.adapter": {"numpy", "yaml", "PIL"},
+    "methods.official": {"numpy", "PIL"},
     "render": {"numpy", "PIL", "OpenEXR", "av"},
-    "metrics": {"numpy", "scipy", "skimage", "trimesh", "PIL", "OpenEXR", "torch"},
+    "metrics": {"numpy", "scipy", "skimage", "PIL", "OpenEXR", "torch"},
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
@@ -70,6 +101,20 @@ FOREIGN: dict[str, set[str]] = {
     "report": {"pydantic", "PIL", "jinja2", "matplotlib"},
 }
 """Third-party packages a part may use; the ground and everything not named here: numpy."""
+DISTRIBUTIONS = {
+    "PIL": "pillow",
+    "yaml": "pyyaml",
+    "skimage": "scikit-image",
+    "OpenEXR": "openexr",
+    "igl": "libigl",
+    "vtkmodules": "pyvista",  # which depends on vtk
+    "distributed": "dask",
+    "pynvml": "nvidia-ml-py",
+    "mathutils": "bpy",
+    "gpu": "bpy",
+}
+"""Module -> what pip installs it by, where the two differ."""
+OURS = {"msb", "msb_viewers"}
 PEERS = {"igl", "pymeshlab", "manifold3d", "networkx"}
 MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py")])
 
@@ -77,8 +122,17 @@ MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py
 def part_of(path: Path) -> str:
     if path.is_relative_to(ROOT / "viewers"):
         return "viewers"
-    inside = path.relative_to(ROOT / "msb")
-    return inside.parts[0].removesuffix(".py")
+    return part_named(path.relative_to(ROOT / "msb").with_suffix("").parts)
+
+
+def part_named(names: Sequence[str]) -> str:
+    """Return the part of the module msb.NAMES; in a method's folder the role its name begins with."""
+    in_folder = names[0] == "methods" and len(names) > 2 and (ROOT / "msb" / "methods" / names[1]).is_dir()
+    return (
+        f"methods.{names[2].partition('_')[0]}"
+        if in_folder and names[2].islower() and names[2] != "__init__"
+        else names[0]
+    )
 
 
 def imports_of(path: Path) -> list[tuple[str, bool]]:
@@ -98,7 +152,15 @@ def imports_of(path: Path) -> list[tuple[str, bool]]:
             found += [(name.name, at_load) for name in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative imports hide which part is meant"
-            found.append((node.module or "", at_load))
+            module = node.module or ""
+            # Of what is imported from a method's folder its role is asked, not the folder's.
+            if module.startswith("msb.methods."):
+                roles = [
+                    f"{module}.{name.name}" if name.name != "METHOD" else "msb.methods" for name in node.names
+                ]
+            else:
+                roles = [module]
+            found += [(name, at_load) for name in roles]
     return found
 
 
@@ -108,7 +170,7 @@ def test_module_imports_only_what_its_part_may(path: Path) -> None:
     for name, at_load in imports_of(path):
         top, _, rest = name.partition(".")
         if top == "msb" and part not in ANYTHING:
-            target = rest.partition(".")[0]
+            target = part_named(rest.split("."))
             if target and target != part:
                 assert target in ALLOWED[part], f"{path}: {part} may not import msb.{target}"
         elif top == "msb_viewers" and part == "viewers":
@@ -117,6 +179,62 @@ def test_module_imports_only_what_its_part_may(path: Path) -> None:
             wanted = FOREIGN.get(part, {"numpy"})
             assert top in wanted, f"{path}: {part} may not import {top}"
             assert not (at_load and top in LAZY), f"{path}: import {top} inside the function that needs it"
+
+
+def installed_by(requirements: list[str]) -> set[str]:
+    """Return the names of distributions in `requirements`, as pyproject.toml writes them."""
+    return {re.split(r"[^\w.-]", line, maxsplit=1)[0].lower() for line in requirements}
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+CORE = installed_by(PROJECT["dependencies"])
+EXTRAS = {name: installed_by(lines) for name, lines in PROJECT["optional-dependencies"].items()}
+
+
+def others(path: Path) -> set[tuple[str, bool]]:
+    """Return what pip has to install for the module, and whether it is needed when the module loads."""
+    return {
+        (DISTRIBUTIONS.get(top, top), at_load)
+        for name, at_load in imports_of(path)
+        if (top := name.partition(".")[0]) not in sys.stdlib_module_names | OURS
+    }
+
+
+def test_what_loads_with_a_module_is_a_core_dependency() -> None:
+    needed = {name: path for path in MODULES for name, at_load in others(path) if at_load}
+    assert {name: path for name, path in needed.items() if name not in CORE} == {}
+
+
+def test_what_is_imported_is_installed_by_the_core_or_an_extra_that_is_asked_for() -> None:
+    used = {name for path in MODULES for name, _ in others(path)}
+    known = CORE.union(*(EXTRAS[name] for name in EXTRAS if name not in ("test", "fuzz", "all")))
+    assert used - known == set()
+
+
+def test_the_core_installs_nothing_that_only_runs_reports_and_viewers_use() -> None:
+    parts = [path for path in MODULES if part_of(path) not in ("bench", "report", "viewers")]
+    used = {name for path in parts for name, _ in others(path)}
+    # PoCL's wheel holds no module, and typer depends on pydantic anyway.
+    assert CORE - used == {"pocl-binary-distribution", "pydantic"}
+
+
+def test_an_error_about_an_extra_names_the_one_that_installs_the_module() -> None:
+    asked = set()
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("need_extra", "install"):
+                words = [str(a.value) for a in node.args if isinstance(a, ast.Constant)]
+                for extra in words[:1]:  # none in the function that is called itself
+                    asked.add(extra)
+                    installed = EXTRAS[extra] | OURS
+                    assert {DISTRIBUTIONS.get(word, word) for word in words[1:]} <= installed, path
+    assert asked == set(EXTRAS) - {"all", "test", "fuzz"}
+
+
+def test_all_is_every_extra_but_those_for_developers_and_the_largest() -> None:
+    (line,) = PROJECT["optional-dependencies"]["all"]
+    named = line.partition("[")[2].rstrip("]").split(",")
+    assert set(named) == set(EXTRAS) - {"all", "blender", "intel", "train", "docs", "fuzz", "test"}
 
 
 def test_only_crosscheck_knows_the_peers() -> None:

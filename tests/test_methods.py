@@ -1,11 +1,10 @@
-"""The table of methods and everything that has a line for each of them agree: docs/extending.md."""
+"""Every folder of a method holds what it must, and what it declares agrees with it: docs/extending.md."""
 
 from __future__ import annotations
 
 from data_stubs.trained import _WRITERS
-from msb.adapters.exporter import ADAPTERS
-from msb.methods import METHODS
-from msb.reference import RENDERERS
+from msb.adapters.exporter import adapters
+from msb.methods import BUILT_IN, METHODS, with_role
 from msb.scenes.datasets.rules import OURS, RULES
 from tests.conftest import ROOT
 
@@ -14,18 +13,25 @@ TRAINED = {name for name, method in METHODS.items() if method.native is not None
 
 
 def test_every_method_has_an_adapter() -> None:
-    assert ADAPTERS.keys() == METHODS.keys()
+    assert list(adapters()) == list(BUILT_IN)
+
+
+def test_the_registry_lists_every_folder() -> None:
+    folders = {path.parent.name for path in (ROOT / "msb" / "methods").glob("*/__init__.py")}
+    assert folders == set(BUILT_IN) == METHODS.keys()
 
 
 def test_every_method_with_a_reference_tier_has_a_reference_and_golden_images() -> None:
-    assert RENDERERS.keys() == {name for name, method in METHODS.items() if method.supports("reference")}
-    for name in RENDERERS:
+    supported = {name for name, method in METHODS.items() if method.supports("reference")}
+    assert {name for name, _ in with_role("reference")} == supported
+    for name in supported:
         assert list((ROOT / "tests" / "golden" / name).glob("*/views.npz")), name
         assert (ROOT / "tests" / "reference" / f"test_golden_{name}.py").exists()
 
 
 def test_every_trained_method_is_drawn_on_the_dedicated_tier_and_has_a_model_among_the_stubs() -> None:
     assert {name for name, method in METHODS.items() if method.supports("dedicated")} == TRAINED
+    assert {name for name, _ in with_role("look")} == {name for name, _ in with_role("official")} == TRAINED
     assert _WRITERS.keys() == TRAINED
 
 

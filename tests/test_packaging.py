@@ -116,8 +116,8 @@ COMMANDS = [
     ["render", "--turntable", "1", "-o", "s", "a.triasset"],  # kernels
     ["render", "--turntable", "1", "--tier", "dedicated", "-o", "d", "a.triasset"],
     ["view", "--html", "v.html", "a.triasset"],  # pages of the viewers
-    ["view", "--web", "w.html", "a.triasset"],
-    ["view", "--compare", *VIEW, "--paths", "standard,dedicated", "--html", "c.html", "a.triasset"],
+    ["web", "--out", "w.html", "a.triasset"],
+    ["compare", *VIEW, "--tiers", "standard,dedicated", "--html", "c.html", "a.triasset"],
     ["report", "--paper", "-o", "r"],  # the paper's tables, templates
 ]
 """Each needs files of the packages that are not code."""

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from msb.adapters import (
-    diffsoup,
-    diffsoup_web,
-    mesh,
-    mesh_splatting,
-    three_dgs,
-    triangle_splatting,
-    two_dgs,
-    two_dts,
-)
 from msb.adapters.content import Content, Options
 from msb.adapters.locate import locate
 from msb.asset import Asset, build_asset
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
-from msb.errors import CheckpointError, InputError, MsbError, UsageError, shorten
-from msb.methods import METHODS
+from msb.errors import CheckpointError, MsbError, Unsupported, UsageError, shorten
+from msb.files import file_sha256
+from msb.methods import BUILT_IN, METHODS, package_of, role, warn, with_role
 
 if TYPE_CHECKING:
     import os
@@ -32,8 +22,6 @@ if TYPE_CHECKING:
     from msb.adapters.locate import Place
     from msb.adapters.model import Model
     from msb.asset.progress import Progress
-
-_CHUNK = 1 << 24
 
 
 class Adapter(Protocol):
@@ -46,16 +34,14 @@ class Adapter(Protocol):
         """Return the model, or raise what is wrong with it."""
 
 
-ADAPTERS: dict[str, Adapter] = {
-    "two_dts": two_dts,
-    "mesh_splatting": mesh_splatting,
-    "triangle_splatting": triangle_splatting,
-    "diffsoup": diffsoup,
-    "two_dgs": two_dgs,
-    "three_dgs": three_dgs,
-    "mesh": mesh,
-}
-"""Method -> its adapter, in the order in which they are asked."""
+def adapters() -> dict[str, Adapter]:
+    """Return method -> its adapter, in the order in which they are asked: those of installed packages first.
+
+    Such a package knows of our methods, which do not know of it: what it writes may look like one of ours.
+    """
+    found = dict(with_role("adapter"))
+    others = [name for name in found if name not in BUILT_IN]
+    return {name: found[name] for name in (*others, *BUILT_IN)}
 
 
 def export(
@@ -139,9 +125,7 @@ def read_model(
     if method is not None:
         _refuse_other(content, method)
     chosen = method or _detect(content)
-    if place.kind == "web":
-        return diffsoup_web.read(place, content, options)
-    return ADAPTERS[chosen].read(place, content, options)
+    return _adapter(chosen).read(place, content, options)
 
 
 def detect(path: str | os.PathLike[str]) -> str:
@@ -154,35 +138,57 @@ def detect(path: str | os.PathLike[str]) -> str:
     return _detect(Content(locate(path)))
 
 
+def _adapter(method: str) -> Adapter:
+    found: Any = role(method, "adapter")
+    if found is None:
+        text = f"{METHODS[method].title} brings nothing that reads its models"
+        raise Unsupported("UNSUPPORTED_METHOD", text, value=method)
+    return cast("Adapter", found)
+
+
 def _detect(content: Content) -> str:
-    if content.place.kind == "web":
-        return "diffsoup"
-    for name, adapter in ADAPTERS.items():
-        if adapter.recognises(content):
-            return name
+    asked = adapters()
+    found = _recognising(content, asked)
+    if found is not None:
+        return found
     value = content.value
     if isinstance(value, dict):
         what = "its keys are " + (", ".join(shorten(str(key), 30) for key in list(value)[:8]) or "none")
     elif content.ply_names:
         what = "it is a PLY without faces, with " + ", ".join(content.ply_names[:8])
-    else:
+    elif content.place.kind == "torch":
         what = f"it holds a {type(value).__name__}"
-    text = f"{what}; that is no model of {', '.join(ADAPTERS)}"
+    else:
+        what = "its content is not what its name promises"
+    text = f"{what}; that is no model of {', '.join(asked)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
+
+
+def _recognising(content: Content, asked: Mapping[str, Adapter]) -> str | None:
+    """Return the first method whose adapter recognises `content`; a package's that fails is left out."""
+    for name, adapter in asked.items():
+        try:
+            if adapter.recognises(content):
+                return name
+        except MsbError:
+            raise
+        except Exception as error:
+            if name in BUILT_IN:
+                raise
+            warn(
+                name,
+                package_of(name),
+                f"its adapter fails: {type(error).__name__}: {shorten(str(error), 200)}",
+            )
+    return None
 
 
 def _refuse_other(content: Content, method: str) -> None:
     """Refuse a model that another method recognises, unless the one asked for can take it too."""
-    if content.place.kind == "web":
-        found = "diffsoup"
-    elif ADAPTERS[method].recognises(content):
+    if _adapter(method).recognises(content):
         return
-    else:
-        found = next((name for name, adapter in ADAPTERS.items() if adapter.recognises(content)), method)
-    # A mesh file does not say who wrote it: MeshSplatting and 2DGS take one as their own export.
-    if found == "mesh" and method in ("mesh_splatting", "two_dgs"):
-        return
-    if found == "two_dgs" and method == "mesh" and not content.ply_names:
+    found = _recognising(content, adapters()) or method
+    if found == "mesh" and METHODS[method].reads_meshes:
         return
     if found != method:
         text = f"it holds a {found} model; --method says {method}"
@@ -194,15 +200,7 @@ def _hashed(model: Model, progress: Progress | None) -> list[SourceFile]:
     meter = Meter("hashing the source", sum(sizes), progress)
     found = []
     for path, size in zip(model.files, sizes, strict=True):
-        digest = hashlib.sha256()
-        try:
-            with path.open("rb") as file:
-                while chunk := file.read(_CHUNK):
-                    digest.update(chunk)
-                    meter.advance(len(chunk))
-        except OSError as error:
-            raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
-        found.append(SourceFile(_relative(path, model.root), digest.hexdigest(), size))
+        found.append(SourceFile(_relative(path, model.root), file_sha256(path, meter.advance), size))
     return found
 
 

@@ -9,18 +9,19 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from msb.errors import CheckpointError, InputError
+from msb.errors import CheckpointError, InputError, MsbError
+from msb.files import open_error
+from msb.methods import METHODS
+from msb.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
-Kind = Literal["torch", "ply", "mesh", "web"]
+Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
-WEB_FILES = ("lut0.png", "lut1.png", "mlp_weights.json")
-"""What the web export of DiffSoup puts beside its mesh.ply."""
 STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
@@ -35,11 +36,11 @@ class Place:
     Attributes
     ----------
     file : Path
-        The file that holds it; of a web export its mesh.ply.
+        The file that holds it; of a model in several files the one that is read first.
     root : Path
         The output folder of the training, where configs and logs are looked for.
-    kind : {"torch", "ply", "mesh", "web"}
-        How the file is read.
+    kind : {"torch", "ply", "mesh", "bundle", "other"}
+        How the file is read: "bundle" with those beside it, "other" by its method's own code.
     """
 
     file: Path
@@ -49,7 +50,9 @@ class Place:
 
 def is_checkpoint(path: Path) -> bool:
     """Return whether `path` is named like a checkpoint: a torch file, or an output folder of a method."""
-    return path.suffix.lower() in TORCH_SUFFIXES if path.is_file() else _pick(path) is not None
+    if path.is_file():
+        return path.suffix.lower() in TORCH_SUFFIXES or _is_declared(path)
+    return _pick(path) is not None
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
@@ -63,7 +66,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
         `CHECKPOINT_UNKNOWN` for a folder that is none of those we know, or that holds several;
         `CHECKPOINT_FILE_MISSING` for an iteration without its model.
     """
-    path = Path(path)
+    path = given_path(path)
     try:
         is_folder = path.is_dir()
     except ValueError:  # a NUL in the name
@@ -90,10 +93,23 @@ def locate(path: str | os.PathLike[str]) -> Place:
 
 def _of_file(file: Path) -> Place:
     suffix = file.suffix.lower()
-    if file.name == "mesh.ply" and any((file.parent / name).exists() for name in WEB_FILES):
-        return Place(file, file.parent, "web")
+    if any(in_bundle(file, method.bundle) for method in METHODS.values()):
+        return Place(file, file.parent, "bundle")
     kind: Kind = "ply" if suffix == ".ply" else "mesh" if suffix in _OTHER_MESHES else "torch"
+    if kind == "torch" and suffix not in TORCH_SUFFIXES and _is_declared(file):
+        kind = "other"
     return Place(file, _root(file), kind)
+
+
+def in_bundle(file: Path, names: tuple[str, ...]) -> bool:
+    """Return whether `file` is the first of the files that `names` says hold a model together."""
+    return file.name in names[:1] and any((file.parent / name).exists() for name in names[1:])
+
+
+def _is_declared(file: Path) -> bool:
+    """Return whether a method says that its models are called so."""
+    names = (pattern.rpartition("/")[2] for method in METHODS.values() for pattern in method.files)
+    return any(re.fullmatch(_expression(name), file.name) for name in names)
 
 
 def _root(file: Path) -> Path:
@@ -123,29 +139,28 @@ def _pick(folder: Path) -> Path | None:
     try:
         return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
     except PermissionError as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=folder) from error
+        raise open_error(error, folder) from error
 
 
-def _diffsoup(folder: Path) -> Path | None:
-    file = folder / "final_params.pt"
-    return file if file.exists() else None
-
-
-def _diffsoup_web(folder: Path) -> Path | None:
-    if any((folder / name).exists() for name in WEB_FILES):
-        return folder / "mesh.ply"
+def _declared(folder: Path) -> Path | None:
+    """Return the file that a method's declaration names, in `folder` or in the folder of it that is given."""
+    for method in METHODS.values():
+        if any((folder / name).exists() for name in method.bundle[1:]):
+            return folder / method.bundle[0]
+        for pattern in method.files:
+            above, _, name = pattern.rpartition("/")
+            places = [folder / above]
+            if above and folder.name == above:
+                places.append(folder)
+            for place in places:
+                found = _latest(place, _expression(name)) if "{n}" in name else place / name
+                if found is not None and found.exists():
+                    return found
     return None
 
 
-def _two_dts(folder: Path) -> Path | None:
-    for name in (folder / "ckpt", folder) if folder.name == "ckpt" else (folder / "ckpt",):
-        if found := _latest(name, r"(\d+)\.ckpt"):
-            return found
-    return None
-
-
-def _two_dts_ply(folder: Path) -> Path | None:
-    return _latest(folder if folder.name == "point_cloud" else folder / "point_cloud", r"(\d+)\.ply")
+def _expression(name: str) -> str:
+    return re.escape(name).replace(re.escape("{n}"), r"(\d+)")
 
 
 def _iteration(folder: Path) -> Path | None:
@@ -181,12 +196,9 @@ def _gaussian_checkpoint(folder: Path) -> Path | None:
 
 
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
-    _diffsoup,
-    _diffsoup_web,
-    _two_dts,
+    _declared,
     _iteration,
     _state_dict,
-    _two_dts_ply,
     _fused,
     _gaussian_checkpoint,
 )
@@ -210,3 +222,16 @@ def _names(folder: Path) -> list[str]:
 
 def _folders(folder: Path) -> Iterator[Path]:
     return (folder / name for name in sorted(_names(folder)) if (folder / name).is_dir())
+
+
+def is_primitive_table(path: Path) -> bool:
+    """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
+    from msb.meshes.ply_table import ply_names
+
+    if path.suffix.lower() != ".ply":
+        return False
+    try:
+        names, has_faces = ply_names(path)
+    except MsbError:  # the mesh reader says what is wrong
+        return False
+    return not has_faces and bool({"x1", "rot_0"} & set(names))

@@ -6,9 +6,20 @@ Needs NumPy and the standard library only. The format itself is described in doc
 from __future__ import annotations
 
 from msb.asset.build import Description, build_asset
-from msb.asset.manifest import Manifest
+from msb.asset.container import is_asset
+from msb.asset.manifest import ASSET_SUFFIX, Manifest
 from msb.asset.reader import Asset, load
 from msb.asset.validation import validate
 from msb.asset.writer import save
 
-__all__ = ["Asset", "Description", "Manifest", "build_asset", "load", "save", "validate"]
+__all__ = [
+    "ASSET_SUFFIX",
+    "Asset",
+    "Description",
+    "Manifest",
+    "build_asset",
+    "is_asset",
+    "load",
+    "save",
+    "validate",
+]

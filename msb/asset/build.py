@@ -27,7 +27,7 @@ from msb.asset.manifest import (
 from msb.asset.progress import Meter
 from msb.asset.reader import Asset
 from msb.errors import AssetError
-from msb.methods import METHODS, TIERS
+from msb.methods import TIERS, lookup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -107,7 +107,7 @@ def build_asset(
         raise AssetError("TRIASSET_EMPTY", text)
     _refuse_bad_geometry(positions, indices)
     bounds, sphere = measure_bounds(positions)
-    passes = METHODS[description.method].passes if description.method in METHODS else {}
+    passes = lookup(description.method).passes
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(

@@ -50,6 +50,7 @@ def check_manifest(data: Any) -> list[Finding]:
         return _newer_minor(data) + found
     found += _check_counts(data)
     found += _check_bounds(data)
+    found += _check_method(data)
     found += _check_settings(data)
     for name, spec in data["buffers"].items():
         found += _check_buffer(name, spec, data)
@@ -123,7 +124,32 @@ def _check_bounds(data: Json) -> Iterator[Finding]:
             )
 
 
+def _check_method(data: Json) -> Iterator[Finding]:
+    """Yield what is wrong with the method's name and its kernel, as far as the method is known here."""
+    name, kernel = data["method"], data["coverage"]["kernel"]
+    if name not in METHODS:
+        yield finding(
+            "TRIASSET_METHOD_NOT_INSTALLED",
+            f"the method {name} is not installed: only the standard tier can show the asset; "
+            f"there are {', '.join(METHODS)}",
+            severity="warning",
+            pointer="/method",
+            value=name,
+        )
+        return
+    kernels = dict.fromkeys(method.coverage for method in METHODS.values())
+    if kernel not in kernels:
+        yield finding(
+            "TRIASSET_FIELD_VALUE",
+            f"/coverage/kernel is {describe(kernel)}; it must be one of {', '.join(kernels)}",
+            pointer="/coverage/kernel",
+            value=kernel,
+        )
+
+
 def _check_settings(data: Json) -> Iterator[Finding]:
+    if data["method"] not in METHODS:
+        return
     known = METHODS[data["method"]].settings
     for name, stored in data["settings"].items():
         pointer = f"/settings/{escape(name)}"

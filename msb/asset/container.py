@@ -6,17 +6,19 @@ import itertools
 import os
 import stat
 import zlib
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from msb.asset.manifest import MANIFEST_NAME
+from msb.asset.manifest import ASSET_SUFFIX, MANIFEST_NAME
 from msb.asset.packed import Member, parse_packed
-from msb.asset.paths import map_file, open_error
+from msb.asset.paths import map_member
 from msb.asset.strict_json import MAX_BYTES
 from msb.errors import AssetError, Finding, InputError, finding, shorten
+from msb.files import map_file, open_error
+from msb.paths import given_path
 
 if TYPE_CHECKING:
     import mmap
+    from pathlib import Path
 
 _CRC_CHUNK = 1 << 24
 _MAX_LISTED = 1000
@@ -115,7 +117,7 @@ class FolderContainer:
                 raise AssetError(
                     "TRIASSET_PATH_LINK", "buffers is a symbolic link", file=self.path, pointer="buffers"
                 )
-            data, status = map_file(self.path / file, asset=self.path, member=file)
+            data, status = map_member(self.path / file, file, asset=self.path)
             self._maps[file] = memoryview(data)
             self._link_counts[file] = status.st_nlink
         return self._maps[file], 0
@@ -167,6 +169,20 @@ def _mode(path: Path) -> int:
         return 0
 
 
+def is_asset(path: Path) -> bool:
+    """Return whether `path` is, or claims to be, an asset of either form.
+
+    Raises
+    ------
+    InputError
+        `FILE_UNREADABLE`: it may not be looked into.
+    """
+    try:
+        return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
+    except PermissionError as error:
+        raise open_error(error, path) from error
+
+
 def open_container(path: str | os.PathLike[str]) -> Container:
     """Open the asset at `path`, of either form, without reading any values.
 
@@ -178,14 +194,14 @@ def open_container(path: str | os.PathLike[str]) -> Container:
     AssetError
         When the container is malformed.
     """
-    path = Path(path)
+    path = given_path(path)
     try:
         is_folder = stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError) as error:
-        raise open_error(error, path, None) from error
+        raise open_error(error, path, "file or folder") from error
     if is_folder:
         return FolderContainer(path)
-    data, _ = map_file(path, asset=path)
+    data = map_file(path)
     if data[:4] not in (b"PK\x03\x04", b"PK\x05\x06"):
         tail = data[-(22 + 0xFFFF) :]
         if b"PK\x05\x06" in tail:

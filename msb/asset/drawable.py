@@ -76,6 +76,22 @@ def required_buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
     return array
 
 
+def require(asset: Asset, section: str, key: str, value: str) -> None:
+    """Refuse an asset whose manifest does not say `value` for `key` in one of its sections of parameters.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_FIELD_VALUE.
+    """
+    found = getattr(asset.manifest, section).get(key)
+    if found != value:
+        text = f"{section}.{key} is {found!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
+        raise AssetError(
+            "TRIASSET_FIELD_VALUE", text, file=asset.path, pointer=f"/{section}/{key}", value=found
+        )
+
+
 def _all_good(array: NDArray[Any], *, infinite: bool) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):
         if infinite:  # the least is NaN if any is

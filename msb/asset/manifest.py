@@ -17,6 +17,7 @@ FORMAT = "triasset"
 VERSION = "1.0"
 MAJOR = 1
 MINOR = 0
+ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
 ALIGNMENT = 64
 """Every buffer starts on this boundary: a cache line, and what GPUs ask of host pointers at most."""

@@ -42,6 +42,10 @@ class Asset:
     Whoever computes with the values checks them first: `load` does not read them. The mapping lives as
     long as an array refers to it. If another program shortens the file meanwhile, touching the lost pages
     ends the process, as with any memory mapping.
+
+    `copy.copy` shares the arrays and so the mapping. `copy.deepcopy` and `pickle` take the values along:
+    such a copy needs no file, and as much memory as its buffers have bytes. A process on the same machine
+    is better sent the path. `path` stays what it was.
     """
 
     manifest: Manifest
@@ -49,10 +53,24 @@ class Asset:
     path: Path | None = None
     warnings: tuple[Finding, ...] = ()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A mappingproxy is neither pickled nor copied, and arrays come back writable.
+        return _restored, (self.manifest, dict(self.buffers), self.path, self.warnings)
+
     def __repr__(self) -> str:
         m = self.manifest
         where = "in memory" if self.path is None else str(self.path)
         return f"<Asset {m.method}, {m.vertex_count} vertices, {m.face_count} faces, {where}>"
+
+
+def _restored(
+    manifest: Manifest, buffers: dict[str, NDArray[Any]], path: Path | None, warnings: tuple[Finding, ...]
+) -> Asset:
+    """Return the asset of these parts, its buffers read-only."""
+    views = {name: array.view() for name, array in buffers.items()}
+    for view in views.values():
+        view.flags.writeable = False
+    return Asset(manifest, MappingProxyType(views), path, warnings)
 
 
 def load(path: str | os.PathLike[str]) -> Asset:

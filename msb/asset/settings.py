@@ -6,7 +6,7 @@ import difflib
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import UsageError, shorten
-from msb.methods import METHODS, ORDERS, SAMPLINGS
+from msb.methods import ORDERS, SAMPLINGS, lookup
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
     UsageError
         As `check_overrides`, and `SETTING_VALUE` for an `sh_degree` above the stored one.
     """
-    method = METHODS[manifest.method]
+    method = lookup(manifest.method)
     overrides = check_overrides(manifest.method, overrides or {})
     degree = overrides.get("sh_degree")
     if isinstance(degree, int) and degree > manifest.sh_degree:
@@ -47,7 +47,7 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
     UsageError
         `SETTING_UNKNOWN` or `SETTING_VALUE`.
     """
-    known = METHODS[method].settings
+    known = lookup(method).settings
     for name, value in overrides.items():
         if name not in known:
             valid = ", ".join(known) or "none"
@@ -83,7 +83,7 @@ def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, Settin
     UsageError
         `USAGE` for a text that is no assignment; as `check_overrides` otherwise.
     """
-    known = METHODS[method].settings
+    known = lookup(method).settings
     found: dict[str, Any] = {}
     for text in assignments:
         name, equals, value = text.partition("=")

@@ -10,8 +10,8 @@ import json
 from typing import Any, NoReturn
 
 from msb.asset.manifest import MANIFEST_NAME
+from msb.bounded_parsing import json_nesting
 from msb.errors import AssetError, shorten
-from msb.nesting import json_nesting
 
 MAX_BYTES = 1 << 20
 """A manifest of 64 buffers is about 20 kB; one MiB leaves room and bounds the work."""

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import struct
 import zipfile
-from typing import IO, TYPE_CHECKING, Any, Literal
+from typing import IO, TYPE_CHECKING, Any, Literal, get_args
 
+from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.build import CHUNK_BYTES, as_bytes
 from msb.asset.check import check_manifest
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
 from msb.asset.progress import Meter
+from msb.asset.reader import Asset
 from msb.asset.strict_json import MAX_BYTES
 from msb.atomic import new_file, new_folder
-from msb.errors import AssetError
+from msb.errors import AssetError, UsageError, shorten
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
     from msb.asset.progress import Progress
-    from msb.asset.reader import Asset
 
+Form = Literal["packed", "folder"]
+FORMS: tuple[str, ...] = get_args(Form)
 _LOCAL_HEADER = 30
 _ZIP64_EXTRA = 20
 _PADDING_ID = 0xD935
@@ -33,7 +36,7 @@ _ZIP64_FROM = 1 << 30
 def save(
     asset: Asset,
     path: str | os.PathLike[str],
-    form: Literal["packed", "folder"] = "packed",
+    form: Form = "packed",
     *,
     progress: Progress | None = None,
 ) -> None:
@@ -52,12 +55,18 @@ def save(
 
     Raises
     ------
+    UsageError
+        `USAGE`: there is no such form, or `asset` is none.
     OutputError
         `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then.
     AssetError
         If `load` would refuse what is to be written: a manifest changed by hand, or buffers not of its
         shapes.
     """
+    check_type("asset", asset, Asset, AN_ASSET)
+    if form not in FORMS:
+        text = f'there is no form "{shorten(str(form), 40)}"; there are {", ".join(FORMS)}'
+        raise UsageError("USAGE", text, value=form)
     _refuse_unreadable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     meter = Meter("writing", size, progress)

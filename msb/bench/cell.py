@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.atomic import new_file
-from msb.bench.folder import RESULT, check_run
+from msb.bench.folder import RESULT, Results, check_run
 from msb.bench.job import MAIN, Done
 from msb.bench.parts import measure_audit, measure_chamfer, measure_timing, read_training
 from msb.bench.quality import measure_quality
-from msb.bench.records import Reason, Result, read_result
+from msb.bench.records import Reason, Result
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _kept(job: Job) -> dict[str, Any]:
     """Return what of the record there is outlives this job, as arguments of `Result`."""
     kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
     try:
-        old = read_result(job.folder / RESULT)
+        old = Results(job.root).read(job.cell)
     except MsbError:
         return kept
     for part in MEASURES:

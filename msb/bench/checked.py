@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, InputError, shorten
+from msb.files import read_file
 
 if TYPE_CHECKING:
     import os
@@ -26,13 +26,7 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD
     InputError
         FILE_NOT_FOUND, FILE_UNREADABLE or, where it is longer, `code`.
     """
-    try:
-        with Path(path).open("rb") as file:
-            data = file.read(max_bytes + 1)
-    except FileNotFoundError as error:
-        raise InputError("FILE_NOT_FOUND", "there is no such file", file=path) from error
-    except OSError as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
+    data = read_file(path, max_bytes)
     if len(data) > max_bytes:
         raise InputError(code, f"it is longer than {max_bytes:,} bytes", file=path)
     return data

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.bench.records import File
-from msb.errors import InputError
+from msb.files import file_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_CHUNK = 1 << 22
 _SHORT = 16
 
 
@@ -24,26 +23,6 @@ def digest(data: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:_SHORT]
 
 
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    """
-    found = hashlib.sha256()
-    try:
-        with path.open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                found.update(chunk)
-    except FileNotFoundError as error:
-        raise InputError("FILE_NOT_FOUND", "there is no such file", file=path) from error
-    except OSError as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
-    return found.hexdigest()
-
-
 def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
     """Return the SHA-256 of a list of (name, hash), as ``sha256sum`` would write it, sorted by name."""
     lines = "".join(f"{sha256}  {name}\n" for name, sha256 in sorted(hashes))
@@ -51,7 +30,7 @@ def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
 
 
 def describe_file(path: Path) -> File:
-    """Return path, size and hash of a file, or of a folder with all below it; errors as of `file_sha256`."""
+    """Return path, size and hash of a file, or of a folder with all below it; errors as of `msb.files`."""
     if not path.is_dir():
         sha256 = file_sha256(path)
         return File(path=str(path), bytes=path.stat().st_size, sha256=sha256)

@@ -8,18 +8,21 @@ import os
 import platform
 import secrets
 import time
+import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from msb.atomic import new_file, remove_leftovers
 from msb.bench.checked import read_json
-from msb.errors import MsbError, OutputError, UsageError
+from msb.bench.records import read_result
+from msb.errors import InputError, MsbError, OutputError, UsageError
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from msb.bench.records import Cell
+    from msb.bench.records import Cell, Result
 
 RESULT = "result.json"
 _LOCK = ".lock"
@@ -35,7 +38,7 @@ class Results:
 
     def cell(self, cell: Cell) -> Path:
         """Return the folder of one cell's record and images."""
-        return self.root / "cells" / cell.dataset / cell.scene / cell.method / cell.column
+        return self.root / "cells" / cell.dataset / cell.scene / cell.method / cell.condition_name
 
     def record(self, cell: Cell) -> Path:
         """Return the file of one cell's record."""
@@ -44,6 +47,34 @@ class Results:
     def records(self) -> list[Path]:
         """Return all records there are, sorted."""
         return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
+
+    def read(self, cell: Cell) -> Result:
+        """Return one cell's record.
+
+        Raises
+        ------
+        InputError
+            As `read_result` and `check_place`.
+        """
+        path = self.record(cell)
+        result = read_result(path)
+        self.check_place(result, path)
+        return result
+
+    def check_place(self, result: Result, path: Path) -> None:
+        """Refuse a record that does not lie in its cell's place: its numbers would be taken for another's.
+
+        Raises
+        ------
+        InputError
+            RECORD_MISPLACED.
+        """
+        cell, place = result.cell, self.record(result.cell)
+        # A file system, or an archive of it, may have another form of the same name.
+        if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
+            own = "/".join((cell.dataset, cell.scene, cell.method, cell.condition_name))
+            text = f"it is of {own}, and does not lie there"
+            raise InputError("RECORD_MISPLACED", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
         """Return the folder of the photographs as they are compared."""
@@ -71,6 +102,7 @@ def exclusive(root: Path) -> Iterator[str]:
     OutputError
         OUTPUT_UNWRITABLE.
     """
+    need_extra("bench", "filelock", what="a folder of results")
     from filelock import FileLock, Timeout
 
     try:

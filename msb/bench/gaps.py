@@ -1,4 +1,4 @@
-"""Deployment gaps and slowdowns, from records: what is lost from path to path (paper: "Multi-Modal Audit").
+"""Deployment gaps and slowdowns, from records: what is lost between conditions (paper: "Multi-Modal Audit").
 
 With a metric's orientation s (+1 where higher is better) the signed losses are a = s (Q_ne - Q_ded),
 p = s (Q_ded - Q_std) and d = s (Q_ne - Q_std), positive where something is lost. The paper's gaps are their
@@ -9,10 +9,11 @@ where Dedicated lies between the other two (`Gaps.monotone`); `Gaps.triangle_exc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from msb.bench.aggregate import METRICS, mean_over
+from msb.bench.machine import OF_THE_MOMENT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -51,6 +52,9 @@ class Gap:
         Of a dataset: the mean of the scenes' absolute gaps, which is never less than `value`.
     scenes, expected : int
         Scenes it is over, and scenes there should be.
+    ends : (float, float), optional
+        The two means it is between, over just those scenes: what may be printed beside it. The mean of all
+        scenes a condition has is of others where some are missing.
     """
 
     value: float | None
@@ -59,6 +63,7 @@ class Gap:
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
+    ends: tuple[float, float] | None = None
 
     @property
     def partial(self) -> bool:
@@ -162,9 +167,13 @@ def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterabl
             found[name] = Gap(None, reason=_commonest(reasons), scenes=0, expected=len(wanted))
             continue
         means = (math.fsum(both[side] for both in values.values()) / len(values) for side in (0, 1))
-        gap = _gap(metric, *means)
         each = [abs(first - second) for first, second in values.values()]
-        found[name] = Gap(gap.value, gap.signed, None, math.fsum(each) / len(each), len(each), len(wanted))
+        found[name] = replace(
+            _gap(metric, *means),
+            mean_abs_scene_gap=math.fsum(each) / len(each),
+            scenes=len(each),
+            expected=len(wanted),
+        )
     return _together(metric, found, same_scenes=len(set(covered.values())) == 1)
 
 
@@ -253,7 +262,7 @@ def _gap(metric: str, first: float | None, second: float | None) -> Gap:
     if first is None or second is None:
         return Gap(None, reason="not_measured", scenes=0)
     loss = first - second if better == "higher" else second - first
-    return Gap(abs(first - second), loss, None, abs(first - second))
+    return Gap(abs(first - second), loss, None, abs(first - second), ends=(first, second))
 
 
 def _together(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = True) -> Gaps:
@@ -284,4 +293,7 @@ def _identity(result: Result, metric: str) -> dict[str, object] | None:
 
 
 def _device(result: Result) -> object:
-    return None if result.device is None else result.device.get("device", result.device)
+    device = None if result.device is None else result.device.get("device", result.device)
+    if not isinstance(device, dict):
+        return device
+    return {key: value for key, value in device.items() if key not in OF_THE_MOMENT}

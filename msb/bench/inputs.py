@@ -11,12 +11,13 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.bench.digest import digest, file_sha256
+from msb.bench.digest import digest
 from msb.bench.parts import mask_files, scan_number
 from msb.bench.photographs import Views, views_of
 from msb.bench.quality import identities, lpips_network
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
+from msb.files import file_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from msb.bench.photographs import SceneAt
 
 _SHORT = 16
+_MEMORY = "of all test views"
+"""What the memory of a timing is of. Records of before it was said had that of the views the clock saw."""
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
@@ -40,7 +43,7 @@ class Known:
     Attributes
     ----------
     warnings : mapping of str
-        Lines about the scenes read, as keys.
+        Lines about the scenes read, and about records that are not valid, as keys.
     """
 
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
@@ -95,6 +98,7 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
                 **_images(job, known),
                 "device": _device(known.device),
                 "clock": f"{job.frames} frames, {job.seconds:g} s",
+                "memory": _MEMORY,
             }
     if job.training is not None and job.cell.renderer is None:
         found["training"] = {"file": known.hash(job.training)}
@@ -118,7 +122,7 @@ def _images(job: Job, known: Known) -> Inputs:
 
 
 def _renderer(name: str) -> str:
-    from msb.render.protocol import find_renderer
+    from msb.render.backend import find_renderer
 
     made: Any = find_renderer(name)
     installed = getattr(made, "installed", None)

@@ -72,7 +72,7 @@ class Job:
     @property
     def name(self) -> str:
         """What progress shows."""
-        return " ".join((self.cell.dataset, self.cell.scene, self.cell.method, self.cell.column))
+        return " ".join((self.cell.dataset, self.cell.scene, self.cell.method, self.cell.condition_name))
 
     @property
     def folder(self) -> Path:

@@ -7,9 +7,14 @@ import platform
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
+from msb.methods import METHODS, package_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})
+"""Keys of an OpenCL device's record that do not tell which device it is. PoCL looks up in every process how
+much memory a CPU has; where that varies, as in some virtual machines, two are told two figures."""
 
 
 def machine(
@@ -46,12 +51,12 @@ def machine(
         record["device"] = dict(engine)
     elif opencl:
         from msb.cl.devices import choose_device
+        from msb.cl.kernel_text import kernels_hash
         from msb.cl.programs import build_options
-        from msb.cl.source import kernels_hash
 
         chosen = choose_device(device).record
         record["pyopencl"] = version("pyopencl")
         record["device"] = chosen.to_dict()
         record["build_options"] = list(build_options(chosen))
-        record["kernels_sha256"] = kernels_hash()
+        record["kernels_sha256"] = kernels_hash(tuple(map(package_of, METHODS)))
     return record

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from msb.adapters.exporter import detect, finish, read_model
 from msb.adapters.locate import locate
-from msb.asset import Asset, load, save
+from msb.asset import ASSET_SUFFIX, Asset, load, save
 from msb.asset.manifest import MANIFEST_NAME
 from msb.atomic import new_file
 from msb.bench.checked import checked, read_json
@@ -19,7 +19,6 @@ from msb.bench.protocol import AUTO
 from msb.bench.records import File, Record
 from msb.errors import CheckpointError, MsbError
 
-ASSET_SUFFIX = ".triasset"
 _MAX_BYTES = 1 << 20
 _BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 

@@ -6,6 +6,7 @@ import contextlib
 from typing import Any, Literal
 
 from msb.bench.records import Count, Record
+from msb.extras import install
 
 
 class Gpu(Record):
@@ -38,7 +39,7 @@ class Gpus:
             self._handles = [pynvml.nvmlDeviceGetHandleByIndex(index) for index in range(count)]
             self._before = [pynvml.nvmlDeviceGetMemoryInfo(handle).used for handle in self._handles]
         except ImportError:
-            self._reason = "the extra gpu is not installed (pip install 'meshsplatbench[gpu]')"
+            self._reason = f"the extra gpu is not installed: {install('gpu')}"
         except Exception as error:  # NVML's own error class is made when it loads
             self._reason = f"NVML: {error}"
         if not self._handles and self._reason is None:

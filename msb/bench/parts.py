@@ -34,7 +34,7 @@ def measure_timing(job: Job) -> dict[str, Any]:
         Whatever is wrong with scene, asset or device.
     """
     from msb.bench.profile import profile
-    from msb.render.protocol import find_renderer
+    from msb.render.backend import find_renderer
 
     if job.cell.renderer and not hasattr(find_renderer(job.cell.renderer), "draw"):
         text = f"{job.cell.renderer} cannot draw without reading its image back, so it is not timed"
@@ -56,7 +56,7 @@ def measure_timing(job: Job) -> dict[str, Any]:
         stages_ms=dict(found.stages),
         device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
     )
-    return {"timing": timing, "memory": grouped(found.memory), "device": about}
+    return {"timing": timing, "memory": grouped(found.memory, found.memory_groups), "device": about}
 
 
 def measure_audit(job: Job) -> dict[str, Any]:

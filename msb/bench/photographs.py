@@ -1,24 +1,38 @@
-"""Scenes of a run: read, hashed, and their photographs written once as they are compared."""
+"""Scenes of a run: read, hashed, and their photographs written once as they are compared.
+
+Beside the copies lies a list of their hashes and of what they were made from. At the start of every run they
+are read and held to it: a copy that was edited or has rotted would make every later number wrong.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from msb.atomic import new_folder
-from msb.bench.digest import digest, file_sha256
+from msb.atomic import new_file, new_folder
+from msb.bench.checked import read_json
+from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
 from msb.bench.ground_truth import ground_truth
 from msb.bench.records import Setup
-from msb.errors import UsageError
+from msb.errors import MsbError, UsageError
+from msb.files import file_sha256
 from msb.render.images import image_names, write_image
 from msb.scenes.datasets import Scene, read_scene
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping
 
     from msb.scenes import Camera
+
+HASHES = "hashes.json"
+"""In every folder of ground truth: what it was made from, and the SHA-256 of each file."""
+SCHEMA = "msb.ground_truth/1"
+_MAX_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
@@ -66,11 +80,14 @@ class Views:
     photographs : str
         Of files, sizes, masks and background: the name of the folder with the ground truth.
     setup : Setup
+    names : tuple of str
+        Of the images, without suffix, as renderings and ground truth are called.
     """
 
     cameras: str
     photographs: str
     setup: Setup
+    names: tuple[str, ...]
 
 
 def views_of(scene: Scene) -> Views:
@@ -100,6 +117,7 @@ def views_of(scene: Scene) -> Views:
             background=scene.background,
             mask_source=scene.mask_source,
         ),
+        names=tuple(image_names(scene.test)),
     )
 
 
@@ -134,8 +152,11 @@ class PhotographTask:
         return Results(self.root).ground_truth(self.scene.dataset, self.scene.name, self.views.photographs)
 
 
-def write_photographs(task: PhotographTask) -> None:
-    """Write the test photographs as they are compared, named as renderings are; nothing if they are there.
+def write_photographs(task: PhotographTask) -> str | None:
+    """Write the test photographs as they are compared, named as renderings are, unless they are there.
+
+    What is there is read and must be what was written, file by file. Else all of it is written again, and
+    what was wrong is returned.
 
     Raises
     ------
@@ -144,12 +165,52 @@ def write_photographs(task: PhotographTask) -> None:
     InputError, SceneError, MetricError, OutputError
     """
     check_run(task.root, task.run)
-    if task.folder.is_dir():
-        return
+    there = task.folder.is_dir()
+    wrong = _what_differs(task.folder, task.views) if there else None
+    if there and wrong is None:
+        return None
     scene = checked_scene(task.scene, task.views)
     with new_folder(task.folder) as folder:
-        for name, camera in zip(image_names(scene.test), scene.test, strict=True):
+        for name, camera in zip(task.views.names, scene.test, strict=True):
             write_image(folder / f"{name}.png", ground_truth(scene, camera), "png")
+        about = _about(task.views, _hashes_below(folder))
+        with new_file(folder / HASHES) as file:
+            file.write(json.dumps(about, indent=1).encode() + b"\n")
+    return wrong
+
+
+def _about(views: Views, files: Mapping[str, str]) -> dict[str, object]:
+    return {"schema": SCHEMA, "photographs": views.photographs, "files": files}
+
+
+def _what_differs(folder: Path, views: Views) -> str | None:
+    """Return what is not as it was written, None if everything is."""
+    try:
+        about = read_json(folder / HASHES, _MAX_BYTES)
+        found = _hashes_below(folder)
+    except MsbError as error:
+        return f"{Path(str(error.file)).name}: {error.message}"
+    files = about.get("files") if isinstance(about, dict) else None
+    names = {f"{name}.png" for name in views.names}
+    if not isinstance(files, dict) or about != _about(views, files) or set(files) != names:
+        return f"{HASHES} is not of these photographs"
+    # What systems hide in folders that are looked at is no harm.
+    others = {name for name in found if not Path(name).name.startswith(".")}
+    for name in sorted(names | others):
+        if found.get(name) != files.get(name):
+            how = "is gone" if name not in found else "was changed" if name in names else "is none of them"
+            return f"{name} {how}"
+    return None
+
+
+def _hashes_below(folder: Path) -> dict[str, str]:
+    """Return name -> SHA-256 of all files below but the list itself; "" of what is none."""
+    files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
+    return {
+        file.relative_to(folder).as_posix(): file_sha256(file) if file.is_file() else ""
+        for file in sorted(files)
+        if file != folder / HASHES
+    }
 
 
 def checked_scene(at: SceneAt, views: Views) -> Scene:

@@ -14,9 +14,10 @@ from msb.bench.job import MAIN, Job
 from msb.bench.models import Model, ModelTask, method_of
 from msb.bench.photographs import SceneAt
 from msb.bench.protocol import AUTO, REFERENCE, overrides
-from msb.bench.records import CONDITIONS, Cell, Reason, read_result
+from msb.bench.records import CONDITIONS, Cell, Reason
 from msb.errors import InputError, MsbError, UsageError
-from msb.methods import METHODS
+from msb.files import file_sha256
+from msb.methods import METHODS, lookup
 from msb.scenes.datasets import DATASETS, OURS, RULES, evaluation_background, find_scenes
 
 if TYPE_CHECKING:
@@ -72,7 +73,8 @@ class Planned:
     job : Job, optional
         With the parts to be computed; None where there is nothing to do, or nothing can be done.
     why : mapping of Part to str
-        For each part to be computed: "new", "failed before", "asked for", or what changed.
+        For each part to be computed: "new", "failed before", "asked for", what changed, or what is wrong with
+        its record or a rendering.
     status : {"done", "pending", "failed", "unsupported"}
         "done": everything is on record and holds. "failed" and "unsupported" have a `reason`.
     reason : Reason, optional
@@ -96,7 +98,7 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
         USAGE: nothing is selected. RUN_PATH_NAME: a path is not UTF-8, as records in JSON must be.
     """
     check_names(file.path.absolute(), file.results)
-    columns = (*CONDITIONS, *file.protocol.engines)
+    conditions = (*CONDITIONS, *file.protocol.engines)
     found: list[Pair] = []
     names_there: dict[str, None] = {}
     for dataset in file.protocol.datasets:
@@ -109,12 +111,12 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
                 names = {"dataset": dataset.name, "scene": path.name, "method": method.name}
                 names_there |= dict.fromkeys(names.values())
                 methods = METHODS if method.name == AUTO else (method.name,)
-                if _matches((dataset.name, path.name, *methods, *columns), only):
+                if _matches((dataset.name, path.name, *methods, *conditions), only):
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
                     found.append(Pair(dataset, method, path.name, path, model))
     if only and not found:
-        raise _nothing(only, (*names_there, *columns))
+        raise _nothing(only, (*names_there, *conditions))
     return found
 
 
@@ -166,7 +168,7 @@ class Planner:
         for pair in pairs:
             for planned in self._cells(pair, models.get(pair)):
                 cell = planned.cell
-                key = (cell.dataset, cell.scene, cell.method, cell.column)
+                key = (cell.dataset, cell.scene, cell.method, cell.condition_name)
                 if key in cells:
                     text = f"/methods: two models of {cell.method} on {cell.scene}; give each its own results"
                     raise InputError("PROTOCOL_INVALID", text, file=self.file.path, pointer="/methods")
@@ -188,7 +190,7 @@ class Planner:
         for condition in conditions:
             if condition == "non_engine" and pair.method.non_engine is None:
                 continue
-            if pair.model is None and condition != "non_engine" and METHODS[name].supports("standard"):
+            if pair.model is None and condition != "non_engine" and lookup(name).supports("standard"):
                 continue  # the protocol has official renderings of it only
             cell = Cell(dataset=pair.dataset.name, scene=pair.scene, method=name, condition=condition)
             yield self._one(pair, model, cell)
@@ -197,6 +199,8 @@ class Planner:
                     yield self._one(pair, model, cell.model_copy(update={"renderer": engine}))
 
     def _one(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Planned:
+        if not selected(cell, self.only):  # left out by `plan`, so nothing of it need be read
+            return Planned(cell, None)
         why = self._unsupported(pair, model, cell)
         if why is not None:
             return Planned(cell, None, status="unsupported", reason=why)
@@ -223,7 +227,7 @@ class Planner:
             return None
         if isinstance(model, MsbError) and model.code == "UNSUPPORTED_METHOD":
             return reason_of(model)
-        reasons = METHODS[cell.method].unsupported
+        reasons = lookup(cell.method).unsupported
         if tier is None:  # an exported mesh: of anything that has triangles
             tier = "standard" if len(reasons) == len(_TIERS) else None
         if tier is None or tier not in reasons:
@@ -283,15 +287,19 @@ class Planner:
 
     def _todo(self, job: Job, wanted: Mapping[Part, Inputs]) -> dict[Part, str]:
         """Return the parts to be computed, and why."""
+        bad: str | None = None
+        old: Result | None = None
         try:
-            old: Result | None = read_result(self.results.record(job.cell))
-        except MsbError:
-            old = None
+            old = self.results.read(job.cell)
+        except MsbError as error:
+            if error.code != "FILE_NOT_FOUND":
+                bad = f"bad record: {error.message}"
+                self.known.warnings[f"{error}; the cell is computed again"] = None
         found: dict[Part, str] = {}
         for part, inputs in wanted.items():
-            why = "asked for" if self.redo else _difference(part, inputs, old)
-            if why is None and part == "quality" and not (job.folder / "images").is_dir():
-                why = "images gone"
+            why = "asked for" if self.redo else bad or _difference(part, inputs, old)
+            if why is None and part == "quality" and old is not None:
+                why = _image_changed(job.folder, old)
             if why is not None:
                 found[part] = why
         return found
@@ -309,13 +317,31 @@ def _difference(part: Part, inputs: Inputs, old: Result | None) -> str | None:
     return f"{', '.join(changed)} changed" if changed else None
 
 
+def _image_changed(folder: Path, old: Result) -> str | None:
+    """Return which rendering is not the file that was compared, None if all are."""
+    if old.quality is None:
+        return "images not on record"
+    for image in old.quality.images:
+        if image.file is None or image.sha256 is None:
+            return "images not hashed"
+        try:
+            if not (folder / image.file).is_file():
+                return f"{image.file} gone"
+            if file_sha256(folder / image.file) != image.sha256:
+                return f"{image.file} changed"
+        except (MsbError, OSError) as error:
+            return f"{image.file}: {error}"
+    return None
+
+
 def selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether a cell is among those asked for.
 
     Each text of `only` is one or more patterns (``*`` and ``?``) with slashes between; each pattern must
-    match the cell's dataset, scene, method, condition or column. One text suffices; none selects every cell.
+    match the cell's dataset, scene, method, condition or renderer. One text suffices; none selects every
+    cell.
     """
-    return _matches((cell.dataset, cell.scene, cell.method, cell.condition, cell.column), only)
+    return _matches((cell.dataset, cell.scene, cell.method, cell.condition, cell.condition_name), only)
 
 
 def _matches(names: Sequence[str], only: Sequence[str]) -> bool:

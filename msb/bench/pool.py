@@ -15,6 +15,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from msb.errors import DeviceError, UsageError, shorten
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -191,11 +192,9 @@ class DaskWorkers:
     """
 
     def __init__(self, address: str) -> None:
-        try:
-            import distributed
-        except ImportError as error:
-            text = "--scheduler needs the extra distributed: pip install 'meshsplatbench[distributed]'"
-            raise UsageError("EXTRA_MISSING", text) from error
+        need_extra("distributed", "distributed", what="--scheduler")
+        import distributed
+
         try:
             connect: Any = distributed.Client
             self._client = connect(address, timeout=_CONNECT_SECONDS, set_as_default=False)

@@ -1,6 +1,7 @@
 """Time a renderer: device latency and wall-clock rate over a set of cameras, apart from any capture.
 
-Nothing is written and no pixel is read back while the clock runs.
+Nothing is written and no pixel is read back while the clock runs. How many cameras it sees depends on how
+fast the machine is; the memory a renderer takes must not, so the cameras not seen are drawn afterwards.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.render.backend import SETTLED_AT
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from msb.render import Renderer
-    from msb.render.protocol import Drawn
+    from msb.render.backend import Drawn
     from msb.scenes import Camera
 
 WARM_UP_FRAMES = 10
@@ -44,7 +47,12 @@ class Profile:
     fps : float
         Frames in a second of wall-clock time: uploads, launches and waiting included.
     memory : mapping of str to int
-        Use -> bytes on the device after a frame.
+        Use -> bytes on the device after all cameras were drawn. Buffers only grow, so that is what the most
+        demanding camera needs, for each use, and the same however fast the machine is.
+    memory_groups : mapping of str to str
+        Use -> what kind of use it is (`Renderer.memory_groups`).
+    memory_views : int
+        Cameras `memory` is of: all, unless the budget ended first; then fewer.
     """
 
     frames: int
@@ -56,6 +64,8 @@ class Profile:
     stages: Mapping[str, float]
     fps: float
     memory: Mapping[str, int]
+    memory_groups: Mapping[str, str]
+    memory_views: int
 
     def to_dict(self) -> dict[str, Any]:
         """Return the profile as JSON data."""
@@ -66,6 +76,7 @@ class Profile:
             "stages_ms": dict(self.stages),
             "fps": self.fps,
             "memory_bytes": dict(self.memory),
+            "memory_views": self.memory_views,
         }
 
 
@@ -85,29 +96,33 @@ def profile(
     Parameters
     ----------
     renderer : Renderer
+        A fresh one: its memory is also of what it drew before.
     cameras : sequence of Camera
-        At least one.
+        At least one. Those that were not drawn while the clock ran are drawn after it, for the memory.
     background : (3,) floats
     frames, seconds : int, float
         Timing goes on until both are reached.
     warm_up : int, optional
         Frames drawn before; without it as many as are ready first of 10 and a second's worth.
     budget : float
-        Seconds, warm-up and at least one frame included, after which timing stops whatever was reached.
+        Seconds, warm-up and at least one frame included, after which drawing stops whatever was reached.
     step : callable
         Called after each timed frame, for a progress bar.
     """
     if not cameras:
         raise ValueError("there is no camera to time")
     end = time.perf_counter() + budget
+    turns = _Turns(renderer, cameras, background)
     if warm_up is None:
         short = min(WARM_UP_SECONDS if frames > 1 else 0, budget)
-        _repeat(renderer, cameras, background, WARM_UP_FRAMES, short, any_of=True)
+        turns.repeat(WARM_UP_FRAMES, short, any_of=True)
     elif warm_up:
-        _repeat(renderer, cameras, background, warm_up, 0, end=end)
+        turns.repeat(warm_up, 0, end=end)
     start = time.perf_counter()
-    drawn = _repeat(renderer, cameras, background, frames, seconds, end=end, step=step)
+    drawn = turns.repeat(frames, seconds, end=end, step=step)
     elapsed = time.perf_counter() - start
+    while turns.unseen and time.perf_counter() < end:
+        turns.draw(min(turns.unseen))
     spans = np.array([one.span for one in drawn])
     busy = np.array([sum(one.stages.values()) for one in drawn])
     names = dict.fromkeys(name for one in drawn for name in one.stages)
@@ -121,27 +136,44 @@ def profile(
         stages={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
         fps=len(drawn) / elapsed,
         memory=dict(renderer.memory()),
+        memory_groups=dict(renderer.memory_groups()),
+        memory_views=min(len(turns.drawn), len(cameras) - bool(turns.unseen)),
     )
 
 
-def _repeat(
-    renderer: Renderer,
-    cameras: Sequence[Camera],
-    background: Sequence[float],
-    frames: int,
-    seconds: float,
-    *,
-    any_of: bool = False,
-    end: float = math.inf,
-    step: Callable[[], None] = lambda: None,
-) -> list[Drawn]:
-    """Draw until `frames` and `seconds` are both reached, or any of them, or the clock says `end`."""
-    drawn: list[Drawn] = []
-    start = time.perf_counter()
-    while True:
-        now = time.perf_counter()
-        reached = (len(drawn) >= frames, now - start >= seconds)
-        if drawn and (now >= end or (any(reached) if any_of else all(reached))):
-            return drawn
-        drawn.append(renderer.draw(cameras[len(drawn) % len(cameras)], background))
-        step()
+class _Turns:
+    """Draws cameras, and knows which were `drawn`, and which not since the renderer settled (`unseen`)."""
+
+    def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
+        self.renderer, self.cameras, self.background = renderer, cameras, background
+        self.frames = 0
+        self.drawn: set[int] = set()
+        self.unseen = set(range(len(cameras)))
+
+    def draw(self, number: int) -> Drawn:
+        """Draw the camera of that number."""
+        self.frames += 1
+        self.drawn.add(number)
+        if self.frames >= SETTLED_AT:
+            self.unseen.discard(number)
+        return self.renderer.draw(self.cameras[number], self.background)
+
+    def repeat(
+        self,
+        frames: int,
+        seconds: float,
+        *,
+        any_of: bool = False,
+        end: float = math.inf,
+        step: Callable[[], None] = lambda: None,
+    ) -> list[Drawn]:
+        """Draw in turn until `frames` and `seconds` are both reached, or any of them, or it is `end`."""
+        drawn: list[Drawn] = []
+        start = time.perf_counter()
+        while True:
+            now = time.perf_counter()
+            reached = (len(drawn) >= frames, now - start >= seconds)
+            if drawn and (now >= end or (any(reached) if any_of else all(reached))):
+                return drawn
+            drawn.append(self.draw(len(drawn) % len(self.cameras)))
+            step()

@@ -15,9 +15,10 @@ from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
 from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
 from msb.bench.records import CONDITIONS, Condition
+from msb.bounded_parsing import parse_toml
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.methods import METHODS
-from msb.nesting import parse_toml
+from msb.paths import given_path
 
 AUTO = "auto"
 PROTOCOL_NAME = "protocol.toml"
@@ -257,7 +258,7 @@ def single_protocol(
 
 def _path(given: str | os.PathLike[str]) -> str:
     """Return a path as a protocol has it: the names as given, not where links lead; braces doubled."""
-    absolute = os.path.abspath(given)  # noqa: PTH100 - resolve() follows links
+    absolute = os.path.abspath(given_path(given))  # noqa: PTH100 - resolve() follows links
     return _quoted(absolute.replace("{", "{{").replace("}", "}}"))
 
 
@@ -291,7 +292,7 @@ def _check(protocol: Protocol, path: object) -> None:
                 raise _bad(path, text, f"{where}/datasets")
         if method.name != AUTO:
             _check_settings(method, where, path)
-    from msb.render.protocol import BUILT_IN, renderers
+    from msb.render.backend import BUILT_IN, renderers
 
     engines = [name for name in renderers() if name not in BUILT_IN]
     for engine in protocol.engines:

@@ -14,9 +14,10 @@ from msb import metrics
 from msb.atomic import new_folder
 from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
-from msb.bench.records import ImageQuality, Quality, RendererInfo
+from msb.bench.records import ImageQuality, Quality, RendererInfo, mean_of
 from msb.bench.renders import find_renders
 from msb.errors import MetricError
+from msb.files import file_sha256
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def measure_quality(job: Job) -> dict[str, Any]:
             writers.submit(write_image, folder / f"{name}.png", image, "png")
             truth = job.photographs / f"{name}.png"
             rows.append(_compare(job, camera, name, to_bytes(image), truth, network))
+    rows = [row.model_copy(update={"sha256": file_sha256(job.folder / str(row.file))}) for row in rows]
     return {
         "quality": _summary(rows, network),
         "setup": job.views.setup,
@@ -129,7 +131,7 @@ class _Drawn:
 def open_renderer(job: Job) -> Renderer:
     """Return the cell's renderer, which computes no more than an image."""
     from msb.render import Renderer
-    from msb.render.protocol import lean_options
+    from msb.render.backend import lean_options
 
     assert job.model is not None
     tier, engine = job.tier, job.cell.renderer
@@ -174,18 +176,13 @@ def _summary(rows: list[ImageQuality], network: metrics.LpipsVgg | None) -> Qual
     psnr, infinite = metrics.mean_psnr(math.inf if row.psnr is None else row.psnr for row in rows)
     return Quality(
         psnr=psnr,
-        ssim=_mean([row.ssim for row in rows]),
-        lpips=_mean([row.lpips for row in rows]),
+        ssim=mean_of(row.ssim for row in rows),
+        lpips=mean_of(row.lpips for row in rows),
         lpips_reason=NO_WEIGHTS if network is None else None,
         psnr_inf_count=infinite,
         images=tuple(rows),
         metrics=identities(network),
     )
-
-
-def _mean(values: list[float | None]) -> float | None:
-    found = [value for value in values if value is not None]
-    return math.fsum(found) / len(found) if len(found) == len(values) else None
 
 
 def _relative(path: Path, folder: Path) -> str:

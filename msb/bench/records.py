@@ -6,24 +6,30 @@ milliseconds; whatever could not be had is None, with a reason beside it. docs/p
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from msb._version import __version__
 from msb.bench.checked import checked, read_json
+from msb.errors import InputError, MetricError
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Iterable, Iterator
 
 SCHEMA: Literal["msb.result/1"] = "msb.result/1"
 MAX_BYTES = 64 << 20
-"""A record holds about 300 bytes an image; no dataset has a million test views."""
+"""A record holds about 400 bytes an image; no dataset has a hundred thousand test views."""
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
-"""The three paths an image takes, and the mesh itself, which is audited."""
+"""Who draws: the method's own renderer or one of our tiers; and the mesh itself, which is audited."""
+
+_ROUNDING = 1e-9
+"""More than rounding does to a mean; no two numbers of a table differ by so little."""
 
 Status = Literal["done", "failed", "unsupported"]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -69,8 +75,8 @@ class Cell(Record):
     renderer: Name | None = None
 
     @property
-    def column(self) -> str:
-        """The condition, or the engine in its place: what a table has one column for."""
+    def condition_name(self) -> str:
+        """The condition as tables name it: by its renderer, where that is not the condition's own."""
         return self.condition if self.renderer is None else self.renderer
 
 
@@ -119,6 +125,8 @@ class ImageQuality(Record):
     lpips: float | None = None
     file: str | None = None
     """Of the rendering, relative to the record."""
+    sha256: Sha256 | None = None
+    """Of that file as it was compared; None in records of before it was kept."""
     gt: str | None = None
     """Of the ground truth as it was compared, relative to the record; None where that is not kept."""
 
@@ -155,7 +163,10 @@ class Timing(Record):
 
 
 class Memory(Record):
-    """Bytes on the device at the peak of a frame, by what they are for. No driver's own memory is in it."""
+    """Bytes on the device after all test views were drawn, by what they are for; no driver's own memory.
+
+    Buffers only grow from view to view: each is what the most demanding view needs.
+    """
 
     geometry: Count
     appearance: Count
@@ -225,6 +236,15 @@ class Result(Record):
     """Part ("quality", "audit", "timing", "chamfer", "training") -> all that decided it, name -> hash or
     version. Where one differs from what it would be now, `msb run` computes the part again."""
 
+    @field_validator("audit")
+    @classmethod
+    def _earlier_word(cls, audit: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Read the verdict "good", as earlier versions wrote it, as "ok"."""
+        verdict = None if audit is None else audit.get("verdict")
+        if audit is None or not isinstance(verdict, dict) or verdict.get("level") != "good":
+            return audit
+        return {**audit, "verdict": {**verdict, "level": "ok"}}
+
     def to_json(self) -> bytes:
         """Return the file's content."""
         return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
@@ -236,6 +256,48 @@ def read_result(path: str | os.PathLike[str]) -> Result:
     Raises
     ------
     InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, naming the key.
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, naming the key: also where a number cannot be, or a
+        mean is not that of its images.
     """
-    return checked(Result, read_json(path, MAX_BYTES), file=Path(path), code="RECORD_INVALID")
+    result = checked(Result, read_json(path, MAX_BYTES), file=Path(path), code="RECORD_INVALID")
+    for pointer, text in () if result.quality is None else _impossible(result.quality):
+        raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=path, pointer=pointer)
+    return result
+
+
+def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:
+    """Yield place and fault of what no comparison of images gives."""
+    from msb.metrics import mean_psnr
+
+    for number, image in enumerate(quality.images):
+        pointer = f"/quality/images/{number}"
+        if (image.psnr is None) is not image.psnr_infinite:
+            yield f"{pointer}/psnr", "it must be there, or psnr_infinite be true, and not both"
+        elif image.psnr is not None and image.psnr < -_ROUNDING:
+            # The values are in [0, 1], so the mean squared error is at most 1.
+            yield f"{pointer}/psnr", f"{image.psnr:g} dB, and no PSNR is negative"
+    try:
+        mean, infinite = mean_psnr(math.inf if one.psnr is None else one.psnr for one in quality.images)
+    except MetricError:
+        yield "/quality/images", "there are none"
+        return
+    if quality.psnr_inf_count != infinite:
+        yield "/quality/psnr_inf_count", f"it is {quality.psnr_inf_count}, and so many images are {infinite}"
+    means = {"psnr": mean, "ssim": mean_of(one.ssim for one in quality.images)}
+    means["lpips"] = mean_of(one.lpips for one in quality.images)
+    for name, value in means.items():
+        held = getattr(quality, name)
+        same = held is value if held is None or value is None else _close(held, value)
+        if not same:
+            yield f"/quality/{name}", f"it is {held}, and the mean of its images is {value}"
+
+
+def mean_of(values: Iterable[float | None]) -> float | None:
+    """Return the mean of what images have, None where one has nothing."""
+    found = list(values)
+    known = [value for value in found if value is not None]
+    return math.fsum(known) / len(known) if known and len(known) == len(found) else None
+
+
+def _close(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=_ROUNDING, abs_tol=_ROUNDING)

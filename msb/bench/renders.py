@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from msb.bench.checked import read_bytes
-from msb.bench.digest import file_sha256, list_sha256
+from msb.bench.digest import list_sha256
 from msb.bench.records import File
 from msb.errors import InputError, MetricError, shorten
+from msb.files import file_sha256
 from msb.metrics.pairs import images_below
+from msb.paths import normal_form
 from msb.render.images import image_names
 
 if TYPE_CHECKING:
@@ -59,7 +61,7 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
     if not folder.is_dir():
         raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)
     found = images_below(folder)
-    names = image_names(cameras)
+    names = [normal_form(name) for name in image_names(cameras)]
     numbers = [f"{index:05d}" for index in range(len(cameras))]
     by_number = set(found) == set(numbers) != set(names)
     wanted = numbers if by_number else names
@@ -93,9 +95,12 @@ def _check_sums(path: Path, hashes: dict[str, str]) -> None:
     except UnicodeDecodeError as error:
         raise InputError("FILE_UNREADABLE", f"it is not UTF-8: {error}", file=path) from error
     said = {
-        match[2]: match[1].lower() for line in lines if (match := re.fullmatch(r"(\w{64}) [ *](.+)", line))
+        normal_form(match[2]): match[1].lower()
+        for line in lines
+        if (match := re.fullmatch(r"(\w{64}) [ *](.+)", line))
     }
-    for name, sha256 in hashes.items():
+    for file, sha256 in hashes.items():
+        name = normal_form(file)
         if said.get(name.removeprefix("./"), said.get(f"./{name}")) != sha256:
             what = "has another hash in it" if name in said or f"./{name}" in said else "is not in it"
             raise InputError("RENDERS_CHANGED", f"{name} {what}", file=path, value=name)

@@ -23,9 +23,10 @@ from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.bench.protocol import AUTO, PROTOCOL_NAME
 from msb.bench.quality import lpips_network
-from msb.bench.records import Reason, Result, read_result
+from msb.bench.records import Reason, Result
 from msb.bench.videos import video_tasks, write_video
 from msb.errors import CODES, EXIT_STATUS, MsbError
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -156,6 +157,9 @@ def run_protocol(
         with contextlib.suppress(MsbError):
             return _dry(file, only, redo, start, machine(file.protocol.device)["device"])
         return _dry(file, only, redo, start, None)
+    need_extra("bench", "filelock", "skimage", what="a run")
+    if file.protocol.videos is not None:
+        need_extra("video", "av", what="[videos]")
     with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:
         with new_file(file.results / PROTOCOL_NAME) as copy:
             copy.write(file.text)
@@ -230,20 +234,21 @@ class _Run:
         return device
 
     def photographs(self, planned: list[Planned]) -> list[Planned]:
-        """Write the ground truth that is not there; a cell without it has failed."""
-        wanted = [one.job for one in planned if one.job is not None and "quality" in one.job.parts]
+        """Write the ground truth that is not there as it was written; a cell that needs it has failed."""
         tasks = {
-            PhotographTask(self.results.root, self.run, job.scene, job.views): job.photographs
-            for job in wanted
+            one.job.photographs: PhotographTask(self.results.root, self.run, one.job.scene, one.job.views)
+            for one in planned
+            if one.job is not None and one.cell.condition != "exported_mesh"
         }
-        unique = {task.folder: task for task in tasks if not task.folder.is_dir()}
         broken: dict[Any, Reason] = {}
-        for task, answer in self.each("photographs", write_photographs, list(unique.values())):
+        for task, answer in self.each("photographs", write_photographs, list(tasks.values())):
             if isinstance(answer, Exception):
                 broken[task.folder] = reason_of(answer)
+            elif answer:
+                self.watch.note(f"{task.folder}: {answer}; the ground truth was written again")
         return [
             one
-            if one.job is None or one.job.photographs not in broken
+            if one.job is None or "quality" not in one.job.parts or one.job.photographs not in broken
             else replace(one, job=None, status="failed", reason=broken[one.job.photographs])
             for one in planned
         ]
@@ -266,7 +271,7 @@ class _Run:
         main = any(part in MAIN for part in job.parts)
         with contextlib.suppress(MsbError):
             if not main:
-                old = read_result(self.results.record(job.cell))
+                old = self.results.read(job.cell)
                 reasons = {**old.reasons, **{str(part): reason for part in job.parts}}
                 write_result(job.folder, old.model_copy(update={"reasons": reasons}))
                 return
@@ -309,12 +314,12 @@ def _only(job: Job, *, timing: bool) -> Job:
 
 def _name(planned: Planned) -> str:
     cell = planned.cell
-    return " ".join((cell.dataset, cell.scene, cell.method, cell.column))
+    return " ".join((cell.dataset, cell.scene, cell.method, cell.condition_name))
 
 
 def _row(results: Results, planned: Planned, seconds: float) -> Row:
     try:
-        result: Result | None = read_result(results.record(planned.cell))
+        result: Result | None = results.read(planned.cell)
     except MsbError:
         result = None
     reasons: dict[str, Reason] = {}

@@ -19,6 +19,7 @@ from msb.bench.checked import checked, read_json
 from msb.bench.nvml import Gpu, Gpus
 from msb.bench.records import Amount, Count, Record
 from msb.errors import InputError
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -102,9 +103,12 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
 
     Raises
     ------
+    UsageError
+        EXTRA_MISSING: psutil is not installed.
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE: there is no such program, or it cannot be run.
     """
+    need_extra("bench", "psutil", what="tracking a command")
     gpus = Gpus()
     started, start = datetime.now(UTC), time.perf_counter()
     try:

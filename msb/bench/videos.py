@@ -16,7 +16,6 @@ from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
-from msb.bench.records import read_result
 from msb.errors import MsbError
 from msb.render.images import image_names, to_bytes, write_film
 from msb.scenes import interpolated
@@ -85,11 +84,13 @@ def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
         held: list[tuple[Job, Any]] = []
         for job in group:
             with contextlib.suppress(MsbError):
-                result = read_result(Results(job.root).record(job.cell))
+                result = Results(job.root).read(job.cell)
                 if result.status == "done":
                     held.append((job, result.inputs["quality"]))
         if held:
-            inputs = digest([options.model_dump(), [(job.cell.column, inputs) for job, inputs in held]])
+            inputs = digest(
+                [options.model_dump(), [(job.cell.condition_name, inputs) for job, inputs in held]]
+            )
             task = VideoTask(tuple(job for job, _ in held), options, inputs)
             if not _is_done(task):
                 found.append(task)
@@ -115,7 +116,7 @@ def write_video(task: VideoTask) -> None:
     first = task.jobs[0]
     check_run(first.root, first.run)
     scene = checked_scene(first.scene, first.views)
-    titles = [_TITLES.get(job.cell.column, job.cell.column) for job in task.jobs]
+    titles = [_TITLES.get(job.cell.condition_name, job.cell.condition_name) for job in task.jobs]
     with contextlib.ExitStack() as stack:
         if task.options.path == "test":
             titles = [PHOTOGRAPH.capitalize(), *titles]

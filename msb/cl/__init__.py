@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from msb.cl.buffers import Buffer
 from msb.cl.device import Device
-from msb.cl.devices import list_devices, open_device
+from msb.cl.devices import list_devices, open_device, shared_device
 from msb.cl.programs import Kernel, LocalMemory, Program
 from msb.cl.records import DeviceRecord
 from msb.cl.scan import exclusive_scan
@@ -25,5 +25,6 @@ __all__ = [
     "exclusive_scan",
     "list_devices",
     "open_device",
+    "shared_device",
     "sort_pairs",
 ]

@@ -14,7 +14,7 @@ from msb.cl.records import short_name
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import DTypeLike, NDArray
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Shape = int | tuple[int, ...]
 
+SCRATCH = "scratch"
+"""The group of uses that nothing else is said of: what is computed in passing."""
 _SAFE_ALIGNMENT = 64
 """Bytes: a cache line. Kernels use types of at most 32 bytes (float8); 64-byte ones crash on PoCL's wheel."""
 
@@ -29,9 +31,10 @@ _SAFE_ALIGNMENT = 64
 class Allocation:
     """Memory of the device with what it is used for; buffers are views of it."""
 
-    def __init__(self, handle: Any, use: str) -> None:
+    def __init__(self, handle: Any, use: str, group: str) -> None:
         self.handle = handle
         self.use = use
+        self.group = group
         self.nbytes: int = handle.size
 
     def release(self) -> None:
@@ -58,6 +61,11 @@ class Buffer:
     def use(self) -> str:
         """What the memory is used for."""
         return self._allocation.use
+
+    @property
+    def group(self) -> str:
+        """What kind of use that is."""
+        return self._allocation.group
 
     @property
     def size(self) -> int:
@@ -179,7 +187,7 @@ class Buffer:
 
 
 class Memory:
-    """All buffers of one device: limits, bytes by use, and the pool of scratch buffers."""
+    """The buffers of one user of a device: limits, bytes by use, and a pool of scratch buffers."""
 
     def __init__(self, queue: Queue) -> None:
         self.queue = queue
@@ -188,17 +196,17 @@ class Memory:
 
     def by_use(self) -> dict[str, int]:
         """Return use -> bytes the device holds for it now, in order of name."""
-        found: dict[str, int] = {}
-        for held in self._allocations:
-            if held.handle is not None:
-                found[held.use] = found.get(held.use, 0) + held.nbytes
-        return dict(sorted(found.items()))
+        return bytes_by_use(self._allocations)
 
-    def allocate(self, shape: Shape, dtype: DTypeLike, use: str) -> Buffer:
+    def groups(self) -> dict[str, str]:
+        """Return use -> its group, of what `by_use` names."""
+        return {held.use: held.group for held in list(self._allocations) if held.handle is not None}
+
+    def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
         """Return a new buffer; its content is undefined."""
-        return self._register(shape, dtype, use, self.queue.cl.mem_flags.READ_WRITE)
+        return self._register(shape, dtype, use, group, self.queue.cl.mem_flags.READ_WRITE)
 
-    def upload(self, array: NDArray[Any], use: str) -> Buffer:
+    def upload(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
         """Return a buffer kernels only read, holding `array`; without a copy where that is safe."""
         if array.dtype.kind not in "iuf" or not array.dtype.isnative:
             raise TypeError(f"{use}: a device holds native integers and floats, not {array.dtype}")
@@ -206,23 +214,24 @@ class Memory:
         flags = self.queue.cl.mem_flags
         if self._can_share(array):
             return self._register(
-                array.shape, array.dtype, use, flags.READ_ONLY | flags.USE_HOST_PTR, host=array
+                array.shape, array.dtype, use, group, flags.READ_ONLY | flags.USE_HOST_PTR, host=array
             )
-        buffer = self._register(array.shape, array.dtype, use, flags.READ_ONLY)
+        buffer = self._register(array.shape, array.dtype, use, group, flags.READ_ONLY)
         buffer.write(array)
         return buffer
 
-    def share(self, array: NDArray[Any], use: str) -> Buffer:
+    def share(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
         """Return a buffer on the memory of `array` itself where that is safe, else one with a copy of it."""
         flags = self.queue.cl.mem_flags
         if self._works_in_place() and array.size and array.flags.c_contiguous and array.flags.aligned:
             access = flags.READ_WRITE if array.flags.writeable else flags.READ_ONLY
-            return self._register(array.shape, array.dtype, use, access | flags.USE_HOST_PTR, host=array)
-        buffer = self.allocate(array.shape, array.dtype, use)
+            access |= flags.USE_HOST_PTR
+            return self._register(array.shape, array.dtype, use, group, access, host=array)
+        buffer = self.allocate(array.shape, array.dtype, use, group)
         buffer.write(np.ascontiguousarray(array))
         return buffer
 
-    def scratch(self, name: str, shape: Shape, dtype: DTypeLike) -> Buffer:
+    def scratch(self, name: str, shape: Shape, dtype: DTypeLike, group: str = SCRATCH) -> Buffer:
         """Return the pool's buffer `name`, with room for the array; its content is undefined.
 
         The memory is the same from call to call as long as it is large enough; growing releases it, so
@@ -234,7 +243,8 @@ class Memory:
             if held is not None:
                 held.release()  # first, so that both need not fit
             room = _rounded(nbytes)
-            held = self._pool[name] = self.allocate(room if room <= self._limit() else nbytes, np.uint8, name)
+            room = room if room <= self._limit() else nbytes
+            held = self._pool[name] = self.allocate(room, np.uint8, name, group)
         return held.view(shape, dtype)
 
     def release_scratch(self, prefix: str) -> None:
@@ -243,14 +253,18 @@ class Memory:
             self._pool.pop(name).release()
 
     def release_all(self) -> None:
-        """Release every buffer."""
+        """Release every buffer of this user."""
         for held in list(self._allocations):
             held.release()
         self._pool.clear()
 
     def _limit(self) -> int:
         record = self.queue.record
-        return min(record.max_allocation, record.global_memory - sum(self.by_use().values()))
+        return min(record.max_allocation, record.global_memory - self._held())
+
+    def _held(self) -> int:
+        """Return the bytes that all users of the device hold."""
+        return sum(bytes_by_use(self.queue.allocations).values())
 
     def _works_in_place(self) -> bool:
         # PoCL works on the memory it is given. Another platform may keep a copy and write that back when the
@@ -266,7 +280,9 @@ class Memory:
             and _is_constant(array)
         )
 
-    def _register(self, shape: Shape, dtype: DTypeLike, use: str, flags: int, host: Any = None) -> Buffer:
+    def _register(
+        self, shape: Shape, dtype: DTypeLike, use: str, group: str, flags: int, host: Any = None
+    ) -> Buffer:
         context, nbytes = self.queue.context, _nbytes(shape, dtype)
         if nbytes > self._limit():
             raise self._too_large(use, nbytes)
@@ -276,17 +292,27 @@ class Memory:
             handle = self.queue.cl.Buffer(context, flags, size, host)
         except self.queue.cl.Error as error:
             raise self._too_large(use, nbytes) from error
-        allocation = Allocation(handle, use)
+        allocation = Allocation(handle, use, group)
         self._allocations.add(allocation)
+        self.queue.allocations.add(allocation)
         return Buffer(self, allocation, shape, dtype)
 
     def _too_large(self, use: str, nbytes: int) -> DeviceError:
-        record, held = self.queue.record, sum(self.by_use().values())
+        record, held = self.queue.record, self._held()
         text = (
             f"{_mib(nbytes)} MiB for {use} do not fit: {record.selector} has {_mib(record.global_memory)} "
             f"MiB, {_mib(held)} of them in use, and takes at most {_mib(record.max_allocation)} at once"
         )
         return DeviceError("DEVICE_MEMORY", text, value=nbytes, limit=self._limit())
+
+
+def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
+    """Return use -> bytes held for it now, in order of name."""
+    found: dict[str, int] = {}
+    for held in list(allocations):
+        if held.handle is not None:
+            found[held.use] = found.get(held.use, 0) + held.nbytes
+    return dict(sorted(found.items()))
 
 
 def _is_constant(array: NDArray[Any]) -> bool:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from msb.cl import programs
-from msb.cl.buffers import Memory
+from msb.cl.buffers import SCRATCH, Memory, bytes_by_use
+from msb.cl.kernel_text import OWN
 from msb.cl.queue import Queue
-from msb.cl.source import OWN
 from msb.cl.timing import Timing
 
 if TYPE_CHECKING:
@@ -21,12 +21,15 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
     from msb.cl.buffers import Buffer, Shape
+    from msb.cl.kernel_text import Define
     from msb.cl.records import DeviceRecord, Style
-    from msb.cl.source import Define
 
 
 class Device:
     """An OpenCL device with one in-order queue; made by `open_device`, closed by `close` or ``with``.
+
+    Threads may share one: each command is safe by itself, and what belongs together goes into a block of
+    `using` or `timing`, during which other threads wait.
 
     Attributes
     ----------
@@ -39,9 +42,9 @@ class Device:
         self.record = record
         self.style: Style = style or record.style
         self._queue = Queue(cl, handle, record)
-        self._memory = Memory(self._queue)
+        self._own_memory = self._memory = Memory(self._queue)
         self._programs: dict[tuple[Any, ...], programs.Program] = {}
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     def program(
         self, name: str, defines: Mapping[str, Define] | None = None, package: str = OWN
@@ -62,7 +65,7 @@ class Device:
                 self._programs[key] = programs.build(self._queue, package, name, chosen)
             return self._programs[key]
 
-    def upload(self, array: NDArray[Any], use: str = "static") -> Buffer:
+    def upload(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
         """Return a buffer for kernels to read, holding `array` (integers or floats of any shape).
 
         PoCL shares the memory of an array nobody can change (one mapped from a file, say) instead of copying
@@ -73,9 +76,9 @@ class Device:
         DeviceError
             `DEVICE_MEMORY`: what was asked, for what, and what there is.
         """
-        return self._memory.upload(array, use)
+        return self._memory.upload(array, use, group)
 
-    def share(self, array: NDArray[Any], use: str = "static") -> Buffer:
+    def share(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
         """Return a buffer on the memory of `array`, where PoCL runs on a CPU, else one with a copy of it.
 
         Kernels may write it if the array can be written; what they wrote is read from the buffer, since the
@@ -89,45 +92,75 @@ class Device:
         DeviceError
             As `upload`.
         """
-        return self._memory.share(array, use)
+        return self._memory.share(array, use, group)
 
-    def allocate(self, shape: Shape, dtype: DTypeLike = np.uint8, use: str = "static") -> Buffer:
+    def allocate(
+        self, shape: Shape, dtype: DTypeLike = np.uint8, use: str = "static", group: str = SCRATCH
+    ) -> Buffer:
         """Return a new buffer of undefined content; raises as `upload`."""
-        return self._memory.allocate(shape, dtype, use)
+        return self._memory.allocate(shape, dtype, use, group)
 
-    def scratch(self, name: str, shape: Shape, dtype: DTypeLike = np.uint8) -> Buffer:
+    def scratch(self, name: str, shape: Shape, dtype: DTypeLike = np.uint8, group: str = SCRATCH) -> Buffer:
         """Return the buffer `name` of the pool, of undefined content; raises as `upload`.
 
         The memory is reused from call to call and grows when it must; then, buffers returned before under
         the same name are released.
         """
-        return self._memory.scratch(name, shape, dtype)
+        return self._memory.scratch(name, shape, dtype, group)
 
     def release_scratch(self, prefix: str) -> None:
         """Give back the pool's buffers whose name begins with `prefix`: what only a preparation needed."""
         self._memory.release_scratch(prefix)
 
     def memory(self) -> dict[str, int]:
-        """Return use -> bytes held on the device now."""
-        return self._memory.by_use()
+        """Return use -> bytes held on the device now, for all its users."""
+        return bytes_by_use(self._queue.allocations)
+
+    def new_memory(self) -> Memory:
+        """Return a place for the buffers of one user of the device: what it allocates in `using`."""
+        return Memory(self._queue)
+
+    @contextlib.contextmanager
+    def using(self, memory: Memory | None = None) -> Iterator[None]:
+        """Have the device alone for a block: other threads wait. What is allocated there belongs to `memory`.
+
+        Parameters
+        ----------
+        memory : Memory, optional
+            From `new_memory`; by default the device's own.
+        """
+        with self._lock:
+            before, self._memory = self._memory, memory or self._own_memory
+            try:
+                yield
+            finally:
+                self._memory = before
+
+    @property
+    def failed(self) -> bool:
+        """Whether the device was closed or has failed a command, so that another should be opened."""
+        return self._queue.closed or self._queue.failed
 
     @contextlib.contextmanager
     def timing(self) -> Iterator[Timing]:
         """Collect the events of the block by stage; ask the yielded `Timing` after the block.
 
+        Other threads wait meanwhile.
+
         Raises
         ------
         RuntimeError
-            Inside of another such block: they do not nest.
+            Inside of another such block of the same thread: they do not nest.
         """
-        if self._queue.timing is not None:
-            raise RuntimeError("timing blocks do not nest")
-        self._queue.timing = timing = Timing()
-        try:
-            yield timing
-            self.finish()
-        finally:
-            self._queue.timing = None
+        with self._lock:
+            if self._queue.timing is not None:
+                raise RuntimeError("timing blocks do not nest")
+            self._queue.timing = timing = Timing()
+            try:
+                yield timing
+                self.finish()
+            finally:
+                self._queue.timing = None
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Give the commands of a block the name `name`; nothing happens outside `timing`."""
@@ -140,9 +173,11 @@ class Device:
 
     def close(self) -> None:
         """Release everything made on the device. Twice is harmless."""
-        self._memory.release_all()
-        self._programs.clear()
-        self._queue.close()
+        with self._lock:
+            for held in list(self._queue.allocations):
+                held.release()
+            self._programs.clear()
+            self._queue.close()
 
     def __enter__(self) -> Self:
         return self

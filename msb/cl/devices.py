@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import os
+import threading
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from msb.cl import mend
 from msb.cl.device import Device
-from msb.cl.loader import how_to_get_a_device, looked_for, opencl
+from msb.cl.loader import how_to_get_a_device, how_to_get_another, looked_for, opencl
+from msb.cl.programs import UNKNOWN_CPU
 from msb.cl.records import DeviceRecord, describe, short_name
+from msb.cl.trial import try_device
 from msb.errors import DeviceError, UsageError, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from msb.cl.records import Style
+    from msb.cl.trial import Trial
 
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
+KINDS = ("cpu", "gpu")
+"""What a selector names when it names no platform."""
 
 
 class Choice(NamedTuple):
@@ -28,15 +35,33 @@ class Choice(NamedTuple):
     """Where the selector comes from: "argument", an environment variable, or "default"."""
 
 
+class Tried(NamedTuple):
+    """A device, and what came of trying it."""
+
+    record: DeviceRecord
+    trial: Trial
+    advice: str | None
+    """What to do where it does not build, or None."""
+
+
 def list_devices() -> list[DeviceRecord]:
-    """Return every usable OpenCL device, in the order the platforms are found; possibly none.
+    """Return every OpenCL device that says it compiles, in the order platforms are found; possibly none.
 
     Raises
     ------
     DeviceError
         `DEVICE_NOT_FOUND`: pyopencl itself cannot be loaded.
     """
-    return [record for record, _ in _devices(opencl())]
+    return [record for record, _ in found_devices(opencl())]
+
+
+def try_devices() -> list[Tried]:
+    """Build and run a small kernel on every device, whatever was found before; raises as `list_devices`."""
+    found = []
+    for record, handle in found_devices(opencl()):
+        trial = try_device(handle, record, again=True)
+        found.append(Tried(record, trial, None if trial.builds else _advice(record, handle, trial.why or "")))
+    return found
 
 
 def choose_device(selector: str | None = None) -> Choice:
@@ -47,11 +72,15 @@ def choose_device(selector: str | None = None) -> Choice:
     UsageError, DeviceError
         As `open_device`.
     """
-    return _choose([record for record, _ in _devices(opencl())], selector)
+    return _choose(found_devices(opencl()), selector)[0]
 
 
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Open the device that `selector` names; by default MSB_DEVICE's, PYOPENCL_CTX's, or PoCL.
+
+    A device that does not build kernels (`msb.cl.trial`) is passed over for the next that is meant. Closing
+    a device does not give back what PoCL keeps of its programs, a megabyte each: `shared_device` does not
+    open another.
 
     Parameters
     ----------
@@ -66,17 +95,45 @@ def open_device(selector: str | None = None, *, style: Style | None = None) -> D
     ------
     DeviceError
         `DEVICE_NOT_FOUND`: there is no such device; the message says what was looked for and what there is.
+        `DEVICE_BUILD`: none that is meant builds kernels; the message says why, and what to do.
     UsageError
         `DEVICE_SELECTOR`: the text cannot name a device.
     """
     cl = opencl()
-    found = _devices(cl)
-    record = _choose([record for record, _ in found], selector).record
-    handle = next(handle for candidate, handle in found if candidate is record)
-    return Device(cl, handle, record, style)
+    choice, handle = _choose(found_devices(cl), selector)
+    return Device(cl, handle, choice.record, style)
 
 
-def _devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
+def shared_device(selector: str | None = None, *, style: Style | None = None) -> Device:
+    """Return the device that everything in this process shares; it is opened once and stays open.
+
+    Parameters and errors as of `open_device`. Threads take turns on it (`Device.using`). A device that has
+    failed is opened anew.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_CLOSED`: it was opened before this process was forked, and cannot be used here.
+    """
+    cl = opencl()
+    choice, handle = _choose(found_devices(cl), selector)
+    with _sharing:
+        device, process = _shared.get((handle.int_ptr, style), (None, os.getpid()))
+        if process != os.getpid():
+            raise DeviceError("DEVICE_CLOSED", "the device belongs to the process this one was forked from")
+        if device is None or device.failed:
+            device = Device(cl, handle, choice.record, style)
+            _shared[handle.int_ptr, style] = device, process
+        return device
+
+
+_sharing = threading.Lock()
+_shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
+"""Address of the platform's device and style -> the open device, and the process it was opened in."""
+
+
+def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
+    """Return what there is, as records and as pyopencl's devices."""
     try:
         platforms = cl.get_platforms()
     except cl.Error:  # PLATFORM_NOT_FOUND_KHR is how a loader says that there is none
@@ -96,30 +153,58 @@ def _devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
     return found
 
 
-def _choose(records: Sequence[DeviceRecord], selector: str | None) -> Choice:
+def _choose(found: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> tuple[Choice, Any]:
+    """Return the device that is meant, its handle with it."""
     source = "argument"
     if selector is None:
         source = next(
             (name for name in (DEVICE_VARIABLE, PYOPENCL_VARIABLE) if os.environ.get(name)), "default"
         )
         selector = os.environ.get(source) if source != "default" else None
+    records = [record for record, _ in found]
     if not records:
         asked = f" for {_told(selector, source)}" if selector else ""
         text = f"there is no OpenCL device{asked} ({looked_for()}): {how_to_get_a_device()}"
         raise DeviceError("DEVICE_NOT_FOUND", text)
-    if selector is None:
-        return Choice(min(records, key=_preference), None, source)
-    matching = _matching(records, selector, source)
-    if not matching:
+    meant = records if selector is None else _matching(records, selector, source)
+    named = selector is not None and selector.strip().lower() not in KINDS
+    if not meant:
         there_are = ", ".join(record.selector for record in records)
         told = _told(selector, source)
         raise DeviceError("DEVICE_NOT_FOUND", f"{told} names no OpenCL device; there are: {there_are}")
-    return Choice(min(matching, key=_preference), selector, source)
+    handles = {record.selector: handle for record, handle in found}
+    meant = sorted(meant, key=_age if named else _preference)
+    for record in meant:
+        if try_device(handles[record.selector], record).builds:
+            return Choice(record, selector, source), handles[record.selector]
+    raise _none_builds([(record, handles[record.selector]) for record in meant])
+
+
+def _none_builds(meant: Sequence[tuple[DeviceRecord, Any]]) -> DeviceError:
+    """Return the error that says of each device why it does not build, and what to do about the first."""
+    reasons = [try_device(handle, record).why or "" for record, handle in meant]
+    text = "; ".join(
+        f"{record} does not build kernels: {why}" for (record, _), why in zip(meant, reasons, strict=True)
+    )
+    advice = _advice(*meant[0], reasons[0])
+    return DeviceError("DEVICE_BUILD", f"{text}. {advice}", value=reasons[0])
+
+
+def _advice(record: DeviceRecord, handle: Any, why: str) -> str:
+    """Return what to do where a device does not build kernels."""
+    if UNKNOWN_CPU not in why:
+        return f"Choose another device (msb devices), or mend its platform. {how_to_get_another()}"
+    if not mend.is_wheel(handle):
+        return f"The platform's compiler is older than this processor. {how_to_get_another()}"
+    kept = mend.why_not()
+    told = f" ({kept})" if kept else ""
+    text = f"PoCL's wheel is of 2022, and its compiler does not know this processor{told}."
+    return f"{text} {how_to_get_another()}"
 
 
 def _matching(records: Sequence[DeviceRecord], selector: str, source: str) -> list[DeviceRecord]:
     text = selector.strip().lower()
-    if text in ("cpu", "gpu"):
+    if text in KINDS:
         return [record for record in records if record.kind == text]
     # PYOPENCL_CTX may name several devices, separated by commas; one is all we take.
     platform, colon, index = text.partition(",")[0].partition(":")
@@ -128,7 +213,7 @@ def _matching(records: Sequence[DeviceRecord], selector: str, source: str) -> li
         raise UsageError("DEVICE_SELECTOR", f"{told} is not cpu, gpu or PLATFORM:INDEX (see msb devices)")
     on_platform = [record for record in records if _is_on(record, platform)]
     if not colon:
-        return on_platform[:1]
+        return on_platform
     if index.isdecimal():
         return on_platform[int(index) : int(index) + 1]
     return [record for record in on_platform if index in record.name.lower()][:1]
@@ -140,8 +225,19 @@ def _is_on(record: DeviceRecord, platform: str) -> bool:
     return platform == short_name(record.platform) or platform in record.platform.lower()
 
 
-def _preference(record: DeviceRecord) -> tuple[bool, bool]:
-    return record.kind != "cpu", short_name(record.platform) != "pocl"
+_PLATFORMS = ("pocl", "intel")
+
+
+def _preference(record: DeviceRecord) -> tuple[bool, int, bool]:
+    """Order devices: a CPU first, then PoCL, then Intel's runtime."""
+    name = short_name(record.platform)
+    rank = _PLATFORMS.index(name) if name in _PLATFORMS else len(_PLATFORMS)
+    return record.kind != "cpu", rank, _age(record)
+
+
+def _age(record: DeviceRecord) -> bool:
+    """Order devices of one platform: the system's PoCL before the older wheel's."""
+    return record.driver == mend.DRIVER
 
 
 def _told(selector: str | None, source: str) -> str:

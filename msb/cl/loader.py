@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import DeviceError, shorten
+from msb.extras import install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -109,6 +110,16 @@ def how_to_get_pocl() -> str:
     )
 
 
+def how_to_get_another() -> str:
+    """Return in one sentence how to get a CPU device beside the PoCL wheel's."""
+    if sys.platform == "linux" and platform.machine() == "x86_64":
+        return (
+            "Install a newer PoCL: apt-get install pocl-opencl-icd (Debian, Ubuntu), dnf install pocl "
+            "(Fedora), conda install -c conda-forge pocl. Or Intel's runtime: " + install("intel")
+        )
+    return how_to_get_pocl().capitalize()
+
+
 def _start(cl: Any, early: bool) -> None:
     with contextlib.ExitStack() as stack:
         registered: dict[str, str] = {}
@@ -142,7 +153,7 @@ def _missing_entries() -> dict[str, str]:
         if user:
             _notes.append(f"{VENDOR_VARIABLE} is set, so {INTEL_PACKAGE} is visible only if it says so")
         elif missing:
-            _notes.append(f"{INTEL_PACKAGE} needs {missing}: pip install 'meshsplatbench[intel]'")
+            _notes.append(f"{INTEL_PACKAGE} needs {missing}: {install('intel')}")
         else:
             found[INTEL_PACKAGE] = str(intel)
     if not user and "nvidia" not in known:
@@ -196,7 +207,7 @@ def _visible(entries: dict[str, str]) -> Iterator[None]:
 @contextlib.contextmanager
 def _writable_cache() -> Iterator[None]:
     """Show PoCL and pyopencl a cache they can write: PoCL has no device without, pyopencl no kernels."""
-    cache = _user_cache()
+    cache = user_cache()
     if cache and _is_writable(cache):
         yield
         return
@@ -211,8 +222,8 @@ _keep: list[tempfile.TemporaryDirectory[str]] = []
 """Folders that are removed when the process ends."""
 
 
-def _user_cache() -> Path | None:
-    """Return the folder in which PoCL and pyopencl make theirs (XDG base directory specification)."""
+def user_cache() -> Path | None:
+    """Return where PoCL, pyopencl and we make our folders (XDG base directory specification), if anywhere."""
     given = os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(given) if given else Path.home() / ".cache"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import threading
 import time
@@ -12,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.cl.buffers import Buffer
-from msb.cl.source import define_lines, resolve
+from msb.cl.kernel_text import define_lines, resolve
 from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from msb.cl.kernel_text import Define
     from msb.cl.queue import Queue
     from msb.cl.records import DeviceRecord
-    from msb.cl.source import Define
 
 Size = int | tuple[int, ...]
 
@@ -41,6 +42,11 @@ _ERROR_LINE = re.compile(
     r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: "
     r"(?!warning: |note: |remark: )(?:(?:fatal )?error: )?(?P<text>.+)$"
 )
+# What a compiler says without a place, and what the platform says around it.
+_COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
+_WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
+UNKNOWN_CPU = "unknown target CPU"
+"""What clang says where PoCL's LLVM is older than the processor."""
 
 # A build that fails without a complaint about the source is tried again: PoCL processes that meet on an empty
 # cache and build the same program at the same moment disturb each other (1 of 200 starts, 8 at once).
@@ -74,6 +80,11 @@ class Program:
         self.hash = hashlib.sha256(source.encode()).hexdigest()
         self._kernels = kernels
 
+    @property
+    def max_work_group(self) -> int:
+        """Work-items of the largest work-group that all its kernels allow."""
+        return min(kernel.max_work_group for kernel in self._kernels.values())
+
     def __getattr__(self, name: str) -> Kernel:
         try:
             return self.__dict__["_kernels"][name]  # type: ignore[no-any-return]
@@ -93,13 +104,25 @@ class Kernel:
     the platform: PoCL compiles every kernel once for each local size it meets.
 
     Arguments are `Buffer`, `LocalMemory`, NumPy scalars (the kernel's type exactly: ``np.uint32(n)``) or,
-    for vector types, NumPy arrays of as many elements. Anything else is a TypeError.
+    for vector types, NumPy arrays of as many elements. Anything else is a TypeError. Larger work-groups than
+    the device allows are a DeviceError `DEVICE_LIMIT`, and so are larger ones than the platform allows for
+    the kernel, if it refuses to launch them.
+
+    Attributes
+    ----------
+    name : str
+    max_work_group : int
+        Work-items of the largest work-group that surely is launched: a kernel that needs many registers may
+        allow fewer than its device (OpenCL 1.2 specification, section 5.7.3, CL_KERNEL_WORK_GROUP_SIZE).
+        Mesa's Rusticl 22.3 says 32 of every kernel and launches 256.
     """
 
     def __init__(self, queue: Queue, handle: Any) -> None:
         self.name: str = handle.function_name
-        self.max_work_group: int = handle.get_work_group_info(
-            queue.cl.kernel_work_group_info.WORK_GROUP_SIZE, queue.handle
+        info = queue.cl.kernel_work_group_info.WORK_GROUP_SIZE
+        # Some platforms answer with the size that the source requires, whatever the device allows.
+        self.max_work_group: int = min(
+            handle.get_work_group_info(info, queue.handle), queue.record.max_work_group
         )
         self._queue = queue
         self._handle = handle
@@ -118,6 +141,9 @@ class Kernel:
         ]
         if 0 in wanted:
             return None
+        most = self._queue.record.max_work_group
+        if math.prod(local) > most:
+            raise self._too_large(local, most)
         rounded = tuple(-(-size // group) * group for size, group in zip(wanted, local, strict=True))
 
         def launch(queue: Any) -> Any:
@@ -126,7 +152,23 @@ class Kernel:
                     self._handle.set_arg(number, value)
                 return self._queue.cl.enqueue_nd_range_kernel(queue, self._handle, rounded, local)
 
-        return self._queue.submit(f"kernel {self.name} over {rounded} in groups of {local}", launch)
+        try:
+            return self._queue.submit(f"kernel {self.name} over {rounded} in groups of {local}", launch)
+        except DeviceError as error:
+            if math.prod(local) > self.max_work_group:
+                raise self._too_large(local, self.max_work_group) from error
+            raise
+
+    def _too_large(self, local: tuple[int, ...], most: int) -> DeviceError:
+        needed = math.prod(local)
+        size = f"{' x '.join(map(str, local))} = {needed}" if len(local) > 1 else f"{needed}"
+        return DeviceError(
+            "DEVICE_LIMIT",
+            f"kernel {self.name} needs work-groups of {size}, and {self._queue.record} allows {most} for it: "
+            "take another device (msb devices lists them; a CPU allows thousands)",
+            value=needed,
+            limit=most,
+        )
 
 
 def build_options(record: DeviceRecord) -> tuple[str, ...]:
@@ -150,7 +192,8 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
     Raises
     ------
     DeviceError
-        `DEVICE_BUILD`: file, line and first error of the compiler; the whole log is a note of the error.
+        `DEVICE_BUILD`: file, line and first error of the compiler, which `value` has alone; the whole log is
+        a note of the error.
     """
     options = build_options(queue.record)
     source = define_lines(defines) + resolve(package, f"{name}.cl")
@@ -161,7 +204,7 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
         except queue.cl.Error as error:
             log = str(error)
             found = next(filter(None, map(_ERROR_LINE.match, log.splitlines())), None)
-            if found or attempt + 1 == _ATTEMPTS:
+            if found or UNKNOWN_CPU in log or attempt + 1 == _ATTEMPTS:
                 raise _build_error(f"{name}.cl", queue.record, log, found) from error
             time.sleep(_PAUSE)
     kernels = {handle.function_name: Kernel(queue, handle) for handle in handles}
@@ -182,14 +225,23 @@ def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
 def _build_error(file: str, record: DeviceRecord, log: str, found: re.Match[str] | None) -> DeviceError:
     """Return the error that says file, line and text of the first complaint `found` in the log."""
     if found:
-        line = f"line {found['line']}"
-        text = f"{line}: {shorten(found['text'], 200)} (on {record})"
-        error = DeviceError("DEVICE_BUILD", text, file=found["file"], pointer=line)
+        line, said = f"line {found['line']}", shorten(found["text"], 200)
+        error = DeviceError(
+            "DEVICE_BUILD", f"{line}: {said} (on {record})", file=found["file"], pointer=line, value=said
+        )
     else:
-        first = shorten(log.partition("\n")[0], 200)
-        error = DeviceError("DEVICE_BUILD", f"{first} (on {record})", file=file)
+        said = shorten(_first_complaint(log), 200)
+        error = DeviceError("DEVICE_BUILD", f"{said} (on {record})", file=file, value=said)
     error.add_note(log)
     return error
+
+
+def _first_complaint(log: str) -> str:
+    """Return the compiler's own line: what it calls an error, or the first not put around it."""
+    lines = [line.strip() for line in log.splitlines() if line.strip()]
+    errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
+    others = (line for line in lines if not _WRAPPING.search(line))
+    return next(errors, None) or next(others, None) or lines[0]
 
 
 def _check(cl: Any, handle: Any, number: int) -> Callable[[str, int, Any], Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import weakref
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import DeviceError, shorten
@@ -10,6 +11,7 @@ from msb.errors import DeviceError, shorten
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from msb.cl.buffers import Allocation
     from msb.cl.records import DeviceRecord
     from msb.cl.timing import Timing
 
@@ -25,6 +27,10 @@ class Queue:
     record : DeviceRecord
     timing : Timing or None
         Who is told the event of every command.
+    allocations : WeakSet of Allocation
+        What is allocated on the device, whoever it is for.
+    failed : bool
+        Whether a command failed for another reason than memory: some platforms then refuse all that follow.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord) -> None:
@@ -32,6 +38,8 @@ class Queue:
         self.handle = handle
         self.record = record
         self.timing: Timing | None = None
+        self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
+        self.failed = False
         self._queue: Any = None
         try:
             self._context = cl.Context([handle])
@@ -90,4 +98,5 @@ class Queue:
 
     def _failed(self, doing: str, error: Exception) -> DeviceError:
         code = "DEVICE_MEMORY" if isinstance(error, self.cl.MemoryError) else "DEVICE_COMMAND"
+        self.failed |= code == "DEVICE_COMMAND"
         return DeviceError(code, f"{self.record}: {doing}: {shorten(str(error), 200)}")

@@ -14,6 +14,8 @@ _SHORT_NAMES = {
     "Portable Computing Language": "pocl",
     "AMD Accelerated Parallel Processing": "amd",
 }
+_CPU_STYLE_PLATFORMS = ("pocl", "intel")
+"""Whose compilers are known to take the CPU style. Mesa's ends the process at a prefetch, Oclgrind's, too."""
 _WIDEST_VECTOR = 8
 """No kernel uses 16-wide vectors: PoCL 3.0 reports width 16 on AVX-512 processors and crashes on them."""
 
@@ -69,9 +71,11 @@ class DeviceRecord:
         """The style of kernel that suits the device.
 
         "cpu" is few work-items with long private loops and no local memory, "gpu" is work-groups that
-        share local memory. This is the one place that decides.
+        share local memory. This is the one place that decides. Any OpenCL compiler takes the second; the
+        first also relies on what clang offers beyond OpenCL, so only compilers it was tried with get it.
         """
-        return "cpu" if self.kind == "cpu" else "gpu"
+        known = self.kind == "cpu" and short_name(self.platform) in _CPU_STYLE_PLATFORMS
+        return "cpu" if known else "gpu"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record as plain JSON data."""

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from msb.cl.buffers import Buffer
     from msb.cl.device import Device
-    from msb.cl.source import Define
+    from msb.cl.kernel_text import Define
+    from msb.cl.programs import Program
 
 MOST = 2**31
 """Elements a scan or sort takes at most: places are 32-bit numbers."""
@@ -63,14 +66,11 @@ def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> No
 
 
 def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level: int) -> None:
-    group = group_size(device)
-    defines: dict[str, Define] = {
-        "VALUE": _OPENCL_NAMES[values.dtype],
-        "SUM": _OPENCL_NAMES[offsets.dtype],
-        "GROUP": group,
-        "ITEMS": _ITEMS,
-    }
-    program = device.program("scan_gpu", defines)
+    program, group = grouped_program(
+        device,
+        "scan_gpu",
+        {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
+    )
     tiles = -(-count // (group * _ITEMS))
     starts = device.scratch(f"scan starts {level}", tiles + 1, offsets.dtype)
     if tiles > 1:
@@ -95,7 +95,15 @@ def chunks_of(device: Device, count: int) -> tuple[int, int]:
     return chunk, -(-count // max(chunk, 1))
 
 
-def group_size(device: Device) -> int:
-    """Return the size of the work-groups of the GPU style: a power of two."""
+def grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
+    """Return a program of the GPU style and the size of its work-groups, its define GROUP.
+
+    That is the largest power of two, up to 256, that the device allows, and every kernel built for it.
+    """
     most = min(_LARGEST_GROUP, device.record.max_work_group)
-    return 1 << (most.bit_length() - 1)
+    while True:
+        group = 1 << (most.bit_length() - 1)
+        program = device.program(name, {**defines, "GROUP": group})
+        if group <= program.max_work_group:
+            return program, group
+        most = program.max_work_group

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from msb.cl.scan import checked_count, chunks_of, exclusive_scan, group_size
+from msb.cl.scan import checked_count, chunks_of, exclusive_scan, grouped_program
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from msb.cl.buffers import Buffer
     from msb.cl.device import Device
+    from msb.cl.kernel_text import Define
     from msb.cl.programs import Program
-    from msb.cl.source import Define
 
 _ITEMS = 8
 _DIGIT_BITS = {"cpu": 8, "gpu": 4}
@@ -108,8 +108,7 @@ def _cpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
 
 
 def _gpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
-    group = group_size(device)
+    defines: dict[str, Define] = {"KEY": key, "DIGITS": digits, "ITEMS": _ITEMS}
+    program, group = grouped_program(device, "radix_gpu", defines)
     tiles = -(-count // (group * _ITEMS))
-    defines: dict[str, Define] = {"KEY": key, "DIGITS": digits, "GROUP": group, "ITEMS": _ITEMS}
-    program = device.program("radix_gpu", defines)
     return _Pass(program, tiles * group, group, (np.uint32(count), np.uint32(tiles)), tiles)

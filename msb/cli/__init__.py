@@ -3,19 +3,36 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from typing import Any
+
+
+def _plainly(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+    """Print a warning of ours as one line, as errors are printed; others as Python does."""
+    from msb.errors import one_line
+
+    if category.__module__.startswith("msb."):
+        print(one_line(str(message)), file=sys.stderr)  # noqa: T201 - no command runs yet that has an Output
+    else:
+        _show(message, category, *rest, **more)
+
+
+_show = warnings.showwarning
 
 
 def main() -> None:
     """Run `msb`."""
+    warnings.showwarning = _plainly
     from msb.cli.app import app
-    from msb.cli.run import run
+    from msb.cli.process import run
 
     sys.exit(run(app, "msb"))
 
 
 def main_audit() -> None:
     """Run `msb-audit`, which is `msb audit`."""
+    warnings.showwarning = _plainly
     from msb.cli.app import audit_app
-    from msb.cli.run import run
+    from msb.cli.process import run
 
     sys.exit(run(audit_app, "msb-audit"))

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from msb.cli.failures import about, report_error
 from msb.cli.options import (
+    WRITTEN,
     CsvFile,
     FailFast,
     Force,
@@ -20,7 +22,6 @@ from msb.cli.options import (
     epilog,
 )
 from msb.cli.output import Output, echo, failure
-from msb.cli.run import about, report
 from msb.errors import GateFailed, MsbError, UsageError
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def audit(
     elements: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the offending elements to a .vtp, .csv or .npz file."),
+        WRITTEN,
     ] = None,
     fail_on: Annotated[
         list[str] | None,
@@ -70,7 +72,7 @@ def audit(
     ] = None,
     profile: Annotated[
         Literal["game", "print", "research"] | None,
-        typer.Option(help="Fail unless it is fit for this; docs/cli.md has the conditions."),
+        typer.Option(help="Fail unless the mesh is fit for this; docs/cli.md has the conditions."),
     ] = None,
     fail_fast: FailFast = False,
     view: Annotated[
@@ -87,8 +89,8 @@ def audit(
 ) -> None:
     """Audit the structure of meshes exactly as they are stored.
 
-    Says how vertices are shared, where the surface is open, non-manifold or in pieces, and whether a
-    technical artist can use it. Nothing is merged or repaired first.
+    The audit says how vertices are shared, where the surface is open, non-manifold or in pieces, and whether
+    a technical artist can use it. Nothing is merged or repaired first.
     """
     output = Output(json_file, quiet, verbose, force, json_lines, csv_file)
     if explain is not None:
@@ -103,7 +105,7 @@ def audit(
 
 
 def _gates(fail_on: list[str], profile: Profile | None) -> list[Gate]:
-    """Return what the user asked for and what the profile asks for; nothing is loaded for neither."""
+    """Return the gates of --fail-on and of the profile; without either nothing is loaded."""
     if not fail_on and profile is None:
         return []
     from msb.cli.gates import PROFILES, parse_gate
@@ -155,7 +157,7 @@ class _Task:
         output.check_outputs()
         output.check_free(elements)
         if view:
-            from msb.cli.view import Files, open_probe
+            from msb.cli.window import Files, open_probe
 
             self.probe = open_probe(Files())
 
@@ -172,7 +174,7 @@ class _Task:
             try:
                 inputs += expand(path)
             except MsbError as error:
-                status = max(status, report(error))
+                status = max(status, report_error(error))
                 results.append(failure(SCHEMA, path, error))
         if self.elements is not None and len(inputs) > 1:
             raise UsageError("USAGE", f"--elements takes one mesh; there are {len(inputs)}")
@@ -184,7 +186,7 @@ class _Task:
             try:
                 found = self.audit_one(path)
             except MsbError as error:
-                status = max(status, report(error))
+                status = max(status, report_error(error))
                 results.append(failure(SCHEMA, path, error))
                 continue
             audits.append(found)
@@ -192,7 +194,7 @@ class _Task:
             if self.output.prints_text:
                 self.print_one(found, first=len(audits) == 1)
             for failed in self.failures(found, path):
-                status = max(status, report(failed))
+                status = max(status, report_error(failed))
         self.write_files(results, audits)
         if self.view and self.seen is not None:
             self.open_window(*self.seen)
@@ -200,11 +202,12 @@ class _Task:
 
     def audit_one(self, path: Path) -> Audit:
         """Return the audit of the mesh at `path`, cross-checked and with elements written if asked for."""
-        from msb.cli.inputs import read_input
+        from msb.cli.inputs import note_warnings, read_input
         from msb.topology import audit_arrays
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_input(path)
+        note_warnings(mesh.warnings, path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"), about(path):
             found, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=self.weld)
         found = replace(found, path=str(path), method=mesh.method)
@@ -226,13 +229,14 @@ class _Task:
 
     def open_window(self, path: Path, found: Audit, analysis: Analysis) -> None:
         """Show the mesh that was audited; the audit is not made again, colours are read now."""
-        from msb.cli.view import Files, ViewOptions, present
+        from msb.cli.view import ViewOptions, present
+        from msb.cli.window import Files
         from msb_viewers.model import build_model
-        from msb_viewers.source import read_source
+        from msb_viewers.viewed_mesh import read_viewed_mesh
 
         if self.probe is not None:
             self.probe.check()
-        present(build_model(read_source(path), found, analysis), ViewOptions(), Files(), self.output)
+        present(build_model(read_viewed_mesh(path), found, analysis), ViewOptions(), Files(), self.output)
 
     def ask_peers(self, found: Audit, analysis: Analysis, mesh: MeshInput) -> Audit:
         """Return `found` with the verdicts of the peers."""

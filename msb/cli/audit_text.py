@@ -37,8 +37,8 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
 )
-_MARKS = {"good": ("OK", "green"), "limited": ("LIMITED", "yellow"), "bad": ("BAD", "red")}
-"""Verdict level -> word and colour; the word alone says it."""
+_STYLES = {"ok": "green", "limited": "yellow", "bad": "red"}
+"""Verdict level -> colour; the word says it without the colour, too."""
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 _LABELS = {
     "nonmanifold_edges": "non-manifold edges",
@@ -88,11 +88,11 @@ def _print_line(markup: str, console: Console) -> None:
 def print_verdict(audit: Audit, console: Console) -> None:
     """Print the verdict on one line, after the name of the mesh."""
     verdict = judge(audit)
-    mark, style = _MARKS[verdict.level]
+    style = _STYLES[verdict.level]
     path = _escape(one_line(audit.path or "mesh"))
     soup = audit.topology == "triangle_soup" and audit.welded is None
     hint = " (--weld exact shows what merging coincident vertices would give)" if soup else ""
-    _print_line(f"[bold]{path}[/bold]: [{style}]{mark}[/{style}] {verdict.sentence}{hint}.", console)
+    _print_line(f"[bold]{path}[/bold]: [{style}]{verdict.word}[/{style}] {verdict.sentence}{hint}.", console)
 
 
 def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
-from msb.cli.views import (
+from msb.cli.camera_options import (
     Assignments,
     Background,
     Cameras,
@@ -23,6 +21,8 @@ from msb.cli.views import (
     Size,
     TierName,
 )
+from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table
 from msb.errors import GateFailed, InputError, UsageError, shorten
 
 if TYPE_CHECKING:
@@ -81,15 +81,15 @@ def bench(
 ) -> None:
     """Time how an asset is drawn: P50 and P95 of the device, frames per second, stages, memory.
 
-    Nothing is written and no pixel is read back while the clock runs. Without --cameras eight views around
-    the asset are used.
+    Nothing is written and no pixel is read back while the clock runs. The memory is what all views need;
+    views that were not timed are drawn afterwards. Without --cameras eight views around the asset are used.
     """
     from msb.asset.settings import parse_overrides
     from msb.bench.machine import machine
     from msb.bench.profile import profile
-    from msb.cli.views import around, choose_cameras, chosen_modes, open_asset, parse_background
+    from msb.cli.camera_options import around, choose_cameras, chosen_modes, open_asset, parse_background
     from msb.render import Renderer
-    from msb.render.protocol import lean_options
+    from msb.render.backend import lean_options
     from msb.scenes import read_cameras
 
     output = Output(json_file, quiet, verbose, force)
@@ -97,7 +97,7 @@ def bench(
     limit = _limit(fail_slower, compare)
     old = _read_old(compare) if compare is not None else None
     with output.progress(f"reading {path.name}"):
-        asset = open_asset(path)
+        asset = open_asset(path, output)
     if cameras is not None:
         views = choose_cameras(read_cameras(cameras), chosen, size, scale)
     elif chosen or scale is not None:
@@ -133,6 +133,9 @@ def bench(
         _print(record, found, old, output)
     if found.frames < frames:
         output.note(f"{path}: {found.frames} of {frames} frames were timed within --budget-seconds")
+    if found.memory_views < len(views):
+        text = f"its memory is of {found.memory_views} of {len(views)} views"
+        output.note(f"{path}: {text}, which were drawn within --budget-seconds")
     if old is not None:
         for key in _SAME:
             if _part(old, key) != _part(record, key):
@@ -178,16 +181,14 @@ def _read_old(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        `FILE_NOT_FOUND`, or `FILE_NOT_RECOGNISED` for anything but a record of this command.
+        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED`: it is no record of this command.
     """
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.errors import AssetError
+    from msb.files import read_file
 
     try:
-        with path.open("rb") as file:
-            data = parse_strict_json(file.read(MAX_BYTES + 1), file=path, name="the record")
-    except OSError as error:
-        raise InputError("FILE_NOT_FOUND", f"it cannot be read: {error.strerror}", file=path) from error
+        data = parse_strict_json(read_file(path, MAX_BYTES), file=path, name="the record")
     except AssetError as error:
         raise InputError("FILE_NOT_RECOGNISED", error.message, file=path) from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not _is_record(data):
@@ -216,7 +217,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
         f"{escape(record['renderer'])} on {escape(about['platform'])}: {escape(about['name'])}",
         soft_wrap=True,
     )
-    rows = list(_rows(found, everything=output.verbose > 0))
+    rows = list(_rows(found, record["views"], everything=output.verbose > 0))
     if output.quiet:
         rows = rows[:3]
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
@@ -230,7 +231,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
     console.print(table)
 
 
-def _rows(found: Profile, *, everything: bool) -> Any:
+def _rows(found: Profile, views: int, *, everything: bool) -> Any:
     """Yield label, unit, value, and how to find the value in an older record."""
     yield "frames per second", "", found.fps, lambda old: old["fps"]
     yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
@@ -238,7 +239,8 @@ def _rows(found: Profile, *, everything: bool) -> Any:
     for name, value in found.stages.items():
         yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
     total = sum(found.memory.values())
-    yield "memory", "MiB", total / 2**20, lambda old: sum(old["memory_bytes"].values()) / 2**20
+    seen = "all views" if found.memory_views == views else f"{found.memory_views} of {views} views"
+    yield f"memory, {seen}", "MiB", total / 2**20, lambda old: sum(old["memory_bytes"].values()) / 2**20
     uses = sorted(found.memory.items(), key=lambda item: -item[1])
     for use, size in uses if everything else [item for item in uses if item[1] >= total / 100]:
         yield f"  {use}", "MiB", size / 2**20, lambda old, use=use: old["memory_bytes"].get(use, 0) / 2**20

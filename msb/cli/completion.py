@@ -15,7 +15,7 @@ EPILOG = epilog("msb completion bash", "msb completion zsh", "msb completion fis
 def completion(
     shell: Annotated[Literal["bash", "zsh", "fish"], typer.Argument(help="The shell.")],
 ) -> None:
-    """Print a completion script for msb and msb-audit, to be put where SHELL looks for it.
+    """Print a completion script for msb and msb-audit; it belongs where SHELL looks for completions.
 
     For bash: msb completion bash > ~/.local/share/bash-completion/completions/msb
     """

@@ -1,4 +1,4 @@
-"""`msb config`: what options are set to without being typed, and by whom."""
+"""`msb config`: the values that options have without being typed, and where they come from."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ def show(
 ) -> None:
     """Show what the environment and files set, and where each value comes from.
 
-    The order, the strongest first: option, variable MSB_COMMAND_OPTION or MSB_OPTION, msb.toml or [tool.msb]
-    in pyproject.toml in this folder or the nearest above, the user's msb.toml, default. docs/cli.md tells
-    more.
+    The strongest comes first: the option, the variable MSB_COMMAND_OPTION or MSB_OPTION, msb.toml or
+    [tool.msb] in pyproject.toml in this folder or the nearest above, the user's msb.toml, the default.
+    docs/cli.md tells more.
     """
     from typer.main import get_command
 
-    from msb.cli import settings
+    from msb.cli import defaults
     from msb.cli.app import app
 
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
-    commands = settings.single_commands(get_command(app))
-    found = settings.read_settings(commands)
+    commands = defaults.single_commands(get_command(app))
+    found = defaults.read_defaults(commands)
     rows: list[dict[str, Any]] = []
     for name, command in commands.items():
-        for key, option in settings.options(command):
-            setting = found[name].get(option.name)
-            if setting is not None:
-                rows.append({"key": f"{name}.{key}", "value": setting.value, "from": setting.source})
-            elif everything and settings.in_files(key, option):
+        for key, option in defaults.options(command):
+            default = found[name].get(option.name)
+            if default is not None:
+                rows.append({"key": f"{name}.{key}", "value": default.value, "from": default.source})
+            elif everything and defaults.in_files(key, option):
                 rows.append({"key": f"{name}.{key}", "value": _plain(option.default), "from": "default"})
-    project, user = settings.project_file(), settings.user_file()
+    project, user = defaults.project_file(), defaults.user_file()
     output.write_json(
         {
             "schema": SCHEMA,

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from msb.cli.options import Force, Quiet, Verbose, epilog
+from msb.cli.failures import about
+from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
-from msb.cli.run import about
 from msb.errors import UsageError
 
 EPILOG = epilog(
@@ -24,7 +24,9 @@ _FACE_COLOR_SUFFIXES = (".ply", ".off")
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A .triasset or a mesh file.")],
     target: Annotated[
-        Path, typer.Argument(metavar="OUT", help="Its suffix says what is written: .triasset .ply .obj ...")
+        Path,
+        typer.Argument(metavar="OUT", help="Its suffix says what is written: .triasset .ply .obj ..."),
+        WRITTEN,
     ],
     form: Annotated[
         Literal["packed", "folder"] | None, typer.Option(help="Form of a .triasset; packed if not given.")
@@ -48,10 +50,10 @@ def convert(
     An asset becomes its standard-tier mesh: opaque, unlit, with static colours. With --official it becomes
     what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
     """
-    from msb.cli.inputs import ASSET_SUFFIX
+    from msb.asset import ASSET_SUFFIX
 
     output = Output(None, quiet, verbose, force)
-    output.check_free(target)
+    output.check_free(target, folder=form == "folder")
     if official:
         if form is not None or up is not None or color != "stored":
             raise UsageError("USAGE", "--official goes without --form, --up and --color")
@@ -67,8 +69,8 @@ def convert(
 
 
 def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
-    from msb.asset import load, save
-    from msb.cli.inputs import is_asset
+    from msb.asset import is_asset, load, save
+    from msb.cli.inputs import note_warnings
 
     with output.progress(f"reading {source.name}"):
         if is_asset(source):
@@ -77,14 +79,14 @@ def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], 
             from msb.adapters import export
 
             asset = export(source, method="mesh")
+    note_warnings(asset.warnings, source, output)
     with output.progress(f"writing {target.name}"):
         save(asset, target, form)
 
 
 def _write_official(source: Path, target: Path, output: Output) -> None:
     from msb.adapters.official import official_exporter, write_official
-    from msb.asset import load
-    from msb.cli.inputs import is_asset
+    from msb.asset import is_asset, load
 
     if not is_asset(source):
         official_exporter("mesh")  # which says that there is none
@@ -95,8 +97,9 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 
 
 def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: Output) -> None:
+    from msb.asset import ASSET_SUFFIX, is_asset
     from msb.atomic import new_file
-    from msb.cli.inputs import ASSET_SUFFIX, is_asset
+    from msb.cli.inputs import note_warnings
     from msb.meshes import MESH_SUFFIXES, read_mesh, write_mesh
     from msb.meshes.assets import mesh_from_asset, with_vertex_colors
     from msb.meshes.transform import turned_upright, with_linear_colors
@@ -109,7 +112,9 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
         if is_asset(source):
             from msb.asset import load
 
-            mesh = mesh_from_asset(load(source))
+            asset = load(source)
+            note_warnings(asset.warnings, source, output)
+            mesh = mesh_from_asset(asset)
         else:
             mesh = read_mesh(source)
     if mesh.face_colors is not None and mesh.vertex_colors is None and suffix not in _FACE_COLOR_SUFFIXES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
@@ -9,8 +10,7 @@ from msb.cli.output import Output, plain_table
 from msb.errors import DeviceError, MsbError
 
 if TYPE_CHECKING:
-    from msb.cl import DeviceRecord
-    from msb.cl.devices import Choice
+    from msb.cl.devices import Choice, Tried
 
 EPILOG = epilog("msb devices", "msb devices -v --device cpu", "msb devices --json -")
 SCHEMA = "msb.devices/1"
@@ -24,30 +24,35 @@ def devices(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """List the OpenCL devices, what to type to get each, which one is taken; and the renderers there are.
+    """List the OpenCL devices, whether each builds kernels and which one is used; and the renderers.
 
-    -v shows every limit and ability. docs/opencl.md tells how to get more devices, docs/engines.md how to
-    get the renderers that are missing.
+    Every device is tried anew. -v shows every limit and ability, and what had to be done to make a device
+    work. docs/opencl.md tells how to get more devices, docs/engines.md how to get the renderers that are
+    missing.
     """
-    from msb.cl import list_devices
-    from msb.cl.devices import choose_device
+    from msb.cl.devices import choose_device, try_devices
     from msb.cl.loader import notes
 
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
-    records, choice, problem = list_devices(), None, None
+    with output.progress("building a kernel on each device"):
+        tried = try_devices()
+    choice, problem = None, None
     try:
         choice = choose_device(device)
     except MsbError as error:
         problem = error
-    if not records:
+    if not tried:
         raise problem or DeviceError("DEVICE_NOT_FOUND", "the devices went away while they were listed")
-    hints = [*notes(), *_missing(records)]
-    renderers = _renderers()
+    hints = [*notes(), *_failures(tried), *_missing(tried)]
+    renderers = _renderers(choice)
     output.write_json(
         {
             "schema": SCHEMA,
-            "devices": [record.to_dict() for record in records],
+            "devices": [
+                {**device.record.to_dict(), **asdict(device.trial), "advice": device.advice}
+                for device in tried
+            ],
             "chosen": choice and choice.record.selector,
             "chosen_by": choice and choice.source,
             "notes": hints,
@@ -55,37 +60,45 @@ def devices(
         }
     )
     if output.prints_text:
-        _print(records, choice, hints, output)
+        _print(tried, choice, hints, output)
         _print_renderers(renderers, output)
     if problem:
         raise problem
 
 
-def _print(records: list[DeviceRecord], choice: Choice | None, hints: list[str], output: Output) -> None:
+def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: Output) -> None:
     console = output.console()
-    table = plain_table("--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver", right=(4, 5))
-    for record in records:
+    names = ("--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver", "Builds")
+    table = plain_table(*names, right=(4, 5))
+    for record, trial, _ in tried:
         mark = " *" if choice and record.selector == choice.record.selector else ""
         memory = f"{record.global_memory / 2**30:.1f} GiB"
+        builds = ("mended" if trial.mended else "yes") if trial.builds else "NO"
         cells = (record.platform, record.name, record.kind, str(record.compute_units), memory, record.driver)
-        table.add_row(record.selector + mark, *cells)
+        table.add_row(record.selector + mark, *cells, builds)
     console.print(table, markup=False)
     if choice:
         console.print(f"\n* {_why(choice)}", markup=False)
     if output.verbose:
-        for record in records:
-            console.print(_details(record))
+        for device in tried:
+            console.print(_details(device))
     if not output.quiet:
         for hint in hints:
             console.print(f"- {hint}", markup=False)
 
 
-def _renderers() -> list[dict[str, Any]]:
+def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
     """Return every renderer: its name, where it is, and what is missing before it can draw."""
-    from msb.render.protocol import renderers, what_is_missing
+    from msb.render.backend import ON_OPENCL, renderers, what_is_missing
 
+    without = None if choice else "no OpenCL device that builds kernels"
     return [
-        {"name": name, "from": where, "missing": what_is_missing(name)} for name, where in renderers().items()
+        {
+            "name": name,
+            "from": where,
+            "missing": what_is_missing(name) or (without if name in ON_OPENCL else None),
+        }
+        for name, where in renderers().items()
     ]
 
 
@@ -106,10 +119,20 @@ def _why(choice: Choice) -> str:
     return f"is taken because of {source} {choice.selector}"
 
 
-def _details(record: DeviceRecord) -> Any:
+def _details(device: Tried) -> Any:
     from rich.markup import escape
 
+    from msb.cl.mend import MEND_VARIABLE
+
+    record, trial, _ = device
     table = plain_table(f"\n{record.selector}", "")
+    builds = "yes" if trial.builds else f"no: {trial.why}"
+    if trial.mended:
+        builds += (
+            f", once its compiler, which knows no processor of this kind, is told that it is a "
+            f"{trial.mended} (docs/opencl.md; {MEND_VARIABLE}=0 switches that off)"
+        )
+    table.add_row("builds kernels", escape(builds))
     for key, value in record.to_dict().items():
         if key != "selector":
             text = f"{value:,} bytes" if key in _BYTES else str(value)
@@ -117,19 +140,22 @@ def _details(record: DeviceRecord) -> Any:
     return table
 
 
-def _missing(records: list[DeviceRecord]) -> list[str]:
-    """Return what could be added to this machine, a sentence each."""
-    import platform
-    import sys
+def _failures(tried: list[Tried]) -> list[str]:
+    """Return for each device that does not build kernels why that is, and what to do."""
+    return [
+        f"{record.selector} does not build kernels: {trial.why}. {advice}."
+        for record, trial, advice in tried
+        if not trial.builds
+    ]
 
-    has = {record.selector.partition(":")[0] for record in records}
+
+def _missing(tried: list[Tried]) -> list[str]:
+    """Return what could be added to this machine, one sentence for each."""
+    from msb.cl.loader import how_to_get_pocl
+
     found = []
-    if "pocl" not in has:
-        from msb.cl.loader import how_to_get_pocl
-
+    if not any(record.selector.startswith("pocl:") for record, _, _ in tried):
         found.append(f"No PoCL, the platform results are compared on: {how_to_get_pocl()}.")
-    if "intel" not in has and sys.platform == "linux" and platform.machine() == "x86_64":
-        found.append("A faster CPU platform, on AMD too: pip install 'meshsplatbench[intel]'.")
-    if not any(record.kind == "gpu" for record in records):
+    if not any(record.kind == "gpu" for record, _, _ in tried):
         found.append("No GPU: one appears when its driver brings OpenCL (an .icd file).")
     return found

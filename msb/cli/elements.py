@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a name whose suffix is none we write.
+    """Refuse a name with a suffix that we do not write.
 
     Raises
     ------
@@ -37,8 +37,9 @@ def write_elements(elements: Elements, path: Path) -> None:
     """Write `elements` to `path` in the form its suffix names; kinds are called as in the audit's JSON.
 
     ``.vtp`` holds points, edges and faces as cells with the arrays ``kind`` (0 for a plain face, else the
-    place in ``kinds``, a field array of names, counted from 1), ``element`` and ``component``; ``.csv`` one
-    row an element; ``.npz`` one array a kind (vertex pairs for edges, else numbers) and ``face_component``.
+    place in ``kinds``, a field array of names, counted from 1), ``element`` and ``component``. ``.csv`` has
+    one row per element. ``.npz`` has one array per kind (vertex pairs for edges, else numbers) and
+    ``face_component``.
     """
     with new_file(path) as file:
         _WRITERS[path.suffix.lower()](elements, file)

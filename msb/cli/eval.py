@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from msb.cli.failures import report_error
 from msb.cli.options import CsvFile, FailFast, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
-from msb.cli.run import report
 from msb.errors import MsbError, UsageError, shorten
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair, LpipsVgg
@@ -49,11 +50,11 @@ def evaluate(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Compare images with their ground truth: PSNR, SSIM and LPIPS, each and in the mean.
+    """Compare images with their ground truth: PSNR, SSIM and LPIPS of each image, and their means.
 
-    Images are paired by their path below the folder without its suffix (png, jpg, npy, exr); sizes must be
-    equal, nothing is resized. All are clamped and rounded to 8 bits. A bad image costs a line on standard
-    error and status 3; the others are still compared.
+    Images are paired by their path below the folder without its suffix (png, jpg, npy, exr). Their sizes must
+    be equal; nothing is resized. All images are clamped and rounded to 8 bits. A bad image gets a line on
+    standard error and status 3; the others are still compared.
     """
     output = Output(json_file, quiet, verbose, force, csv_file=csv_file)
     output.check_outputs()
@@ -86,6 +87,9 @@ class _Task:
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         status = 0
+        # Once, not for every pair.
+        read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
+        need_extra("bench", "skimage", *read, what="msb eval")
         for note in self.notes:
             self.output.note(note)
         with self.output.counted("comparing", len(pairs)) as step:
@@ -93,7 +97,7 @@ class _Task:
                 try:
                     rows.append(self.compare(pair))
                 except MsbError as error:
-                    status = max(status, report(error))
+                    status = max(status, report_error(error))
                     failed.append({"name": pair.name, "code": error.code, "message": str(error)})
                     if fail_fast:
                         break
@@ -108,7 +112,7 @@ class _Task:
     def compare(self, pair: ImagePair) -> dict[str, Any]:
         """Return the row of one pair."""
         from msb import metrics
-        from msb.cli.run import about
+        from msb.cli.failures import about
 
         pred, gt = (metrics.read_image(path, background=self.background) for path in (pair.pred, pair.gt))
         with about(pair.pred):
@@ -186,12 +190,11 @@ def _cell(row: dict[str, Any], key: str) -> str:
 
 
 def _parse_color(text: str) -> Color:
-    from msb.cli.views import parse_background
+    from msb.scenes.colors import parse_color
 
-    try:
-        if text.strip().lower() != "official":  # there is no asset that would know
-            return parse_background(text, cast("Any", None))
-    except UsageError:
-        pass
-    shown = shorten(text, 40)
-    raise UsageError("USAGE", f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1')
+    found = parse_color(text)
+    if found is None:
+        shown = shorten(text, 40)
+        text = f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1'
+        raise UsageError("USAGE", text)
+    return found

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.errors import UsageError
 
@@ -26,7 +26,7 @@ def export(
     source: Annotated[
         Path, typer.Argument(metavar="CHECKPOINT", help="A training's output folder, or the model's file.")
     ],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="The .triasset to write.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="The .triasset to write."), WRITTEN],
     method: Annotated[
         str | None, typer.Option(metavar="NAME", help="The method, if it is not to be detected.")
     ] = None,
@@ -49,13 +49,12 @@ def export(
     config, --set, or defaults; the asset records which.
     """
     from msb.adapters.exporter import finish, read_model
-    from msb.asset import save
-    from msb.cli.inputs import ASSET_SUFFIX
+    from msb.asset import ASSET_SUFFIX, save
 
     output = Output(json_file, quiet, verbose, force)
     if target.suffix.lower() != ASSET_SUFFIX:
         raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in {ASSET_SUFFIX}')
-    output.check_free(target)
+    output.check_free(target, folder=form == "folder")
     output.check_free(json_file)
     with output.progress(f"reading {source.name}"):
         settings = _settings(source, method, config, assignments or [])
@@ -87,12 +86,12 @@ def _settings(
 def _print(asset: Asset, target: Path, output: Output) -> None:
     from rich.markup import escape
 
-    from msb.methods import METHODS
+    from msb.methods import lookup
 
     m, console = asset.manifest, output.console()
     size = sum(spec.byte_length for spec in m.buffers.values())
     console.print(
-        f"{escape(str(target))}: [bold]{METHODS[m.method].title}[/bold], {m.topology.replace('_', ' ')}, "
+        f"{escape(str(target))}: [bold]{lookup(m.method).title}[/bold], {m.topology.replace('_', ' ')}, "
         f"{m.vertex_count:,} vertices, {m.face_count:,} faces, SH degree {m.sh_degree}, {size:,} bytes",
         soft_wrap=True,
     )

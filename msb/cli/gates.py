@@ -62,7 +62,7 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "lcc_area_ratio<0.69",
     ),
 }
-"""Purpose of a mesh -> conditions under which it is not fit for it. Our thresholds, but for `research`."""
+"""Purpose of a mesh -> conditions under which it is not fit. The limits are ours, but for `research`."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from msb.errors import shorten
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.methods import Method, Tier
+    from msb.asset.manifest import Manifest
+    from msb.methods import Tier
 
 EPILOG = epilog("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/splat_like.triasset")
 
@@ -27,15 +28,15 @@ def info(
 ) -> None:
     """Show what a .triasset holds: method, counts, bounds, settings and buffers.
 
-    Reads the manifest and checks paths and sizes; values are left alone (msb validate reads them).
+    The command reads the manifest and checks paths and sizes. It does not read values; msb validate does.
     """
     from msb.asset import load
+    from msb.cli.inputs import note_warnings
 
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
     asset = load(path)
-    for warning in asset.warnings:
-        output.note(f"{warning.code}: {path}: {warning.message}")
+    note_warnings(asset.warnings, path, output)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     manifest = asset.manifest.to_dict()
     output.write_json({"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest})
@@ -46,10 +47,10 @@ def info(
 def _print(asset: Asset, size: int, output: Output) -> None:
     from rich.markup import escape
 
-    from msb.methods import METHODS, TIERS
+    from msb.methods import TIERS, lookup
 
     m = asset.manifest
-    method, frame = METHODS[m.method], m.coordinate_frame
+    method, frame = lookup(m.method), m.coordinate_frame
     console = output.console()
     table = plain_table("", "")
     table.show_header = False
@@ -63,7 +64,7 @@ def _print(asset: Asset, size: int, output: Output) -> None:
         ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
         ("compositing", _parameters(m.compositing)),
         ("frame", f"{frame.handedness}-handed, up {frame.up}, {frame.units} units"),
-        *((f"tier {tier}", _tier(method, tier)) for tier in TIERS),
+        *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
         *(("setting", f"{name} = {s.value} ({s.source})") for name, s in m.settings.items()),
         *(
             ("source", f"{f.path}, {f.byte_length:,} bytes, sha256 {f.sha256[:12]}...")
@@ -82,10 +83,15 @@ def _print(asset: Asset, size: int, output: Output) -> None:
     console.print(buffers)
 
 
-def _tier(method: Method, tier: Tier) -> str:
-    if tier in method.unsupported:
-        return f"not supported: {method.unsupported[tier]}"
-    return ", ".join(method.passes[tier])
+def _tier(manifest: Manifest, tier: Tier) -> str:
+    from msb.asset.tiers import why_not
+    from msb.methods import lookup
+
+    why = why_not(manifest, tier)
+    if why is not None:
+        return f"not supported: {why}"
+    passes = lookup(manifest.method).passes or manifest.required_passes
+    return ", ".join(passes.get(tier, ("opaque_unlit",)))
 
 
 def _point(values: tuple[float, float, float]) -> str:

@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.adapters.locate import is_checkpoint
-from msb.asset.manifest import MANIFEST_NAME
-from msb.errors import InputError, MsbError
+from msb.adapters.locate import is_checkpoint, is_primitive_table
+from msb.asset import ASSET_SUFFIX, is_asset
+from msb.errors import InputError
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-ASSET_SUFFIX = ".triasset"
+    from msb.cli.output import Output
+    from msb.errors import Finding
 
 
 @dataclass(frozen=True)
@@ -29,20 +30,7 @@ class MeshInput:
     vertices: NDArray[Any]
     faces: NDArray[Any]
     method: str | None
-
-
-def is_asset(path: Path) -> bool:
-    """Return whether `path` is, or claims to be, an asset of either form.
-
-    Raises
-    ------
-    InputError
-        `FILE_UNREADABLE`: it may not be looked into.
-    """
-    try:
-        return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
-    except PermissionError as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=path) from error
+    warnings: tuple[Finding, ...] = ()
 
 
 def expand(path: Path) -> list[Path]:
@@ -107,7 +95,8 @@ def read_input(path: Path) -> MeshInput:
         from msb.asset import load
 
         asset = load(path)
-        return MeshInput(path, asset.buffers["positions"], asset.buffers["indices"], asset.manifest.method)
+        positions, indices = asset.buffers["positions"], asset.buffers["indices"]
+        return MeshInput(path, positions, indices, asset.manifest.method, asset.warnings)
     if is_checkpoint(path) or is_primitive_table(path):
         from msb.adapters import read_model
 
@@ -120,14 +109,7 @@ def read_input(path: Path) -> MeshInput:
     return MeshInput(path, mesh.vertices, mesh.faces, None)
 
 
-def is_primitive_table(path: Path) -> bool:
-    """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
-    from msb.meshes.ply_table import ply_names
-
-    if path.suffix.lower() != ".ply":
-        return False
-    try:
-        names, has_faces = ply_names(path)
-    except MsbError:  # the mesh reader says what is wrong
-        return False
-    return not has_faces and bool({"x1", "rot_0"} & set(names))
+def note_warnings(found: Iterable[Finding], path: Path, output: Output) -> None:
+    """Print what the reader of `path` warned of."""
+    for warning in found:
+        output.note(f"{warning.code}: {path}: {warning.message}")

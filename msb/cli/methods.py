@@ -1,4 +1,4 @@
-"""`msb methods`: what each method has, and what each tier keeps of it, printed from `msb/methods.py`."""
+"""`msb methods`: what each method has, and what each tier keeps of it, printed from `msb.methods`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def methods(
 ) -> None:
     """Show the methods: what their representations have, what each tier keeps, their settings.
 
-    "--" marks what the source representation does not have, N/A what a tier does not support.
+    The mark -- stands for what the source representation does not have, N/A for what a tier does not support.
     """
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
@@ -79,7 +79,6 @@ def tables() -> Iterator[tuple[str, TableRows]]:
     """Yield title and rows, the first one the header, of each table."""
     from msb.methods import METHODS
     from msb.report.tables.features import (
-        DEPTH_TEST,
         TIER_TITLES,
         deployment_features,
         native_features,
@@ -87,10 +86,11 @@ def tables() -> Iterator[tuple[str, TableRows]]:
 
     yield "What the representation has", _rows(native_features())
     for tier, heading in TIER_TITLES.items():
-        rows = _rows(deployment_features(), heading)
-        starred = f" (*: {DEPTH_TEST})" if any("*" in cell for row in rows for cell in row) else ""
-        yield f"What the {tier} tier keeps of it{starred}", rows
-    rows = [("method", "tier", "why")]
+        kept = [method.retained[tier] for method in METHODS.values() if tier in method.retained]
+        notes = {note for each in kept for note in each.notes.values()}
+        starred = f" (*: {'; '.join(sorted(notes))})" if notes else ""
+        yield f"What the {tier} tier keeps of it{starred}", _rows(deployment_features(), heading)
+    rows: TableRows = [("method", "tier", "why")]
     rows += [
         (method.title, tier, why) for method in METHODS.values() for tier, why in method.unsupported.items()
     ]

@@ -5,25 +5,35 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperCommand
 
+from msb.atomic import forget_free_places
+from msb.errors import UsageError
+
+WRITTEN = "written"
+"""Beside a path's typer.Option it says that an output gets that name; other paths are read, or filled."""
 JsonFile = Annotated[
     Path | None,
     typer.Option(
         "--json", metavar="FILE", help="Write JSON to FILE; - is standard output, and nothing else."
     ),
+    WRITTEN,
 ]
 JsonLines = Annotated[
     Path | None,
     typer.Option("--jsonl", metavar="FILE", help="Write one line of JSON per input to FILE; - as above."),
+    WRITTEN,
 ]
 CsvFile = Annotated[
     Path | None,
     typer.Option("--csv", metavar="FILE", help="Write one row per item to FILE; - is standard output."),
+    WRITTEN,
 ]
 FailFast = Annotated[bool, typer.Option("--fail-fast", help="Stop at the first input that fails.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace outputs that exist.")]
@@ -47,6 +57,7 @@ ColorWhen = Annotated[
 LogFile = Annotated[
     Path | None,
     typer.Option("--log-file", metavar="FILE", help="Append notes, errors, steps and their times to FILE."),
+    WRITTEN,
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 _EVERYWHERE: dict[str, tuple[Any, Any]] = {
@@ -54,16 +65,128 @@ _EVERYWHERE: dict[str, tuple[Any, Any]] = {
     "log_file": (LogFile, None),
     "debug": (Debug, False),
 }
-"""Options every command has. A command with one of that name, as --color of msb convert, keeps its own."""
+"""Options of every command. A command with an option of that name (msb convert --color) keeps its own."""
+
+
+class Command(TyperCommand):
+    """A command of ours: it refuses what the library takes in silence, before anything is opened or read.
+
+    These are an option of one value that is given twice, of which the last would count; an empty path, which
+    would be the current folder; and an output that is an input or another output.
+    """
+
+    def make_parser(self, ctx: Any) -> Any:
+        """Return the library's parser, which refuses repeated options and empty paths."""
+        parser = super().make_parser(ctx)
+        parse = parser.parse_args
+
+        def parse_args(args: list[str]) -> Any:
+            values, rest, order = parse(args=args)
+            if not ctx.resilient_parsing:  # at the Tab key nothing is complete
+                param: Any
+                for param in self.params:
+                    given: Any = values.get(param.name)
+                    many = (
+                        param.param_type_name == "argument" or param.multiple or param.count or param.is_flag
+                    )
+                    if not many and order.count(param) > 1:
+                        ctx.fail(f"{_label(param)} is given {order.count(param)} times; it takes one value")
+                    if param.name in _paths(self) and "" in (given if _is_many(given) else [given]):
+                        ctx.fail(f"{_label(param)} is empty, which names no file; . is the current folder")
+            return values, rest, order
+
+        parser.parse_args = parse_args  # type: ignore[method-assign]
+        return parser
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse, then refuse to write over inputs and to write two outputs to one place.
+
+        Raises
+        ------
+        UsageError
+            `USAGE`.
+        """
+        rest = super().parse_args(ctx, args)
+        outputs = [param for param in self.params if _paths(self).get(param.name or "")]
+        if not ctx.resilient_parsing and any(ctx.params.get(param.name) is not None for param in outputs):
+            from msb.cli.output import check_apart
+
+            named = [
+                (_label(param), Path(path), param in outputs)
+                for param in self.params
+                if param.name in _paths(self) and (value := ctx.params.get(param.name)) is not None
+                for path in (value if _is_many(value) else [value])
+            ]
+            check_apart(named)
+        return rest
+
+
+_BOTH = "an option of msb compare and msb web"
+_COMPARE = "an option of msb compare"
+MOVED: dict[str, dict[str, str]] = {
+    "view": {
+        "compare": "a command of its own: msb compare ASSET",
+        "web": "a command of its own: msb web --out FILE ASSET",
+        "paths": "--tiers of msb compare",
+        **dict.fromkeys(("background", "camera", "cameras", "scale", "set"), _BOTH),
+        **dict.fromkeys(("device", "images", "layout", "pair", "supersample"), _COMPARE),
+    }
+}
+"""Command -> an option that it had -> what that is now."""
+
+
+def refuse(given: Mapping[str, object], why: str) -> None:
+    """Refuse options that would be ignored, by their names without dashes.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    for name, value in given.items():
+        if value is not None:
+            raise UsageError("USAGE", f"--{name} {why}")
+
+
+def _paths(command: TyperCommand) -> dict[str, bool]:
+    """Return the parameters that name a file or folder, as `with_shared` found them, and which is written."""
+    return getattr(command.callback, "paths", {})
+
+
+def _is_many(value: Any) -> bool:
+    return isinstance(value, list | tuple)
+
+
+def _label(param: Any) -> str:
+    """Return the name of a parameter in its command's help."""
+    if param.param_type_name == "argument":
+        return str(param.metavar or param.name).rstrip(".")
+    return next((flag for flag in param.opts if flag.startswith("--")), str(param.opts[0]))
+
+
+def _names_a_path(annotation: Any) -> bool:
+    """Return whether a parameter takes a path: by its type, or a text by its metavar (DIR|reference)."""
+    if "Path" in re.findall(r"\w+", str(getattr(annotation, "__origin__", annotation))):
+        return True
+    words = {
+        word
+        for declared in getattr(annotation, "__metadata__", ())
+        for word in re.findall(r"\w+", getattr(declared, "metavar", None) or "")
+    }
+    return not words.isdisjoint({"PATH", "FILE", "FOLDER", "DIR"})
 
 
 def with_shared(command: Callable[..., None]) -> Callable[..., None]:
-    """Return `command` with the options of all commands added to its signature, where they are read."""
+    """Return `command` with the options of all commands added to its signature, where they are read.
+
+    Its attribute `paths` has the name of each parameter that is a path, and whether it is `WRITTEN`.
+    """
     own = inspect.signature(command, eval_str=True)
     for parameter in own.parameters.values():
         for declared in getattr(parameter.annotation, "__metadata__", ()):
-            # A file that may not be read is for its reader to report, with its code and status.
-            declared.readable = False
+            if declared is not WRITTEN:
+                # A file that may not be read is for its reader to report, with its code and status.
+                declared.readable = False
     added = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
         for name, (annotation, default) in _EVERYWHERE.items()
@@ -78,14 +201,23 @@ def with_shared(command: Callable[..., None]) -> Callable[..., None]:
             from msb.cli.output import open_log
 
             open_log(given["log_file"])
-        command(**values)
+        try:
+            command(**values)
+        finally:
+            forget_free_places()
 
-    run.__signature__ = own.replace(parameters=[*own.parameters.values(), *added])  # type: ignore[attr-defined]
+    parameters = [*own.parameters.values(), *added]
+    run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.paths = {  # type: ignore[attr-defined]
+        each.name: WRITTEN in getattr(each.annotation, "__metadata__", ())
+        for each in parameters
+        if _names_a_path(each.annotation)
+    }
     return run
 
 
 def _color(when: str | None) -> None:
-    """Say it as the environment does: what prints, rich and processes we start, reads it there."""
+    """Set the variables of colour: what prints, such as rich and our child processes, reads them."""
     for name, wish in (("FORCE_COLOR", "always"), ("NO_COLOR", "never")):
         if when is not None:
             os.environ.pop(name, None)

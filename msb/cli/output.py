@@ -6,14 +6,15 @@ import contextlib
 import io
 import json
 import os
+import re
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.atomic import check_place, new_file
-from msb.errors import OutputError, UsageError, one_line
+from msb.atomic import check_place, is_stream, new_file
+from msb.errors import OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from msb.errors import MsbError
 
 STDOUT = "-"
+_STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 _LEAST_WIDTH = 80
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
@@ -34,7 +36,7 @@ _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 class Output:
     """What the user wants to see, and where.
 
-    A file "-" takes standard output for itself; the human text is then not printed at all.
+    A file "-" (or ``/dev/stdout``) takes standard output for itself; the human text is then not printed.
     """
 
     json_file: Path | None = None
@@ -43,17 +45,18 @@ class Output:
     force: bool = False
     json_lines: Path | None = None
     csv_file: Path | None = None
+    _checked: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
         files = {"--json": self.json_file, "--jsonl": self.json_lines, "--csv": self.csv_file}
-        taken = [option for option, path in files.items() if str(path) == STDOUT]
+        taken = [option for option, path in files.items() if is_stdout(path)]
         if len(taken) > 1:
             raise UsageError("USAGE", f"{' and '.join(taken)} cannot both go to standard output")
 
     @property
     def prints_text(self) -> bool:
         """Whether the human-readable result is wanted on standard output."""
-        return STDOUT not in map(str, (self.json_file, self.json_lines, self.csv_file))
+        return not any(map(is_stdout, (self.json_file, self.json_lines, self.csv_file)))
 
     @property
     def shows_progress(self) -> bool:
@@ -127,21 +130,29 @@ class Output:
             task = bars.add_task(text, total=total)
             yield lambda: bars.advance(task)
 
-    def check_free(self, path: Path | None) -> None:
+    def check_free(self, path: Path | None, *, folder: bool = False) -> None:
         """Refuse to overwrite `path` without --force, and a place where nothing can be written.
+
+        A device or pipe is written through, and a `folder` cannot be. What another program writes there from
+        now on is not replaced either without --force: `msb.atomic`.
 
         Raises
         ------
         UsageError
-            `OUTPUT_EXISTS`.
+            `OUTPUT_EXISTS`; `USAGE`: it was asked for before, and the command would write it twice.
         OutputError
             `OUTPUT_UNWRITABLE`.
         """
-        if path is None or str(path) == STDOUT:
+        if path is None or is_stdout(path):
             return
-        if os.path.lexists(path) and not self.force:
+        replaced = not is_stream(path)
+        if replaced and os.path.lexists(path) and not self.force:
             raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
-        check_place(path)
+        check_place(path, folder=folder, free=not self.force)
+        place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image
+        if replaced and place in self._checked:
+            raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
+        self._checked.add(place)
 
     def check_outputs(self) -> None:
         """Refuse to overwrite what --json, --jsonl and --csv name; raises as `check_free`."""
@@ -157,14 +168,14 @@ class Output:
         self._write(self.json_file, text)
 
     def write_documents(self, documents: Sequence[dict[str, Any]]) -> None:
-        """Write one document an input: --json gets it, or a list of several, --jsonl a line for each."""
+        """Write one document per input: --json gets it, or a list of several, --jsonl a line for each."""
         self.write_json(documents[0] if len(documents) == 1 else list(documents))
         if self.json_lines is not None:
             lines = (json.dumps(_signed(one), allow_nan=False, ensure_ascii=False) for one in documents)
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Write `rows` where --csv points to, if it was given."""
+        """Write `rows` where --csv points to, if it was given; texts as `formula_safe` has them."""
         if self.csv_file is None:
             return
         import csv
@@ -172,13 +183,14 @@ class Output:
         text = io.StringIO(newline="")
         writer = csv.DictWriter(text, fieldnames=columns)
         writer.writeheader()
-        writer.writerows(rows)
+        for row in rows:
+            writer.writerow({key: formula_safe(v) if isinstance(v, str) else v for key, v in row.items()})
         self._write(self.csv_file, text.getvalue())
 
     def _write(self, path: Path, text: str) -> None:
         # A file name need not be text: its odd bytes become \udcXX, which JSON reads back as they were.
         data = text.encode(errors="backslashreplace")
-        if str(path) == STDOUT:
+        if is_stdout(path):
             sys.stdout.flush()
             sys.stdout.buffer.write(data)
         else:
@@ -186,8 +198,41 @@ class Output:
                 file.write(data)
 
 
+def is_stdout(path: Path | None) -> bool:
+    """Return whether `path` is standard output, by its short name or one of the system's."""
+    return str(path) in _STDOUT_NAMES
+
+
+def check_apart(named: Sequence[tuple[str, Path, bool]]) -> None:
+    """Refuse outputs that are an input or another output, also by a link or in another spelling.
+
+    Parameters
+    ----------
+    named : sequence of (str, Path, bool)
+        How the user called it, the path, and whether it is written. Streams can take several outputs.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    seen: dict[object, str] = {}
+    for label, path, written in sorted(named, key=lambda one: one[2]):
+        if is_stdout(path) or is_stream(path):
+            continue
+        try:
+            found = path.stat()
+            key: object = found.st_dev, found.st_ino
+        except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
+            key = os.path.realpath(path) if "\0" not in str(path) else str(path)
+        if written and key in seen:
+            text = f"{label} and {seen[key]} name the same file; an output needs a place of its own"
+            raise UsageError("USAGE", text, file=path)
+        seen[key] = label
+
+
 def failure(schema: str, path: Path, error: MsbError) -> dict[str, Any]:
-    """Return what stands for an input that could not be read among the documents of several."""
+    """Return the document of an input that could not be read, in a list of documents."""
     return {"schema": schema, "path": str(path), "error": {"code": error.code, "message": error.message}}
 
 
@@ -199,8 +244,8 @@ def _signed(document: dict[str, Any]) -> dict[str, Any]:
 def echo(text: str = "") -> None:
     """Print lines of a result on standard output.
 
-    Not by typer.echo, which writes UTF-8 to a stream that is set to ASCII. Where a stream cannot write them,
-    arrows become words and other characters escapes.
+    It replaces typer.echo, which writes UTF-8 to a stream that is set to ASCII. On a stream that cannot write
+    them, arrows become words and other characters become escapes.
     """
     if not (sys.stdout.encoding or "").lower().startswith("utf"):
         text = text.translate(_PLAIN)
@@ -252,6 +297,9 @@ def open_log(path: Path) -> None:
 
     Raises
     ------
+    UsageError
+        `OUTPUT_EXISTS`: the file holds something else than a log of ours. --force does not help, because
+        a log replaces nothing.
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
@@ -259,6 +307,8 @@ def open_log(path: Path) -> None:
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if not is_stream(path):
+            _check_log(path)
         # Open as long as the process lives; every line is flushed.
         _LOG[:] = [path.open("a", encoding="utf-8", errors="backslashreplace")]
     except OSError as error:
@@ -266,6 +316,20 @@ def open_log(path: Path) -> None:
     log(f"msb {__version__}: {shlex.join(sys.argv)}", "INFO")
 
 
+def _check_log(path: Path) -> None:
+    """Refuse a file that does not begin as our logs do."""
+    try:
+        with path.open("rb") as file:
+            begin = file.read(_LOG_BEGINS_WITHIN)
+    except FileNotFoundError:
+        return
+    if begin and not _LOG_BEGINS.match(begin):
+        text = "it is no log of msb's, and a log is only added to one; name another file"
+        raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
+
+
+_LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ERROR) ")
+_LOG_BEGINS_WITHIN = 100
 _LOG: list[IO[str]] = []
 """The log file, if there is one."""
 

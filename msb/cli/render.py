@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, echo
-from msb.cli.views import (
+from msb.cli.camera_options import (
     Assignments,
     Background,
     Cameras,
@@ -23,6 +21,8 @@ from msb.cli.views import (
     Size,
     Tier,
 )
+from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, echo
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -75,7 +75,9 @@ def render(
     ] = None,
     depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,
     ids: Annotated[bool, typer.Option("--ids", help="Also write face ids; -1 is none.")] = False,
-    film: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a .mp4 or .gif.")] = None,
+    film: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write a .mp4 or .gif."), WRITTEN
+    ] = None,
     fps: Annotated[int, typer.Option(min=1, max=240, help="Frames of the film a second.")] = 24,
     assignments: Assignments = None,
     supersample: Annotated[
@@ -94,24 +96,24 @@ def render(
 
     An image is named like its camera. PNG holds floor(255 c + 0.5) of the clamped colour as stored; npy and
     exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
-    all images: the same device and versions give the same.
+    all images; it is the same on the same device with the same versions.
     """
-    from msb.cli.views import open_asset
+    from msb.cli.camera_options import open_asset
 
     output = Output(json_file, quiet, verbose, force)
     if out is None and film is None:
         raise UsageError("USAGE", "give --out FOLDER for images, --film FILE for a film, or both")
     output.check_free(json_file)
     with output.progress(f"reading {path.name}"):
-        asset = open_asset(path)
+        asset = open_asset(path, output)
     views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
     tiers: tuple[Tier, ...] = ("dedicated", "standard") if tier == "both" else (tier,)
     task = _Task(output, out, form, depth, ids, film, fps, tiers, template)
     task.check(views)
     from msb.bench.machine import machine
-    from msb.cli.views import chosen_modes, parse_background
+    from msb.cli.camera_options import chosen_modes, parse_background
     from msb.render import Renderer
-    from msb.render.protocol import check_supported, lean_options
+    from msb.render.backend import check_supported, lean_options
 
     color = parse_background(background, asset)
     settings = _settings(asset, assignments)
@@ -162,7 +164,7 @@ def _views(
     """Return the cameras that the options describe."""
     from dataclasses import replace
 
-    from msb.cli.views import around, choose_cameras
+    from msb.cli.camera_options import around, choose_cameras
     from msb.scenes import interpolated, read_cameras
 
     if (cameras is None) == (turntable is None):
@@ -203,9 +205,10 @@ class _Task:
             raise UsageError("USAGE", "--depth and --ids need --out FOLDER")
         if film is not None and len(tiers) > 1:
             raise UsageError("USAGE", "--film goes with one tier, not with --tier both")
-        if film is not None:
-            from msb.render.images import check_film
+        from msb.render.images import check_film, check_format
 
+        check_format(form)
+        if film is not None:
             check_film(film)
 
     def check(self, views: list[Camera]) -> None:

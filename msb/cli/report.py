@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
-from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
 
@@ -24,7 +24,7 @@ EPILOG = epilog(
 )
 _FOLDER = "report"
 _MOST_FACES = 300_000
-"""Drawing the diagnostic of a larger mesh takes longer than all the rest; --topology all draws it."""
+"""The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it."""
 
 
 def report(
@@ -37,6 +37,7 @@ def report(
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FOLDER", help="Write here instead of to RESULTS/report."),
+        WRITTEN,
     ] = None,
     formats: Annotated[
         str, typer.Option("--format", metavar="LIST", help="Of md, tex, csv, json, html; all of them.")
@@ -69,9 +70,9 @@ def report(
 ) -> None:
     """Make tables, figures, findings and pages from results, with the paper's numbers beside ours.
 
-    Writes report.md, report.json, tables in every format, index.html, and a page per asset that says what it
-    can be used for. Pages hold all they show and need no network. Nothing is computed again: what the records
-    do not have is N/A or --, with the reason.
+    The command writes report.md, report.json, tables in every format, index.html, and a page per asset that
+    says what the asset can be used for. Pages hold all they show and need no network. Nothing is computed
+    again: what the records do not have is N/A or --, with the reason.
     """
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
@@ -80,7 +81,7 @@ def report(
         raise UsageError("USAGE", "give folders of results, or --paper")
     target = out if out is not None or paper else cast("list[Path]", folders)[0] / _FOLDER
     if table is None and target is not None:
-        output.check_free(target)
+        output.check_free(target, folder=True)
         _check_target(target, folders or [])
     pictures = table is None and target is not None
     made = _make(folders or [], published, views or [], allow_mixed, pictures, output)
@@ -100,7 +101,7 @@ def report(
 
 
 def _check_target(target: Path, folders: list[Path]) -> None:
-    """Refuse to replace a folder that is no report: all in it would be lost."""
+    """Refuse to replace a folder that is not a report, because all in it would be lost."""
     if not target.exists():
         return
     inside = any(folder.resolve().is_relative_to(target.resolve()) for folder in folders)
@@ -173,9 +174,6 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
     if not audited:
         return {}
     try:
-        from msb.cli.view import need_viewers
-
-        need_viewers()
         from msb_viewers.gl import GlProbe
 
         GlProbe.start().check()
@@ -198,12 +196,12 @@ def _draw(result: Result) -> bytes:
     from msb.topology import audit_arrays
     from msb_viewers.figure import compose, panel_images
     from msb_viewers.model import build_model
-    from msb_viewers.source import read_source
+    from msb_viewers.viewed_mesh import read_viewed_mesh
 
     assert result.asset is not None
     assert result.audit is not None
     path = Path(result.asset.path)
-    source = read_source(path)
+    source = read_viewed_mesh(path)
     audit, analysis = audit_arrays(source.vertices, source.faces)
     if any(result.audit["counts"].get(key) != count for key, count in vars(audit.counts).items()):
         raise InputError(

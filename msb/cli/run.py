@@ -1,197 +1,217 @@
-"""From any exception to one line on standard error and an exit status."""
+"""`msb run`: a protocol of methods, scenes and conditions, evaluated; or one asset on one scene."""
 
 from __future__ import annotations
 
 import contextlib
-import errno
-import io
-import os
-import signal
-import sys
-import threading
-import traceback
+from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from msb.cli.output import log, say, silence
-from msb.errors import (
-    EXIT_INTERRUPTED,
-    EXIT_OK,
-    EXIT_STATUS,
-    InputError,
-    MsbError,
-    OutputError,
-    UsageError,
-    shorten,
-)
+import typer
+
+from msb.cli.options import JsonFile, Quiet, Verbose, epilog
+from msb.cli.output import Output, plain_table, say
+from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-    import typer
+    from msb.bench.protocol import ProtocolFile
+    from msb.bench.run import Report, Row
 
-    from msb.cli.settings import Settings
+EPILOG = epilog(
+    "msb run --dry-run data_stubs/protocol.toml",
+    "msb run -o out/run --only two_dts/nerf_synthetic data_stubs/protocol.toml",
+    "msb run --scene data_stubs/scenes/nerf_synthetic/pebble -o out/one \\\n"
+    "      data_stubs/models/pebble/two_dts",
+)
+SCHEMA = "msb.run/1"
+_SHOWN = {"psnr": 2, "ssim": 3, "lpips": 3, "fps": 0}
+_HEADERS = ("PSNR", "SSIM", "LPIPS", "FPS")
 
-_INTERNAL = 70
-"""EX_SOFTWARE: a bug of ours, told apart from everything a user can cause."""
-_DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
+def run(
+    path: Annotated[
+        Path, typer.Argument(metavar="PROTOCOL", help="A protocol.toml; or an asset, with --scene.")
+    ],
+    scene: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Evaluate the asset PROTOCOL on this scene.")
+    ] = None,
+    non_engine: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DIR|reference", help="With --scene: official renderings, or our NumPy renderer."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Results folder, instead of the protocol's."),
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", min=1, max=1024, metavar="N", help="Processes on this machine.")
+    ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WORD[/WORD]", help="Only cells whose dataset, scene, method, condition match; again: or."
+        ),
+    ] = None,
+    redo: Annotated[bool, typer.Option("--redo", help="Compute what is done again.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", "-n", help="Only show what is done and what is not.")
+    ] = False,
+    json_file: JsonFile = None,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Evaluate methods on scenes in all conditions: images, gaps, speed, memory, audit.
 
-def run(app: typer.Typer, name: str) -> int:
-    """Run `app` on the process's arguments and return the exit status.
-
-    Errors end up on standard error as ``CODE: FILE: what is wrong ...``; a traceback appears only with
-    ``--debug``.
+    Every cell (dataset, scene, method, condition) is one record. A finished cell is not computed again, so
+    the command can be started again after an interruption or when models were added. A failed cell does not
+    stop the others; the exit status is the highest of theirs. msb report makes the tables.
     """
-    _open_closed_streams()
-    with _ending_on_signals():
-        return _run(app, name)
+    from msb.bench.run import run_protocol
+
+    output = Output(json_file, quiet, verbose, force=True)
+    output.check_outputs()
+    file = _protocol(path, scene, non_engine, out)
+    found = run_protocol(
+        file,
+        jobs=jobs,
+        scheduler=scheduler,
+        only=only or (),
+        redo=redo,
+        dry=dry_run,
+        watch=_Watch(output),
+    )
+    output.write_json(_document(file, found))
+    for name, reason in found.models.items():
+        say(f"{reason.code}: {name}: {reason.message}")
+    for row in found.rows:
+        for part, reason in row.reasons.items():
+            if not reason.code.startswith("UNSUPPORTED_"):
+                what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
+                say(f"{reason.code}: {what}: {reason.message}")
+    if output.prints_text:
+        _print(file, found, output, dry=dry_run)
+    raise typer.Exit(found.exit_status)
 
 
-def _run(app: typer.Typer, name: str) -> int:
-    debug = "--debug" in sys.argv
-    for stream in (sys.stdout, sys.stderr):
-        # A file name need not be text, and a terminal need not know every character.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-    settings: Settings = {}
-    try:
-        from typer.main import get_command
+def _protocol(path: Path, scene: Path | None, non_engine: str | None, out: Path | None) -> ProtocolFile:
+    from msb.bench.protocol import read_protocol, single_protocol
 
-        command = get_command(app)
-        settings = _settings(command, name)
-        values = {each: {k: v.value for k, v in found.items()} for each, found in settings.items()}
-        own = values if hasattr(command, "commands") else values.get(name, {})
-        status = command(prog_name=name, standalone_mode=False, default_map=own)
-        sys.stdout.flush()
-        return status if isinstance(status, int) else EXIT_OK
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
-    except (BrokenPipeError, SystemExit) as error:
-        # The reader of a pipe left (say, `| head`): not an error. typer and rich end with status 1 then.
-        if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
-            raise
-        silence(sys.stdout)
-        return EXIT_OK
-    except Exception as error:
-        if debug:
-            traceback.print_exc()
-        log(traceback.format_exc(), "DEBUG")
-        return report(_output_error(error) or _as_msb_error(error, name, settings))
+    if scene is not None:
+        file = single_protocol(path, scene, non_engine=non_engine)
+    elif non_engine is not None:
+        raise UsageError("USAGE", "--non-engine goes with --scene; a protocol has a key of that name")
+    elif path.suffix.lower() != ".toml" and path.exists():
+        text = f'"{path.name}" is no .toml; to evaluate an asset, say on which scene: --scene DIR'
+        raise UsageError("USAGE", text)
+    else:
+        file = read_protocol(path)
+    return file if out is None else replace(file, results_instead=out)
 
 
-@contextlib.contextmanager
-def _ending_on_signals() -> Iterator[None]:
-    """Remove temporary files when asked to end, too; a signal that is ignored (nohup) or handled stays so."""
+class _Watch:
+    """Bars for stages on a terminal; a line for each task with -v."""
 
-    def end(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)  # the shell's status for it
+    def __init__(self, output: Output) -> None:
+        self.output = output
 
-    taken = []
-    if threading.current_thread() is threading.main_thread():
-        # There is no SIGHUP on Windows.
-        numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-        taken = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]
-    for number in taken:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
+    @contextlib.contextmanager
+    def stage(self, title: str, total: int) -> Iterator[Callable[[str], None]]:
+        with self.output.counted(title, total) as advance:
 
+            def step(name: str) -> None:
+                advance()
+                self.output.note(f"{title}: {name}", level=1)
 
-def _open_closed_streams() -> None:
-    """Let standard streams that are closed lead nowhere: a file opened later would take their number."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115 - for good
+            yield step
+
+    def note(self, text: str) -> None:
+        self.output.note(text)
 
 
-def _output_error(error: Exception) -> OutputError | None:
-    """Return what to say if `error` is that standard output cannot be written.
-
-    It is told by what it is not: of a file to be written `msb.atomic` would have said so, and what fails to
-    open has a name.
-    """
-    if not isinstance(error, OSError) or error.filename is not None or error.errno not in _DISK_ERRORS:
-        return None
-    silence(sys.stdout)  # what it still holds would fail again
-    text = f"it cannot be written: {error.strerror}"
-    return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
+def _name(row: Row) -> str:
+    cell = row.planned.cell
+    return f"{cell.dataset} {cell.scene} {cell.method} {cell.condition_name}"
 
 
-def _settings(command: Any, name: str) -> Settings:
-    """Return what files and environment set; msb-audit has the settings of msb audit."""
-    from msb.cli import settings
+def _numbers(row: Row) -> dict[str, float | None]:
+    from msb.bench.aggregate import METRICS
 
-    completing = any(key.endswith("_COMPLETE") for key in os.environ)
-    if completing or not settings.anything_set():
-        return {}
-    if hasattr(command, "commands"):
-        return settings.read_settings(settings.single_commands(command))
-    from typer.main import get_command
-
-    from msb.cli.app import app
-
-    found = settings.read_settings(settings.single_commands(get_command(app)))
-    return {name: found[name.removeprefix("msb-")]}
+    result = row.result
+    return {name: None if result is None else METRICS[name].get(result) for name in _SHOWN}
 
 
-def report(error: MsbError | None) -> int:
-    """Print `error` as one line on standard error and return its exit status."""
-    if error is None:
-        return _INTERNAL
-    say(str(error))
-    return EXIT_STATUS[type(error)]
+def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
+    rows = [
+        {
+            **row.planned.cell.model_dump(),
+            "plan": row.planned.status,
+            "parts": dict(row.planned.why),
+            "status": None if row.result is None else row.result.status,
+            "reasons": {part: reason.model_dump() for part, reason in row.reasons.items()},
+            "seconds": row.seconds,
+            **_numbers(row),
+        }
+        for row in found.rows
+    ]
+    return {
+        "schema": SCHEMA,
+        "protocol": str(file.path),
+        "results": str(file.results),
+        "seconds": found.seconds,
+        "models": {name: reason.model_dump() for name, reason in found.models.items()},
+        "cells": rows,
+    }
 
 
-@contextlib.contextmanager
-def about(path: object) -> Iterator[None]:
-    """Give errors about arrays, which know no file, the name of the file the arrays came from."""
-    try:
-        yield
-    except MsbError as error:
-        if error.file is not None:
-            raise
-        where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
-        raise type(error)(error.code, error.message, file=path, **where) from error
+def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> None:
+    from rich.markup import escape
+
+    console = output.console()
+    states = [_state(row, dry=dry) for row in found.rows]
+    for dataset, group in groupby(
+        zip(found.rows, states, strict=True), lambda one: one[0].planned.cell.dataset
+    ):
+        if output.quiet:
+            break
+        table = plain_table("Scene", "Method", "Condition", *_HEADERS, "", right=(3, 4, 5, 6))
+        for column in table.columns[:-1]:
+            column.no_wrap = True
+        for row, state in group:
+            cell = row.planned.cell
+            cells = [_cell(value, _SHOWN[name]) for name, value in _numbers(row).items()]
+            table.add_row(escape(cell.scene), cell.method, escape(cell.condition_name), *cells, escape(state))
+        console.print(f"[bold]{escape(dataset)}[/bold]")
+        console.print(table)
+        console.print()
+    kinds = [state.partition(":")[0] for state in states]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    console.print(f"{len(kinds)} cells: {counts}; {found.seconds:.0f} s", soft_wrap=True)
+    console.print(escape(str(file.results)), soft_wrap=True)
 
 
-def _as_msb_error(error: Exception, name: str, settings: Settings) -> MsbError | None:
-    if isinstance(error, MsbError):
-        return error
-    if hasattr(error, "format_message"):  # the command-line library's own usage errors
-        return UsageError("USAGE", _usage_text(error, name, settings))
-    if isinstance(error, PermissionError) and error.filename is not None:
-        # Looking whether there is a file raises it, too. What is written has its own error: `msb.atomic`.
-        text = f"it cannot be read: {error.strerror}"
-        return InputError("FILE_UNREADABLE", text, file=error.filename)
-    if isinstance(error, MemoryError):
-        say("OUT_OF_MEMORY: there is not enough memory for this input")
-        return None
-    text = f"{type(error).__name__}: {shorten(str(error), 200)}"
-    say(f"INTERNAL: {text}; this is a bug of ours, --debug shows where")
-    return None
+def _cell(value: float | None, decimals: int) -> str:
+    return "--" if value is None else f"{value:.{decimals}f}"
 
 
-def _usage_text(error: Any, name: str, settings: Settings) -> str:
-    """Return what is wrong, the option that was meant or the file that set it, and the usage."""
-    text = str(error.format_message()).rstrip(".")
-    if getattr(error, "possibilities", None):
-        text = f"No such option: {error.option_name}; did you mean {_nearest(error)}?"
-    context, param = getattr(error, "ctx", None), getattr(error, "param", None)
-    if context is None:
-        return f"{shorten(text, 200)} (see {name} --help)"
-    if param is not None:
-        setting = settings.get(context.info_name, {}).get(param.name)
-        from_setting = getattr(context.get_parameter_source(param.name), "name", "") == "DEFAULT_MAP"
-        text += f", set by {setting.source}" if setting and from_setting else ""
-    usage = " ".join(context.get_usage().split()).removeprefix("Usage: ")
-    return f"{shorten(text, 200)} (usage: {usage}; see {context.command_path} --help)"
-
-
-def _nearest(error: Any) -> str:
-    import difflib
-
-    return str(difflib.get_close_matches(error.option_name, error.possibilities, 1, 0.0)[0])
+def _state(row: Row, *, dry: bool) -> str:
+    """Return in a word or two what became of a cell, or would become of it if the run is dry."""
+    planned = row.planned
+    if planned.status == "unsupported":
+        return "N/A"
+    failed = row.reasons.get("cell") or planned.reason
+    if failed is not None and not (dry and planned.status == "pending"):
+        return f"failed: {failed.code}"
+    if planned.status == "done":
+        return "as before"
+    why = dict.fromkeys(planned.why.values())
+    told = "" if list(why) == ["new"] else f": {'; '.join(why)}"
+    return f"{'to do' if dry else 'done now'}{told}"

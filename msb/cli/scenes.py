@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from msb.cli.failures import report_error
 from msb.cli.options import FailFast, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
-from msb.cli.run import report
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def scenes(
 ) -> None:
     """Say what scenes were found, which photographs count, and what is missing.
 
-    One scene is described in full, several in a table (-v: in full). Nothing is decoded but headers.
+    One scene is described in full, several in a table (with -v also in full). Only headers are decoded.
     docs/datasets.md shows the layouts and the rules.
     """
     output = Output(json_file, quiet, verbose, force)
@@ -70,7 +70,7 @@ def _run(paths: list[Path], options: dict[str, Any], output: Output, *, fail_fas
         try:
             places = find_scenes(path)
         except MsbError as error:
-            status = max(status, report(error))
+            status = max(status, report_error(error))
             continue
         with output.counted(f"reading {path.name}", len(places)) as step:
             for place in places:
@@ -83,7 +83,7 @@ def _run(paths: list[Path], options: dict[str, Any], output: Output, *, fail_fas
         _print(found, output)
     for item in found:
         if item.error is not None:
-            status = max(status, report(item.error))
+            status = max(status, report_error(item.error))
     return status
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from msb.cli.options import Force, Quiet, Verbose, epilog
+from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
 
 if TYPE_CHECKING:
@@ -18,22 +18,22 @@ EPILOG = epilog(
     "msb track -o out/track.json -- python --version",
 )
 CONTEXT = {"ignore_unknown_options": True, "allow_interspersed_args": False}
-"""What follows the command's name is the command's."""
+"""Options after the name of the command to run belong to that command."""
 
 
 def track(
     command: Annotated[list[str], typer.Argument(metavar="COMMAND...", help="What to run, as it is.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where the record goes.")] = Path(
-        "track.json"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Where the record goes."), WRITTEN
+    ] = Path("track.json"),
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
     """Run a training and record wall time, peak GPU memory and peak RAM, of it and of all it starts.
 
-    The exit status is the command's; 128 + n if signal n ended it. A protocol's key training takes the
-    record. GPU memory is NVML's (NVIDIA, extra gpu); where there is none the record says why.
+    The exit status is the command's, or 128 + n if signal n ended it. A protocol's key training takes the
+    record. GPU memory is measured by NVML (NVIDIA, extra gpu); if that is missing the record says why.
     """
     from msb.atomic import new_file
     from msb.bench.track import track as run

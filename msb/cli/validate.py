@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from msb.cli.failures import report_error
 from msb.cli.options import FailFast, Force, JsonFile, JsonLines, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo, failure, plain_table
-from msb.cli.run import report
 from msb.errors import (
     CODES,
     EXIT_STATUS,
@@ -33,9 +33,9 @@ EPILOG = epilog(
 )
 SCHEMA = "msb.validate/1"
 MAX_FINDINGS = 1000
-"""Of one asset in JSON: a hostile manifest of 1 MiB can earn 90 000 warnings."""
+"""JSON holds this many findings of an asset; a hostile manifest of 1 MiB can cause 90 000."""
 SHOWN = 50
-"""Of one asset on the screen."""
+"""This many findings of an asset are printed."""
 _SEVERITIES = ("error", "warning", "info")
 
 
@@ -78,7 +78,7 @@ def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
         try:
             inputs += expand(path)
         except MsbError as error:
-            status = max(status, report(error))
+            status = max(status, report_error(error))
             reports.append(failure(SCHEMA, path, error))
     for item in inputs:
         if status and fail_fast:
@@ -87,7 +87,7 @@ def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
             with output.progress(f"validating {item.name}"):
                 found = check(item)
         except MsbError as error:
-            status = max(status, report(error))
+            status = max(status, report_error(error))
             reports.append(failure(SCHEMA, item, error))
             continue
         errors = sum(f.severity == "error" for f in found)
@@ -116,8 +116,8 @@ def check(path: Path) -> list[Finding]:
     InputError
         If it does not exist, cannot be read or is not recognised.
     """
+    from msb.asset import is_asset
     from msb.asset import validate as validate_asset
-    from msb.cli.inputs import is_asset
 
     if not is_asset(path):
         return _check_mesh(path)

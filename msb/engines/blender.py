@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -22,7 +21,8 @@ import numpy as np
 
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
-from msb.render.protocol import Drawn
+from msb.extras import install, is_installed
+from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -114,10 +114,11 @@ class _Blender(Engine):
     def missing(cls) -> str | None:
         """Return what to install, if anything."""
         if _python() is not None:
-            return None
+            # With MSB_BLENDER the rest of the extra is not wanted here.
+            return None if is_installed("OpenEXR") else f"OpenEXR is not installed: {install('bench')}"
         if os.environ.get(VARIABLE):
             return f"{VARIABLE} names {shorten(os.environ[VARIABLE], 80)}, which is no program"
-        text = "bpy is not installed: pip install 'meshsplatbench[blender]' with Python 3.11 or 3.13"
+        text = f"bpy is not installed: {install('blender')} with Python 3.11 or 3.13"
         return f"{text}, or set {VARIABLE} to a python that has it"
 
     @classmethod
@@ -261,7 +262,7 @@ def _python() -> str | None:
     named = os.environ.get(VARIABLE)
     if named:
         return named if os.access(named, os.X_OK) else None
-    return sys.executable if find_spec("bpy") is not None else None
+    return sys.executable if is_installed("bpy") else None
 
 
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -11,7 +11,7 @@ import numpy as np
 from msb.engines.mesh import engine_mesh
 from msb.errors import UsageError, shorten
 from msb.render.frame import Frame
-from msb.render.supersampling import box_filter, enlarged, split_supersample
+from msb.render.standard.supersampling import box_filter, enlarged, split_supersample
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.render.protocol import Drawn
+    from msb.render.backend import Drawn
     from msb.scenes import Camera
 
     Color = tuple[float, float, float]
@@ -30,6 +30,12 @@ WALL_CLOCK = "draw (wall clock)"
 """The stage of an engine that cannot say how long its device took: how long we waited for it."""
 DRAW = "draw"
 """The stage of an engine whose device keeps time."""
+
+_GROUPS = {
+    **dict.fromkeys(("positions", "indices"), "geometry"),
+    "vertex colors": "appearance",
+    **dict.fromkeys(("image", "depth", "face ids"), "targets"),
+}
 
 
 class Engine(ABC):
@@ -93,6 +99,10 @@ class Engine(ABC):
     @abstractmethod
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes."""
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group, of the uses that engines have in common."""
+        return _GROUPS
 
     @abstractmethod
     def close(self) -> None:

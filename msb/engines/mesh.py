@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset.drawable import check_drawable
+from msb.asset.look import drawn_colors, shown_faces
 from msb.asset.settings import effective_settings
 from msb.meshes import Mesh, write_mesh
-from msb.render.protocol import check_supported
-from msb.render.standard_colors import shown_faces, static_colors
+from msb.render.backend import check_supported
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,7 +75,7 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any]) -> EngineMesh:
     check_drawable(asset, ("positions", "color", "f_dc"))
     positions = np.asarray(asset.buffers["positions"], np.float32)
     indices = np.asarray(asset.buffers["indices"], np.uint32)
-    found = static_colors(asset)
+    found = drawn_colors(asset)
     colors = found.values[:, :3]
     numbers = shown_faces(asset, values.get("ste_threshold"))
     if numbers is not None and not len(numbers):

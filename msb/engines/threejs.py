@@ -1,19 +1,17 @@
-"""Renderer `threejs`: three.js (WebGL 2) in a headless browser, on the page that `msb view --web` writes."""
+"""Renderer `threejs`: three.js (WebGL 2) in a headless browser, on the page that `msb web` writes."""
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.engines.browser import Page, dated, find_browser
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
-from msb.engines.webpage import camera_data, page, three_js
-from msb.errors import DeviceError, UsageError
-from msb.render.protocol import Drawn
+from msb.engines.webpage import camera_data, page, three_revision
+from msb.errors import DeviceError
+from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,21 +75,13 @@ class ThreeJsRenderer(Engine):
         if find_browser() is None:
             text = "no Chromium, Chrome or Edge is on PATH, and MSB_BROWSER names none"
             return text + (": apt-get install chromium" if sys.platform == "linux" else "")
-        try:
-            three_js()
-        except UsageError as error:
-            return error.message
         return None
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version of trimesh, which brings three.js, and the browser's age."""
+        """Return the version of three.js, and the browser's age."""
         browser = find_browser()
-        if browser is None:
-            return ""
-        with contextlib.suppress(PackageNotFoundError):
-            return f"of trimesh {version('trimesh')}, {dated(browser)}"
-        return ""
+        return "" if browser is None else f"r{three_revision()}, {dated(browser)}"
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of the page's buffers and targets."""

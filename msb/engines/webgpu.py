@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import time
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,8 @@ import numpy as np
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import INSTALL, all_adapters, choose_adapter, nanoseconds_a_tick
 from msb.errors import DeviceError, shorten
-from msb.render.protocol import Drawn
+from msb.extras import install, is_installed
+from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -101,8 +101,8 @@ class WgpuRenderer(Engine):
     @classmethod
     def missing(cls) -> str | None:
         """Return which extra or driver is missing, if one is."""
-        if find_spec("wgpu") is None:
-            return "wgpu-py is not installed: pip install 'meshsplatbench[wgpu]'"
+        if not is_installed("wgpu"):
+            return f"wgpu-py is not installed: {install('wgpu')}"
         return None if all_adapters() else f"there is no graphics driver; {INSTALL}"
 
     @classmethod

@@ -21,20 +21,22 @@ INSTALL = (
 )
 """What to do where there is nothing to draw with."""
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
-_BACKENDS = ("Vulkan", "Metal", "D3D12", "D3D11", "OpenGL", "OpenGLES")
+_BACKENDS = ("Vulkan", "Metal", "D3D12")
+"""Of OpenGL, which may be all there is, wgpu makes no 32-bit targets."""
 
 
 @cache
 def all_adapters() -> list[Any]:
-    """Return every adapter, of all backends."""
+    """Return every adapter that can draw what we ask for."""
     import wgpu
 
     with _runtime_folder():
-        return list(wgpu.gpu.enumerate_adapters_sync())
+        found = wgpu.gpu.enumerate_adapters_sync()
+    return [adapter for adapter in found if adapter.info["backend_type"] in _BACKENDS]
 
 
 def choose_adapter(kind: str | None) -> Any:
-    """Return the adapter to draw with: a GPU where there is one, Vulkan, Metal and D3D12 before OpenGL.
+    """Return the adapter to draw with: a GPU where there is one.
 
     Raises
     ------
@@ -59,8 +61,7 @@ def choose_adapter(kind: str | None) -> Any:
 
 def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
     kinds = (*_KINDS, info["adapter_type"])
-    backends = (*_BACKENDS, info["backend_type"])
-    return kinds.index(info["adapter_type"]), backends.index(info["backend_type"])
+    return kinds.index(info["adapter_type"]), _BACKENDS.index(info["backend_type"])
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
 """The three.js page: one file that any browser with WebGL 2 opens offline, with or without an asset in it.
 
-three.js and its GLTFLoader are those that trimesh, which we depend on, ships inside its own viewer; they go
-into the page when it is written, with their licence.
+three.js and its GLTFLoader, which `web/three` holds as published, go into the page when it is written, with
+their licence.
 """
 
 from __future__ import annotations
@@ -9,24 +9,20 @@ from __future__ import annotations
 import base64
 import html
 import json
-import zipfile
+import tomllib
 from importlib.resources import files
-from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.atomic import new_file
-from msb.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from msb.scenes import Camera
 
 LARGE = 3_000_000
 """Faces from which a page with the asset in it is more than most browsers hold."""
-_ARCHIVE, _TEMPLATE = "resources/templates/viewer.zip", "viewer.html.template"
-_BEGIN, _END = "@license", "THREE.GLTFLoader=GLTFLoader;})();"
 
 
 def write_web_page(
@@ -57,8 +53,6 @@ def write_web_page(
     ------
     OutputError
         `OUTPUT_UNWRITABLE`.
-    UsageError
-        `ENGINE_MISSING`: trimesh does not hold three.js.
     """
     data = page(glb, name=name, cameras=cameras, up=up, background=background)
     with new_file(path) as file:
@@ -76,6 +70,7 @@ def page(
 ) -> bytes:
     """Return the page, UTF-8. `served`: it asks its server what to draw (`browser.py`)."""
     folder = files("msb.engines") / "web"
+    three = folder / "three"
     listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
     scene = {"name": name, "cameras": listed, "up": up, "background": list(background)}
     script = (folder / "page.js").read_text("utf-8")
@@ -89,7 +84,9 @@ def page(
         # "</" would end the element it stands in.
         ("@SCENE@", json.dumps(scene).replace("<", "\\u003c")),
         ("@GLB@", "" if glb is None else base64.b64encode(glb).decode("ascii")),
-        ("@THREE@", three_js()),
+        ("@LICENSE@", (three / "LICENSE").read_text("utf-8").rstrip()),
+        ("@THREE@", (three / "three.min.js").read_text("utf-8")),
+        ("@LOADER@", (three / "GLTFLoader.js").read_text("utf-8")),
         ("@SCRIPT@", script),
     ):
         before, rest = rest.split(mark, 1)
@@ -110,26 +107,7 @@ def camera_data(camera: Camera) -> dict[str, Any]:
     }
 
 
-def three_js() -> str:
-    """Return three.js with GLTFLoader, as a classic script that defines `THREE`.
-
-    Raises
-    ------
-    UsageError
-        `ENGINE_MISSING`.
-    """
-    found = find_spec("trimesh")
-    places = [Path(place) / _ARCHIVE for place in (found and found.submodule_search_locations) or ()]
-    for place in places:
-        if not place.exists():
-            continue
-        with zipfile.ZipFile(place) as archive:
-            if _TEMPLATE not in archive.namelist():
-                continue
-            text = archive.read(_TEMPLATE).decode("utf-8")
-        start = text.rfind("<script>", 0, text.find(_BEGIN))
-        end = text.find(_END)
-        if 0 <= start < end:
-            return text[start + len("<script>") : end + len(_END)]
-    text = "this trimesh does not hold three.js where versions 4.5 to 5.2 do: pip install 'trimesh<=5.2.0'"
-    raise UsageError("ENGINE_MISSING", text)
+def three_revision() -> str:
+    """Return which three.js is in the page, as it counts its versions: "140"."""
+    origin = tomllib.loads((files("msb.engines") / "web" / "three" / "ORIGIN.toml").read_text("utf-8"))
+    return str(origin["revision"])

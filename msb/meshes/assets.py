@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset import Asset, Description, build_asset
-from msb.asset.sh import SH_C0
-from msb.asset.visible import visible_faces
+from msb.asset.look import colors_of, stored_threshold, visible_faces
+from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import check_indices
-from msb.methods import METHODS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,34 +66,34 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
-    Colours are those the asset brings, or the zeroth SH coefficient baked as clamp(C0 f_dc + 0.5, 0, 1)
-    (paper, "Standard deployment"). The colour of a soup's face goes to its three vertices. Colours of
-    corners become colours of vertices, which needs unshared vertices: the mesh is then a soup. Faces an STE
-    threshold hides are left out.
+    Its look is that of `msb.asset.look`, but that no colours are written where it brings none. The colour of
+    a soup's face goes to its three vertices. Colours of corners become colours of vertices, which needs
+    unshared vertices: the mesh is then a soup. Faces the STE threshold it was exported with hides are left
+    out.
 
     Raises
     ------
     Unsupported
         `UNSUPPORTED_STANDARD` if the method has no static colour.
     """
-    method = METHODS[asset.manifest.method]
-    if not method.supports("standard"):
-        text = f"{asset.manifest.method} on tier standard: {method.unsupported['standard']}"
+    why = why_not(asset.manifest, "standard")
+    if why is not None:
+        text = f"{asset.manifest.method} on tier standard: {why}"
         raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
     vertices = asset.buffers["positions"]
     faces = asset.buffers["indices"].astype(np.int64)
-    colors = _static_colors(asset)
+    colors = colors_of(asset)
     if colors is None:
         mesh = Mesh(vertices, faces, None, None)
-    elif colors[1] == "vertex":
-        mesh = Mesh(vertices, faces, colors[0], None)
-    elif colors[1] == "corner":
-        mesh = _unshared(vertices, faces, colors[0])
+    elif colors.domain == "vertex":
+        mesh = Mesh(vertices, faces, colors.values, None)
+    elif colors.domain == "corner":
+        mesh = _unshared(vertices, faces, colors.values)
     elif asset.manifest.topology == "triangle_soup":
-        mesh = Mesh(vertices, faces, np.repeat(colors[0], 3, axis=0), None)
+        mesh = Mesh(vertices, faces, np.repeat(colors.values, 3, axis=0), None)
     else:
-        mesh = Mesh(vertices, faces, None, colors[0])
-    keep = visible_faces(asset)
+        mesh = Mesh(vertices, faces, None, colors.values)
+    keep = visible_faces(asset, stored_threshold(asset))
     return mesh if keep is None or keep.all() else _with_faces(mesh, keep)
 
 
@@ -106,11 +105,6 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
     return _unshared(mesh.vertices, mesh.faces, np.repeat(mesh.face_colors, 3, axis=0))
-
-
-def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return clamp(C0 f_dc + 0.5, 0, 1), the colour of the zeroth SH coefficient."""
-    return np.asarray(np.clip(np.float32(SH_C0) * f_dc + np.float32(0.5), 0, 1))
 
 
 def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
@@ -128,13 +122,3 @@ def _unshared(vertices: NDArray[Any], faces: NDArray[np.int64], colors: NDArray[
     """Return the mesh with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
     corners = np.arange(faces.size, dtype=np.int64).reshape(-1, 3)
     return Mesh(vertices[faces.reshape(-1)], corners, colors, None)
-
-
-def _static_colors(asset: Asset) -> tuple[NDArray[Any], str] | None:
-    for name in ("color", "f_dc"):
-        if name in asset.buffers:
-            values, domain = asset.buffers[name], asset.manifest.buffers[name].domain
-            if name == "f_dc":
-                values = baked_colors(values)
-            return values, domain
-    return None

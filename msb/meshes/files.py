@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from msb.errors import InputError, MeshFileError, OutputError
+from msb.files import read_file
 from msb.meshes import glb, obj, off, ply, stl
 from msb.meshes.source import Source
 from msb.meshes.writing import check_writable
@@ -63,7 +63,11 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     it is opened, and time and memory are linear in its size.
     """
     name = os.fspath(path)
-    data = _read_bytes(name)
+    try:
+        data = read_file(name)
+    except MemoryError:
+        message = "this machine has not enough memory for the file"
+        raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None
     source = Source(name, data)
     chosen = _format(name, Path(name).suffix)
     if not data:
@@ -120,19 +124,3 @@ def _format(name: str, suffix: str) -> _Format:
         message = f"'{suffix}' is not the suffix of a mesh file; {known} are read and written"
         raise InputError("FILE_NOT_RECOGNISED", message, file=name, value=suffix)
     return found
-
-
-def _read_bytes(name: str) -> bytes:
-    """Return the content of the regular file `name`; a pipe or device is never opened."""
-    try:
-        if not stat.S_ISREG(Path(name).stat().st_mode):
-            message = "it is not a regular file, and only those are read as meshes"
-            raise InputError("FILE_UNREADABLE", message, file=name)
-        return Path(name).read_bytes()
-    except (FileNotFoundError, NotADirectoryError, ValueError):
-        raise InputError("FILE_NOT_FOUND", "there is no such file", file=name) from None
-    except OSError as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be read: {error.strerror}", file=name) from None
-    except MemoryError:
-        message = "this machine has not enough memory for the file"
-        raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None

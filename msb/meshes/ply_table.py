@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.asset.paths import map_file
 from msb.errors import MeshFileError
+from msb.files import map_file
 from msb.meshes.ply_body import open_body
 from msb.meshes.ply_header import MAX_HEADER_BYTES, Header, read_header
 from msb.meshes.source import Source
@@ -99,8 +99,7 @@ def read_ply_table(path: Path) -> PlyTable:
 
 
 def _open(path: Path) -> tuple[memoryview, Header, Source]:
-    mapped, _ = map_file(Path(path), asset=path)
-    data = memoryview(mapped)
+    data = memoryview(map_file(Path(path)))
     source = Source(str(path), bytes(data[: MAX_HEADER_BYTES + 1]))
     if not data:
         raise MeshFileError("MESH_FILE_HEADER", "the file is empty", file=path)

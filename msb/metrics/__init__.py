@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface
 from msb.metrics.culling import CulledMesh, cull_dtu
-from msb.metrics.dtu_data import DtuScan, read_dtu_scan, read_ply
+from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import METRICS, Identity, identity
 from msb.metrics.image_files import IMAGE_SUFFIXES, read_image
 from msb.metrics.images import mean_psnr, psnr, ssim
@@ -35,6 +35,5 @@ __all__ = [
     "psnr",
     "read_dtu_scan",
     "read_image",
-    "read_ply",
     "ssim",
 ]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import MetricError, MsbError, shorten
-from msb.metrics.dtu_data import read_dtu_scan, read_ply
+from msb.meshes import read_mesh
+from msb.metrics.dtu_data import read_dtu_scan
 from msb.metrics.identity import identity
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
@@ -41,8 +42,8 @@ def chamfer_dtu(
     Parameters
     ----------
     mesh_path : path-like
-        A PLY file, read as stored; already culled and in DTU's millimetres (`cull_dtu`). For other formats
-        give arrays to `chamfer_surface`.
+        A mesh file, read as stored by `msb.meshes.read_mesh`, as every command does; already culled and in
+        DTU's millimetres (`cull_dtu`).
     dataset_dir : path-like
         Holds Points/stl and ObsMask; see `read_dtu_scan`.
     scan : int
@@ -62,18 +63,20 @@ def chamfer_dtu(
     Raises
     ------
     InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
+        FILE_NOT_FOUND, FILE_UNREADABLE or FILE_NOT_RECOGNISED.
+    MeshFileError
+        A file is no valid mesh of its format.
     MetricError
-        METRIC_MESH_FILE, METRIC_MESH, METRIC_MESH_SCALE, METRIC_DTU_FILE or METRIC_ARGUMENT.
+        METRIC_MESH, METRIC_MESH_SCALE, METRIC_DTU_FILE or METRIC_ARGUMENT.
 
     Notes
     -----
     `jzhangbs/DTUeval-python`: eval.py, as `hbb1/2d-gaussian-splatting` uses it: scripts/eval_dtu/eval.py.
     """
     data = read_dtu_scan(dataset_dir, scan)
-    vertices, faces = read_ply(mesh_path)
+    mesh = read_mesh(mesh_path)
     try:
-        result = chamfer_surface(vertices, faces, data, seed, max_distance=max_distance)
+        result = chamfer_surface(mesh.vertices, mesh.faces, data, seed, max_distance=max_distance)
     except MetricError as error:
         if error.file is not None or error.code == "METRIC_ARGUMENT":
             raise

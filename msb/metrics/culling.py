@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.errors import MetricError
+from msb.metrics.images import unmasked
 from msb.metrics.sampling import mesh_arrays
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def _matrix(matrix: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def _mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
-    found = np.asarray(mask)
+    found = unmasked(mask, f"mask {view}", "METRIC_DTU_VIEWS")
     if found.ndim == 3 and found.shape[2]:
         found = found[..., 0]
     if found.ndim != 2 or min(found.shape) < 2:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.errors import InputError, MetricError, shorten
-from msb.metrics.files import reason, regular_file
+from msb.files import library_reason, regular_file
+from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
+from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -65,12 +67,14 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_ARGUMENT: no such number. METRIC_DTU_FILE or METRIC_MESH_FILE: a file is not what it must be.
+        METRIC_ARGUMENT: no such number. METRIC_DTU_FILE: a file is not what it must be.
+    MeshFileError
+        The points are not a valid PLY file.
     """
     if isinstance(scan, bool) or not isinstance(scan, int | np.integer) or not 1 <= scan <= MAX_SCAN:
         text = f"the scan is {shorten(str(scan), 20)}; it must be a whole number from 1 to {MAX_SCAN}"
         raise MetricError("METRIC_ARGUMENT", text, limit=MAX_SCAN)
-    folder = Path(dataset_dir)
+    folder = given_path(dataset_dir)
     if not folder.is_dir():
         text = "there is no such folder; it must hold Points/stl and ObsMask"
         raise InputError("FILE_NOT_FOUND", text, file=folder)
@@ -81,43 +85,12 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     if not resolution > 0:
         raise _bad(grid_file, f"the side of a voxel (Res) is {resolution}; it must be positive")
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
-    points, _ = read_ply(cloud)
+    points = read_mesh(cloud).vertices.astype(np.float64, copy=False)
     if not np.isfinite(points).all():
         raise _bad(cloud, "a coordinate is not a finite number")
     # float32 as upstream: it decides which points lie on the border of the box.
     box = np.asarray(grid["BB"], np.float32)
     return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
-
-
-def read_ply(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return vertices (V, 3) and faces (F, 3) of a PLY file, every row as stored; a cloud has no faces.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    MetricError
-        METRIC_MESH_FILE: the file is not a PLY or is damaged.
-    """
-    import trimesh
-
-    place = regular_file(path)
-    with place.open("rb") as file:
-        if file.read(3) != b"ply":
-            text = "it is not a PLY file; msb convert makes one of any mesh"
-            raise MetricError("METRIC_MESH_FILE", text, file=place)
-        file.seek(0)
-        try:
-            # Nothing may merge, split or drop a row: each vertex is a sample, and the order decides.
-            found: Any = trimesh.load(
-                file, file_type="ply", process=False, fix_texture=False, skip_materials=True
-            )
-            vertices = np.array(found.vertices, np.float64).reshape(-1, 3)
-            faces = np.array(getattr(found, "faces", ()), np.int64).reshape(-1, 3)
-        except Exception as error:  # the reader trusts its input, so damage shows as any exception
-            text = f"it cannot be read: {reason(error)}"
-            raise MetricError("METRIC_MESH_FILE", text, file=place) from error
-    return vertices, faces
 
 
 def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
@@ -131,7 +104,7 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     except MetricError:
         raise
     except Exception as error:  # damage shows as any exception
-        text = f"it cannot be read as a MATLAB 5 file: {reason(error)}"
+        text = f"it cannot be read as a MATLAB 5 file: {library_reason(error)}"
         raise _bad(place, text) from error
     for name, array in arrays.items():
         if name != "ObsMask" and not np.isfinite(array).all():

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import MetricError, shorten
-from msb.metrics.files import reason, regular_file
+from msb.extras import need_extra
+from msb.files import library_reason, regular_file
 
 if TYPE_CHECKING:
     import os
@@ -43,6 +44,8 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
 
     Raises
     ------
+    UsageError
+        EXTRA_MISSING: EXR, and OpenEXR is not installed.
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
@@ -55,6 +58,8 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
         raise _bad(
             place, f"the suffix is '{shorten(suffix, 20)}'; it must be one of {', '.join(IMAGE_SUFFIXES)}"
         )
+    if suffix == ".exr":
+        need_extra("bench", "OpenEXR", what="an EXR image")
     try:
         if suffix == ".npy":
             return _read_npy(place)
@@ -68,7 +73,7 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
 
 
 def _undecodable(path: Path, error: Exception) -> MetricError:
-    return _bad(path, f"it cannot be decoded: {reason(error)}")
+    return _bad(path, f"it cannot be decoded: {library_reason(error)}")
 
 
 def _bad(path: Path, message: str) -> MetricError:

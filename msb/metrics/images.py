@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import MetricError
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -94,6 +95,8 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
     Raises
     ------
+    UsageError
+        EXTRA_MISSING: scikit-image is not installed.
     MetricError
         METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
 
@@ -102,6 +105,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Definition: Wang et al., Image Quality Assessment: From Error Visibility to Structural Similarity, 2004.
     Border rule: `graphdeco-inria/gaussian-splatting`: utils/loss_utils.py.
     """
+    need_extra("bench", "skimage", what="SSIM")
     a, b = image_pair(pred, gt, quantize=quantize)
     with ThreadPoolExecutor(3) as pool:  # the filters let go of the interpreter, and memory is per channel
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
@@ -128,6 +132,20 @@ def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(value)
 
 
+def unmasked(values: ArrayLike, name: str, code: str) -> NDArray[Any]:
+    """Return `values` as an array, unless some are masked: a metric would read what lies under the mask.
+
+    Raises
+    ------
+    MetricError
+        `code`.
+    """
+    if np.ma.is_masked(values):
+        text = f"{name} is a masked array, and a masked value is neither kept nor left out; decide first"
+        raise MetricError(code, text)
+    return np.asarray(values)
+
+
 def image_pair(
     pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -147,7 +165,7 @@ def image_pair(
 
 
 def _checked(image: ArrayLike, name: str) -> NDArray[Any]:
-    array = np.asarray(image)
+    array = unmasked(image, name, "METRIC_IMAGE_VALUE")
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"
         text = f"{name} is {shape}; it must be height x width x 3"

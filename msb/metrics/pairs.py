@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
+from msb.paths import given_path, normal_form
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -23,7 +24,7 @@ class ImagePair(NamedTuple):
     Attributes
     ----------
     name : str
-        Path below the folder, with forward slashes and without suffix.
+        Path below the folder, with forward slashes and without suffix, in Unicode's composed form.
     pred, gt : Path
     """
 
@@ -41,8 +42,9 @@ def pair_images(
     ----------
     pred, gt : path-like
         Two folders, searched with all below them, or two files, which need not have the same name. Names are
-        compared without their suffix, which is one of `IMAGE_SUFFIXES`; hidden files do not count, nor do
-        the depths and face ids that `msb render` writes beside an image.
+        compared without their suffix, which is one of `IMAGE_SUFFIXES`, and in Unicode's composed form
+        (NFC); hidden files do not count, nor do the depths and face ids that `msb render` writes beside an
+        image.
     subset : bool
         Allow `gt` to hold more, say the training views.
 
@@ -53,7 +55,7 @@ def pair_images(
     MetricError
         METRIC_IMAGE_NAMES: an image is missing or one too many, or two have the same name.
     """
-    pred, gt = Path(pred), Path(gt)
+    pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(each) for each in (pred, gt)]
     if not any(folders):
         return [ImagePair(pred.stem, pred, gt)]
@@ -94,9 +96,11 @@ def images_below(folder: Path) -> dict[str, Path]:
     for root, folders, names in os.walk(folder, onerror=refuse):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for path in _pictures(Path(root), names):
-            name = path.relative_to(folder).with_suffix("").as_posix()
+            name = normal_form(path.relative_to(folder).with_suffix("").as_posix())
             if name in found:
-                text = f"{found[name].name} and {path.name} have the same name; leave one of them"
+                alike = normal_form(found[name].name) == normal_form(path.name)
+                how = "in different Unicode normal forms" if alike else "but for the suffix"
+                text = f"{found[name].name} and {path.name} have the same name, {how}; leave one of them"
                 raise MetricError("METRIC_IMAGE_NAMES", text, file=path.parent, value=name)
             found[name] = path
     if not found:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import MetricError
+from msb.metrics.images import unmasked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,7 +36,9 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float
     MetricError
         METRIC_MESH.
     """
-    points, corners = np.asarray(vertices), np.asarray(faces)
+    points, corners = (
+        unmasked(values, name, "METRIC_MESH") for values, name in ((vertices, "vertices"), (faces, "faces"))
+    )
     if corners.size == 0:
         corners = np.zeros((0, 3), np.int64)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.errors import MetricError, UsageError, shorten
-from msb.metrics.files import file_sha256, reason, regular_file
-from msb.nesting import json_nesting
+from msb.bounded_parsing import json_nesting
+from msb.errors import MetricError, shorten
+from msb.extras import need_extra
+from msb.files import file_sha256, library_reason, regular_file
 
 if TYPE_CHECKING:
     import os
 
     from numpy.typing import NDArray
 
-INSTALL = 'pip install "meshsplatbench[lpips]"'
 LAYERS = (
     (0, 3, 64),
     (2, 64, 64),
@@ -64,10 +64,7 @@ def check_extra() -> None:
     UsageError
         EXTRA_MISSING.
     """
-    missing = [name for name in ("torch", "lpips") if importlib.util.find_spec(name) is None]
-    if missing:
-        text = f"LPIPS needs {' and '.join(missing)}, which the extra lpips brings: {INSTALL}"
-        raise UsageError("EXTRA_MISSING", text)
+    need_extra("lpips", "torch", "lpips", what="LPIPS")
 
 
 def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
@@ -104,7 +101,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     except MetricError:
         raise
     except Exception as error:  # readers raise all kinds of things about foreign files
-        text = f"it cannot be read: {reason(error)}"
+        text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_VGG_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()
     for key in wanted:
@@ -142,7 +139,7 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         found = torch.load(place, map_location="cpu", weights_only=True)
         heads = [found[f"lin{k}.model.1.weight"].numpy() for k in range(5)]
     except Exception as error:
-        text = f"it cannot be read: {shorten(str(error) or type(error).__name__)}"
+        text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_LPIPS_HEADS", text, file=place) from error
     for head, channels, total in zip(heads, TAPS.values(), _HEAD_SUMS, strict=True):
         if head.shape != (1, channels, 1, 1) or abs(float(head.sum()) - total) > 1e-3:

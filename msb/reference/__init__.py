@@ -7,43 +7,33 @@ agree.
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset import Asset
+from msb.asset.arguments import A_CAMERA, AN_ASSET, check_type
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
-from msb.errors import Unsupported
-from msb.methods import METHODS
-from msb.reference import diffsoup, mesh_splatting, triangle_splatting, two_dts
+from msb.errors import Unsupported, UsageError, shorten
+from msb.methods import lookup, role
 from msb.reference.frame import ReferenceFrame
 from msb.reference.modes import Modes
+from msb.scenes import Camera
+from msb.scenes.colors import check_background
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from msb.asset import Asset
     from msb.methods import Order, Sampling
-    from msb.scenes import Camera
 
-__all__ = ["RENDERERS", "ReferenceFrame", "render_reference"]
-
-RENDERERS = MappingProxyType(
-    {
-        "two_dts": two_dts.render,
-        "triangle_splatting": triangle_splatting.render,
-        "mesh_splatting": mesh_splatting.render,
-        "diffsoup": diffsoup.render,
-    }
-)
-"""Method -> its renderer."""
+__all__ = ["ReferenceFrame", "render_reference"]
 
 
 def render_reference(
     asset: Asset,
     camera: Camera,
-    background: Sequence[float] = (0, 0, 0),
+    background: Sequence[float] | str = (0, 0, 0),
     settings: Mapping[str, Any] | None = None,
     dtype: type[Any] = np.float32,
     order: Order = "tile",
@@ -57,8 +47,8 @@ def render_reference(
     camera : Camera
         OpenCV axes, for every method. A principal point off the middle shifts the image of the three
         splatting methods, whose official code ignores it, and enters DiffSoup's with upstream's sign.
-    background : sequence of 3 floats
-        In the stored colour space.
+    background : sequence of 3 floats, or str
+        In the stored colour space; as for `msb.Renderer.render`.
     settings : mapping, optional
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
@@ -71,7 +61,8 @@ def render_reference(
     Unsupported
         UNSUPPORTED_TIER: the method has no appearance of its own.
     UsageError
-        SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order or sampling.
+        SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order, sampling or dtype, or an argument of
+        another type.
     AssetError
         TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER_REQUIRED,
         TRIASSET_BUFFER_SHAPE or TRIASSET_FIELD_VALUE: the buffers cannot be drawn.
@@ -86,22 +77,35 @@ def render_reference(
     >>> frame.image.shape, frame.image.dtype.name, frame.visible.shape
     ((8, 12, 3), 'float32', (34761,))
     """
+    check_type("asset", asset, Asset, AN_ASSET)
+    check_type("camera", camera, Camera, A_CAMERA)
     method = asset.manifest.method
-    if method not in RENDERERS:
-        reason = METHODS[method].unsupported.get("reference", "there is no reference renderer of it")
+    own: Any = role(method, "reference")
+    if own is None:
+        reason = lookup(method).unsupported.get("reference", "there is no reference renderer of it")
         text = f"{method} has no reference tier: {reason}"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path, value="reference")
-    if np.dtype(dtype) not in (np.dtype(np.float32), np.dtype(np.float64)):
-        text = f"dtype is {np.dtype(dtype)}; it must be float32 or float64"
-        raise ValueError(text)
-    dtype = np.dtype(dtype).type
+    real = precision(dtype)
     values = effective_settings(asset.manifest, settings)
     check_modes(order, sampling)
     check_drawable(asset)
-    color = np.asarray(background, dtype)
-    if color.shape != (3,) or not np.isfinite(color).all():
-        text = f"background is {background!r}; it must be three finite numbers"
-        raise ValueError(text)
+    color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
     # Dropped faces are computed with too, and give what they give.
     with np.errstate(all="ignore"):
-        return RENDERERS[method](asset, camera, color, values, dtype, Modes(order, sampling))
+        frame: ReferenceFrame = own.render(asset, camera, color, values, real, Modes(order, sampling))
+    return frame
+
+
+def precision(dtype: Any) -> type[Any]:
+    """Return the type of number that `dtype` names, which is float32 or float64.
+
+    Raises
+    ------
+    UsageError
+        USAGE.
+    """
+    for real in (np.float32, np.float64):
+        if dtype is real or (isinstance(dtype, str | np.dtype) and dtype == np.dtype(real)):
+            return real
+    text = f"dtype is {shorten(str(dtype), 40)}; it must be float32 or float64"
+    raise UsageError("USAGE", text)

@@ -9,29 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.asset.drawable import required_buffer
+from msb.asset.drawable import require, required_buffer
 from msb.errors import AssetError
 from msb.reference.arithmetic import sigmoid
 
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.reference.arithmetic import Reals
-
-
-def require(asset: Asset, section: str, key: str, value: str) -> None:
-    """Refuse an asset whose manifest does not say `value` for `key` in one of its sections of parameters.
-
-    Raises
-    ------
-    AssetError
-        TRIASSET_FIELD_VALUE.
-    """
-    found = getattr(asset.manifest, section).get(key)
-    if found != value:
-        text = f"{section}.{key} is {found!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
-        raise AssetError(
-            "TRIASSET_FIELD_VALUE", text, file=asset.path, pointer=f"/{section}/{key}", value=found
-        )
 
 
 def number(asset: Asset, section: str, key: str) -> float:

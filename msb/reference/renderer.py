@@ -5,11 +5,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from msb._version import __version__
 from msb.asset.settings import check_modes
-from msb.reference import ReferenceFrame, render_reference
+from msb.reference import ReferenceFrame, precision, render_reference
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -48,7 +46,7 @@ class ReferenceRenderer:
         check_modes(order, sampling)
         self._asset, self._settings = asset, settings
         self._order, self._sampling = order, sampling
-        self._dtype: type[Any] = np.dtype(dtype).type
+        self._dtype = precision(dtype)
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
         """Draw the asset from `camera` over `background`; `timings` has the time NumPy took."""

@@ -72,6 +72,7 @@ def render_standard(
     rgb = _unit_colors(colors)
     pose = camera.world_to_camera
     local = points @ pose[:3, :3].T + pose[:3, 3]
+    turn_normals = np.linalg.inv(pose[:3, :3])
     height, width = camera.height, camera.width
     nearest = np.zeros((height, width))
     face_id = np.full((height, width), -1, np.int32)
@@ -84,7 +85,10 @@ def render_standard(
         order = np.lexsort(points[corners].T[::-1])
         corners = corners[order]
         rows = {"vertex": corners, "face": np.full(3, face), "corner": 3 * face + order}[domain]
-        for y, x, depth, weights in covered(local[corners], camera):
+        near = nearest_corner(local[corners])
+        # Turned afterwards: differences of places as stored are exact.
+        normal = np.cross(*(points[np.delete(corners, near)] - points[corners[near]])) @ turn_normals
+        for y, x, depth, weights in covered(local[corners], normal, camera):
             wins = depth > nearest[y, x]  # ascending faces: at equal depths the lowest stays
             y, x = y[wins], x[wins]
             nearest[y, x] = depth[wins]
@@ -103,8 +107,8 @@ def render_standard(
     )
 
 
-def covered(corners: Reals, camera: Camera) -> Iterator[Pixels]:
-    """Yield the pixels of a face (3, 3) in camera coordinates.
+def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
+    """Yield the pixels of a face (3, 3) with a normal (3,), of any length, in camera coordinates.
 
     More than once only where clipping left several triangles; those share no pixel.
     """
@@ -115,14 +119,22 @@ def covered(corners: Reals, camera: Camera) -> Iterator[Pixels]:
     screen = outline[:, :2] / outline[:, 2:] * focal + principal
     snapped = np.trunc(screen * UNITS + 0.5).astype(np.int64)
     low, high = _depth_range(corners)
-    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    for second in range(1, len(snapped) - 1):
-        y, x = inside(snapped[[0, second, second + 1]], camera.width, camera.height)
+    first = corners[nearest_corner(corners)]
+    for k in range(1, len(snapped) - 1):
+        y, x = inside(snapped[[0, k, k + 1]], camera.width, camera.height)
         centers = np.stack([x + 0.5, y + 0.5], axis=-1)
         rays = np.concatenate([(centers - principal) / focal, np.ones((len(x), 1))], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = np.nan_to_num(rays @ normal / (normal @ corners[0]), nan=low, posinf=high, neginf=low)
+            depth = np.nan_to_num(rays @ normal / (normal @ first), nan=low, posinf=high, neginf=low)
         yield Pixels(y, x, np.clip(depth, low, high), weights_at(corners, rays))
+
+
+def nearest_corner(corners: Reals) -> int:
+    """Return which corner of a face (3, 3) in camera coordinates is nearest to the camera.
+
+    The sides that leave one a million times as far are nearly parallel, and know no plane.
+    """
+    return int(np.argmin(np.abs(corners).max(axis=1)))
 
 
 def clipped(corners: Reals, camera: Camera) -> Reals:

@@ -1,26 +1,25 @@
-"""The dedicated tier: each method's own look, chosen by what the asset's manifest declares."""
+"""The dedicated tier: each method's own look.
+
+A method's module `look` has either ``splat_model``, which the splatting pipeline draws
+(`msb.render.splat.model`), or ``Pipeline``, a renderer of its own (`msb.render.backend.Backend`).
+"""
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.render.protocol import check_options
+from msb.errors import Unsupported
+from msb.methods import role
+from msb.render.backend import check_options, groups_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from msb.asset import Asset
+    from msb.render.backend import Backend, Drawn, Factory
     from msb.render.frame import Frame
-    from msb.render.protocol import Backend, Drawn
     from msb.scenes import Camera
-
-_PIPELINES = {
-    "front_to_back": "msb.render.splatting:SplattingPipeline",
-    "binary_z_buffer": "msb.render.lattice:LatticePipeline",
-}
-"""How primitives combine (manifest: compositing.kind) -> what draws them."""
 
 
 class DedicatedRenderer:
@@ -32,8 +31,7 @@ class DedicatedRenderer:
     def __init__(
         self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None, **options: Any
     ) -> None:
-        module, _, attribute = _PIPELINES[asset.manifest.compositing["kind"]].partition(":")
-        pipeline = getattr(import_module(module), attribute)
+        pipeline = _pipeline(asset)
         check_options(pipeline, options, asset, "tier dedicated")
         self._pipeline: Backend = pipeline(asset, device=device, settings=settings or {}, **options)
 
@@ -49,6 +47,30 @@ class DedicatedRenderer:
         """Return use -> bytes on the device."""
         return self._pipeline.memory()
 
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group of what `memory` names."""
+        return groups_of(self._pipeline)
+
     def close(self) -> None:
         """Release everything on the device."""
         self._pipeline.close()
+
+
+def _pipeline(asset: Asset) -> Factory:
+    """Return what draws the asset's method.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_TIER`: its package brings nothing that does.
+    """
+    look: Any = role(asset.manifest.method, "look")
+    if look is None:
+        text = f"{asset.manifest.method} on tier dedicated: its package brings nothing that draws it"
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path, value="dedicated")
+    if hasattr(look, "Pipeline"):
+        own: Factory = look.Pipeline
+        return own
+    from msb.render.splat.pipeline import SplattingPipeline
+
+    return SplattingPipeline

@@ -14,6 +14,7 @@ import numpy as np
 
 from msb.atomic import new_file
 from msb.errors import UsageError
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -52,9 +53,12 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
 
     Raises
     ------
+    UsageError
+        `USAGE`: a plane as PNG. `EXTRA_MISSING`: OpenEXR is not installed.
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
+    check_format(form)
     with new_file(path) as file:
         if form == "npy":
             # By way of the memory: where the disk is full, NumPy's own writing to files does not say why.
@@ -65,6 +69,18 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
             _write_png(file, array)
         else:
             file.write(_exr(array))
+
+
+def check_format(form: str) -> None:
+    """Refuse to write `form` where what writes it is not installed, before anything is rendered.
+
+    Raises
+    ------
+    UsageError
+        `EXTRA_MISSING`.
+    """
+    if form == "exr":
+        need_extra("bench", "OpenEXR", what="an EXR image", instead="--format npy is as exact")
 
 
 def _write_png(file: Any, array: NDArray[Any]) -> None:
@@ -135,7 +151,7 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
     Raises
     ------
     UsageError
-        `USAGE`: another suffix.
+        `USAGE`: another suffix. `EXTRA_MISSING`: an MP4 film, and PyAV is not installed.
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
@@ -145,16 +161,18 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 
 def check_film(path: Path) -> None:
-    """Refuse a suffix no film has, before anything is rendered.
+    """Refuse a suffix no film has, or one that cannot be written here, before anything is rendered.
 
     Raises
     ------
     UsageError
-        `USAGE`.
+        `USAGE` or `EXTRA_MISSING`.
     """
     if path.suffix.lower() not in FILM_SUFFIXES:
         wanted = " or ".join(FILM_SUFFIXES)
         raise UsageError("USAGE", f'the film is "{path.name}"; it must end in {wanted}')
+    if path.suffix.lower() == ".mp4":
+        need_extra("video", "av", what="an MP4 film", instead="a GIF needs none")
 
 
 def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self
 
+from msb.asset import Asset
+from msb.asset.arguments import A_CAMERA, AN_ASSET, check_type
+from msb.cl import Device
+from msb.errors import UsageError
+from msb.methods import TIERS
+from msb.render.backend import (
+    Drawn,
+    check_options,
+    check_supported,
+    check_tier,
+    find_renderer,
+    groups_of,
+)
 from msb.render.frame import Frame
-from msb.render.protocol import Drawn, check_options, check_supported, check_tier, find_renderer
+from msb.scenes import Camera
+from msb.scenes.colors import check_background
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from msb.asset import Asset
     from msb.methods import Tier
-    from msb.render.protocol import Backend
-    from msb.scenes import Camera
+    from msb.render.backend import Backend
+    from msb.scenes.colors import Color
+
+Background = Sequence[float] | str
 
 
 class Renderer:
@@ -24,7 +38,8 @@ class Renderer:
     ----------
     asset : Asset
     tier : {"standard", "dedicated", "reference"}
-        DESIGN: Methods. The reference is NumPy and slow.
+        Standard is the plain mesh any engine shows (docs/standard.md), dedicated the method's own image in
+        OpenCL (docs/dedicated.md), reference the same in NumPy (docs/reference.md), which is slow.
     device : str or Device, optional
         Where to compute: "cpu", "gpu", "PLATFORM:INDEX"; MSB_DEVICE or the default if not given. Foreign
         engines take "cpu" or "gpu", and choose themselves if nothing is given.
@@ -41,7 +56,7 @@ class Renderer:
     Unsupported
         The method cannot be shown on this tier, or the renderer has no such option.
     UsageError
-        An unknown tier, renderer or setting.
+        An unknown tier, renderer or setting; an argument of another type.
     AssetError
         The asset's values cannot be drawn: an index out of range, a coordinate that is not finite.
     DeviceError
@@ -70,8 +85,18 @@ class Renderer:
         name: str | None = None,
         **options: Any,
     ) -> None:
+        check_type("asset", asset, Asset, AN_ASSET)
+        check_type("tier", tier, str, f"one of {', '.join(TIERS)}")
+        if name is not None:
+            check_type("name", name, str, "text")
+        if settings is not None:
+            check_type("settings", settings, Mapping, "a mapping from names to values")
+        if device is not None and not isinstance(device, str | Device) and name is None:
+            text = f'device is of type {type(device).__name__}; it must be text, as "cpu", or an open device'
+            raise UsageError("DEVICE_SELECTOR", text)
         check_supported(asset, tier)
         self.tier = tier
+        self._official = asset.manifest.appearance.get("background")
         make = find_renderer(name or tier)
         check_tier(make, tier, f"renderer {name}")
         check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
@@ -87,30 +112,51 @@ class Renderer:
         """What draws, if that is no OpenCL device: `platform`, `name`, `kind`."""
         return getattr(self._backend, "device_info", None)
 
-    def render(self, camera: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
-        """Return what `camera` sees, over `background` (RGB, in the asset's colour space)."""
-        red, green, blue = (float(value) for value in background)
-        found = self._backend.render(camera, (red, green, blue))
+    def render(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Frame:
+        """Return what `camera` sees, over `background`.
+
+        Parameters
+        ----------
+        camera : Camera
+        background : (3,) array_like of float, or str
+            Red, green and blue in the asset's colour space, finite; or as on the command line "black",
+            "white", "#rrggbb", "r,g,b" in 0..1, or "official", what the model was trained with.
+
+        Raises
+        ------
+        UsageError
+            `USAGE`: no camera or no such colour. `SETTING_VALUE`: a setting that no camera can be drawn with.
+        DeviceError
+            The frame does not fit on the device, or the device fails.
+        """
+        found = self._backend.render(*self._checked(camera, background))
         if isinstance(found, Frame):
             return found
         # A renderer that may not import us (the reference, a third party's) returns the same fields.
         names = (item.name for item in fields(Frame))
         return Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
 
-    def draw(self, camera: Camera, background: Sequence[float] = (0.0, 0.0, 0.0)) -> Drawn:
+    def draw(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Drawn:
         """Draw what `camera` sees and wait for it, reading nothing back; return how long the device took.
 
-        A renderer that cannot do that reads its frame back.
+        A renderer that cannot do that reads its frame back. Parameters and errors are those of `render`.
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
             return Drawn(stages, sum(stages.values()))
-        red, green, blue = (float(value) for value in background)
-        return self._backend.draw(camera, (red, green, blue))
+        return self._backend.draw(*self._checked(camera, background))
+
+    def _checked(self, camera: Camera, background: Background) -> tuple[Camera, Color]:
+        check_type("camera", camera, Camera, A_CAMERA)
+        return camera, check_background(background, self._official)
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes on the device."""
         return self._backend.memory()
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> "geometry", "appearance", "scratch" or "targets"; any other use is scratch."""
+        return groups_of(self._backend)
 
     def close(self) -> None:
         """Release everything on the device."""
@@ -127,7 +173,7 @@ def render(
     asset: Asset,
     camera: Camera,
     tier: Tier = "standard",
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Background = (0.0, 0.0, 0.0),
     settings: Mapping[str, Any] | None = None,
     device: Any = None,
     **options: Any,

@@ -19,7 +19,7 @@ from msb.report.results import Place
 from msb.report.verdict import judge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from msb.report.figures import Figure
     from msb.report.findings import Finding
@@ -35,12 +35,12 @@ OTHER_SCENES = (
     "numbers are not beside them"
 )
 FEW_SCENES = ("tanksandtemples",)
-"""Datasets of which the paper has all scenes side by side instead of below each other."""
+"""The paper sets the scenes of these datasets side by side, and of others below each other."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report. `name` is its anchor."""
+    """One section of the report. `name` is its anchor."""
 
     name: str
     title: str
@@ -51,13 +51,13 @@ class Section:
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing in it."""
+        """Whether the section has no table, chart or picture."""
         return not (self.tables or self.figures or self.views)
 
 
 @dataclass(frozen=True)
 class Report:
-    """All that is to be said.
+    """The report as data.
 
     Attributes
     ----------
@@ -67,9 +67,9 @@ class Report:
     notes : tuple of str
         What to know before reading: mixed results, failed cells.
     numbers : Numbers
-        Behind the tables.
+        The numbers that the tables are made of.
     results : ResultSet, optional
-        Behind the numbers; None for the paper's own tables.
+        The records that the numbers are made of; None for the paper's own tables.
     verdicts : tuple of Verdict
     """
 
@@ -111,7 +111,7 @@ def build_report(
     chosen: Sequence[str] = (),
     pictures: bool = True,
 ) -> Report:
-    """Return the report on `results`, the paper's numbers beside ours.
+    """Return the report on `results`, with the paper's numbers beside ours.
 
     Parameters
     ----------
@@ -160,6 +160,7 @@ def build_report(
             *results.notes,
             *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others else []),
             *_failures(results),
+            *_other_renderings(results, shown),
         ),
         numbers,
         results,
@@ -220,8 +221,8 @@ def _sections(
     numbers: Numbers, paper: Numbers, charts: Iterable[Figure], shown: tuple[View, ...]
 ) -> tuple[Section, ...]:
     datasets = numbers.datasets()
-    drawn = [dataset for dataset in datasets if numbers.columns(dataset)]
-    deployed = [d for d in drawn if any(column != "non_engine" for column in numbers.columns(d))]
+    drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
+    deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
     known = any(key.source for key in paper.values if key.dataset in datasets)
@@ -246,8 +247,8 @@ def _sections(
     sections = (
         Section(
             "deployment",
-            "From path to path",
-            "What each engine path makes of the same models, and what is lost on the way.",
+            "From condition to condition",
+            "What each tier and engine makes of the same models, and what is lost on the way.",
             tuple(quality),
             of("deployment_gap"),
         ),
@@ -257,13 +258,13 @@ def _sections(
             "How much quality each step costs.",
             tuple(tables.gaps_table(numbers, dataset, paper) for dataset in deployed),
         ),
-        Section("looks", "What it looks like", "The same test view on every path.", views=shown),
+        Section("looks", "What it looks like", "The same test view under every condition.", views=shown),
         Section(
             "native",
             "With their own renderers",
             "The methods before any deployment.",
             (tables.native_summary(numbers, paper),)
-            if any("non_engine" in numbers.columns(d) for d in drawn)
+            if any("non_engine" in numbers.conditions(d) for d in drawn)
             else (),
         ),
         Section("runtime", "Speed and memory", "What drawing costs.", tuple(runtime), of("quality_speed")),
@@ -282,7 +283,7 @@ def _sections(
         ),
         Section(
             "features",
-            "What each path keeps",
+            "What each tier keeps",
             "What the representations have, and what the tiers keep of it.",
             (tables.native_features(), tables.deployment_features()),
         ),
@@ -290,7 +291,9 @@ def _sections(
             "scenes",
             "Every scene",
             "The numbers behind the means.",
-            tuple(tables.per_scene(numbers, d, column) for d in drawn for column in numbers.columns(d)),
+            tuple(
+                tables.per_scene(numbers, d, condition) for d in drawn for condition in numbers.conditions(d)
+            ),
         ),
     )
     whole = (
@@ -309,7 +312,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _has_other_scenes(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a dataset goes by a published name but has none of its scenes, as the stubs have not."""
+    """Return whether a dataset has a published name but none of its scenes, such as the stubs."""
     published = SCENES.get(dataset, ())
     return bool(published) and not any(scene in published for scene in numbers.scenes(dataset))
 
@@ -340,11 +343,27 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def _other_renderings(results: ResultSet, shown: Iterable[View]) -> Iterator[str]:
+    """Yield the renderings that are not shown, because they are not what the records say."""
+    gone = [
+        loaded.path.parent / image.file
+        for loaded in results
+        for image in (loaded.result.quality.images if loaded.result.quality is not None else ())
+        if image.file is not None and loaded.file(image.file) is None
+    ]
+    if gone:
+        more = f", and {len(gone) - 1} more" if len(gone) > 1 else ""
+        yield f"rendering gone: {gone[0]}{more}; msb run draws it again"
+    shots = (shot for view in shown for own in view.shots.values() for shot in own)
+    for path in dict.fromkeys(shot.changed for shot in shots if shot.changed is not None):
+        yield f"rendering changed since it was compared: {path}; msb run draws it again"
+
+
 def _failures(results: ResultSet) -> list[str]:
     found = []
     for loaded in results:
         cell, reason = loaded.result.cell, loaded.result.reason
         if loaded.result.status == "failed":
             why = f": {reason.code}: {reason.message}" if reason else ""
-            found.append(f"failed: {cell.dataset}/{cell.scene}/{cell.method}/{cell.column}{why}")
+            found.append(f"failed: {cell.dataset}/{cell.scene}/{cell.method}/{cell.condition_name}{why}")
     return found

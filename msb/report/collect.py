@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _RATES = ("fps", "p50_ms", "p95_ms")
 _IMAGES = (*QUALITY, *_RATES, "memory", "asset_size")
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
-"""Of the trained model, whatever condition's record holds them; shown with the Non-Engine results."""
+"""Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
 _AUDIT = tuple(METRICS)[list(METRICS).index("vf_ratio") :]
 _PARTS = {
     **dict.fromkeys(QUALITY, "quality"),
@@ -42,8 +42,8 @@ RESIZED = "against photographs resized here, not shipped in this size"
 def collect(results: ResultSet) -> Numbers:
     """Return the numbers of `results`: datasets, methods and scenes in the paper's order, then others."""
     records: dict[Place, dict[str, Result]] = {
-        place: {column: loaded.result for column, loaded in columns.items()}
-        for place, columns in results.places.items()
+        place: {condition: loaded.result for condition, loaded in conditions.items()}
+        for place, conditions in results.places.items()
     }
     values: dict[Key, Number] = {}
     gaps: dict[GapKey, Gaps] = {}
@@ -52,10 +52,10 @@ def collect(results: ResultSet) -> Numbers:
         scenes = _ordered({p.scene for p in records if p.dataset == dataset}, SCENES.get(dataset, ()))
         for method in _ordered({p.method for p in records if p.dataset == dataset}, METHODS):
             of_scenes = {scene: records.get(Place(dataset, scene, method), {}) for scene in scenes}
-            columns = _columns(records, dataset, method)
-            for column in columns:
-                _add_column(values, dataset, method, column, of_scenes)
-            _add_gaps(gaps, dataset, method, columns, of_scenes)
+            conditions = _conditions(records, dataset, method)
+            for condition in conditions:
+                _add_condition(values, dataset, method, condition, of_scenes)
+            _add_gaps(gaps, dataset, method, conditions, of_scenes)
             for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
                 expected = expected_scenes(dataset, scenes)
                 ratios[RatioKey(dataset, method, above, below)] = slowdown(of_scenes, expected, above, below)
@@ -63,7 +63,7 @@ def collect(results: ResultSet) -> Numbers:
 
 
 def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names`, those of `first` in its order, then the others: scan2 before scan10."""
+    """Return `names`: first those in `first`, in its order, then the others, scan2 before scan10."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -73,59 +73,59 @@ def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
     return sorted(names, key=rank)
 
 
-def _columns(records: Mapping[Place, Mapping[str, Result]], dataset: str, method: str) -> list[str]:
-    """Return the columns a method has records in, and the dataset's others in which it is not supported."""
+def _conditions(records: Mapping[Place, Mapping[str, Result]], dataset: str, method: str) -> list[str]:
+    """Return the conditions a method has records of, and the dataset's others that it does not support."""
     of_dataset: dict[str, None] = {}
     own: set[str] = set()
-    for place, columns in records.items():
+    for place, conditions in records.items():
         if place.dataset == dataset:
-            of_dataset.update(dict.fromkeys(columns))
-            own |= set(columns) if place.method == method else set()
+            of_dataset.update(dict.fromkeys(conditions))
+            own |= set(conditions) if place.method == method else set()
     shown = [c for c in of_dataset if c in own or _unsupported(method, c)]
     return _ordered(shown, CONDITIONS)
 
 
-def _unsupported(method: str, column: str) -> str | None:
+def _unsupported(method: str, condition: str) -> str | None:
     known = METHODS.get(method)
-    if known is None or column not in ("dedicated", "standard"):
+    if known is None or condition not in ("dedicated", "standard"):
         return None
-    return known.unsupported.get(column)  # type: ignore[call-overload,no-any-return]
+    return known.unsupported.get(condition)  # type: ignore[call-overload,no-any-return]
 
 
-def _add_column(
+def _add_condition(
     values: dict[Key, Number],
     dataset: str,
     method: str,
-    column: str,
+    condition: str,
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    metrics = _AUDIT if column == "exported_mesh" else _IMAGES
-    metrics = (*metrics, *_OF_ASSET) if column == "non_engine" else metrics
+    metrics = _AUDIT if condition == "exported_mesh" else _IMAGES
+    metrics = (*metrics, *_OF_ASSET) if condition == "non_engine" else metrics
     for metric in metrics:
         numbers = {}
-        for scene, columns in of_scenes.items():
-            result = _holder(columns, metric) if metric in _OF_ASSET else columns.get(column)
-            numbers[scene] = _number(metric, method, column, result)
-            values[Key(dataset, scene, method, column, metric)] = numbers[scene]
+        for scene, conditions in of_scenes.items():
+            result = _holder(conditions, metric) if metric in _OF_ASSET else conditions.get(condition)
+            numbers[scene] = _number(metric, method, condition, result)
+            values[Key(dataset, scene, method, condition, metric)] = numbers[scene]
         groups = {**scene_groups(dataset), MEAN: expected_scenes(dataset, of_scenes)}
         for name, members in groups.items():
             own = {scene: number for scene, number in numbers.items() if scene in members}
             if own:
-                values[Key(dataset, name, method, column, metric)] = _mean(own, members)
+                values[Key(dataset, name, method, condition, metric)] = _mean(own, members)
 
 
-def _holder(columns: Mapping[str, Result], metric: str) -> Result | None:
+def _holder(conditions: Mapping[str, Result], metric: str) -> Result | None:
     """Return the record that has a number of the whole asset, else the one that says why there is none."""
-    for result in columns.values():
+    for result in conditions.values():
         if METRICS[metric].get(result) is not None:
             return result
-    own = [result for result in columns.values() if _PARTS[metric] in result.reasons]
-    return next(iter([*own, *columns.values()]), None)
+    own = [result for result in conditions.values() if _PARTS[metric] in result.reasons]
+    return next(iter([*own, *conditions.values()]), None)
 
 
-def _number(metric: str, method: str, column: str, result: Result | None) -> Number:
+def _number(metric: str, method: str, condition: str, result: Result | None) -> Number:
     if result is None:
-        why = _unsupported(method, column)
+        why = _unsupported(method, condition)
         return Number(None, NOT_THERE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
     value = METRICS[metric].get(result)
     if value is not None:
@@ -189,33 +189,33 @@ def _add_gaps(
     gaps: dict[GapKey, Gaps],
     dataset: str,
     method: str,
-    columns: Iterable[str],
+    conditions: Iterable[str],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    for standard in ("standard", *(column for column in columns if column not in CONDITIONS)):
-        paths = {
+    for standard in ("standard", *(condition for condition in conditions if condition not in CONDITIONS)):
+        compared = {
             scene: {
-                name: own[column]
-                for name, column in (("non_engine",) * 2, ("dedicated",) * 2, ("standard", standard))
-                if column in own
+                name: own[condition]
+                for name, condition in (("non_engine",) * 2, ("dedicated",) * 2, ("standard", standard))
+                if condition in own
             }
             for scene, own in of_scenes.items()
         }
         for metric in QUALITY:
             expected = expected_scenes(dataset, of_scenes)
-            gaps[GapKey(dataset, MEAN, method, metric, standard)] = dataset_gaps(metric, paths, expected)
-            for scene, own in paths.items():
+            gaps[GapKey(dataset, MEAN, method, metric, standard)] = dataset_gaps(metric, compared, expected)
+            for scene, own in compared.items():
                 gaps[GapKey(dataset, scene, method, metric, standard)] = scene_gaps(metric, own)
 
 
 def _noted_sizes(
     values: dict[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Note the numbers of methods that were compared on another image folder than most on their dataset."""
+    """Add a note where a method was compared on another image folder than most on its dataset."""
     folders: dict[tuple[str, str], Counter[str]] = {}
     own: dict[Place, str] = {}
-    for place, columns in records.items():
-        for result in columns.values():
+    for place, conditions in records.items():
+        for result in conditions.values():
             if result.setup is not None:
                 folders.setdefault((place.dataset, place.scene), Counter())[result.setup.image_folder] += 1
                 own[place] = result.setup.image_folder

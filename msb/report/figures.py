@@ -1,4 +1,4 @@
-"""The report's charts as SVG: gaps from path to path, quality against speed, differences from published ones.
+"""The report's charts as SVG: gaps between conditions, quality against speed, differences from the published.
 
 Colours are Okabe and Ito's, which the colour-blind can tell apart; markers, line styles and hatches say the
 same without them. Text and axes take the colour of the page they stand in.
@@ -8,14 +8,25 @@ from __future__ import annotations
 
 import io
 import logging
+import math
 import re
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from msb.bench.aggregate import expected_scenes
+from msb.extras import need_extra
 from msb.methods import METHODS
-from msb.report.names import slug
-from msb.report.numbers import COLUMNS, MEAN, Key, dataset_title, method_title, scene_title
+from msb.report.numbers import (
+    CONDITION_TITLES,
+    DRAWN_CONDITIONS,
+    MEAN,
+    Key,
+    dataset_title,
+    method_title,
+    scene_title,
+)
+from msb.report.safe_names import slug
 from msb.report.tables.reproducibility import SOURCES, pairs
 
 if TYPE_CHECKING:
@@ -26,21 +37,20 @@ if TYPE_CHECKING:
     from msb.report.numbers import Numbers
     from msb.report.tables.reproducibility import Pair
 
-PATHS = ("non_engine", "dedicated", "standard")
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#999999", "#E69F00")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
 _HATCHES = ("", "//", "xx", "..")
-_PATH_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
+_CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
 _INK, _PAPER = "#010203", "#fdfcfb"
-"""Stand for the colours of the text and of the page, until it is known where the figure goes."""
+"""Placeholders of the colours of text and page, which depend on where the figure is shown."""
 _SIZE = (4.6, 3.3)
-"""Inches: on a phone a chart is shown about this wide."""
+"""Width and height of a chart in inches; a phone shows it about this wide."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One chart. `name` is that of its file and anchor, `caption` says in words what it shows."""
+    """One chart. `name` names its file and anchor; `caption` says in words what it shows."""
 
     name: str
     caption: str
@@ -71,40 +81,66 @@ def figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
 
 def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     """Return PSNR from Non-Engine to Dedicated to Standard, a line per method; None without two points."""
-    lines: dict[str, list[tuple[int, float]]] = {}
-    for method in numbers.methods(dataset, *PATHS):
-        values = [numbers.value(Key(dataset, MEAN, method, path, "psnr")) for path in PATHS]
-        points = [(place, value) for place, value in enumerate(values) if value is not None]
-        if points:
-            lines[method] = points
+    lines = {
+        method: points
+        for method in numbers.methods(dataset, *DRAWN_CONDITIONS)
+        if (points := _condition_means(numbers, dataset, method))
+    }
     if all(len(points) < 2 for points in lines.values()):
         return None
 
     def draw(axes: Axes) -> None:
         for method, points in lines.items():
             axes.plot(*zip(*points, strict=True), **_style(method))
-        axes.set_xticks(range(len(PATHS)), [COLUMNS[path] for path in PATHS])
-        axes.set_xlim(-0.2, len(PATHS) - 0.8)
+        axes.set_xticks(
+            range(len(DRAWN_CONDITIONS)), [CONDITION_TITLES[condition] for condition in DRAWN_CONDITIONS]
+        )
+        axes.set_xlim(-0.2, len(DRAWN_CONDITIONS) - 0.8)
         axes.set_ylabel("PSNR (dB), higher is better")
         _legend(axes, len(lines))
 
     caption = (
-        f"{dataset_title(dataset)}: PSNR of each method from its own renderer through the engine paths; a "
-        "line stops at the last path that supports the method."
+        f"{dataset_title(dataset)}: PSNR of each method with its own renderer, dedicated and standard. A "
+        "line stops at the last condition that supports the method; its means are over the scenes that all "
+        "of its conditions have."
     )
     return _figure(f"deployment_gap-{slug(dataset)}", dataset_title(dataset), caption, draw)
 
 
+def _condition_means(numbers: Numbers, dataset: str, method: str) -> list[tuple[int, float]]:
+    """Return place of a condition -> mean PSNR, over the scenes that all conditions of the method have.
+
+    The slope of a line is a gap, which two means over other scenes would not show. The paper has means only.
+    """
+    means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in DRAWN_CONDITIONS]
+    known = [(place, mean) for place, mean in enumerate(means) if mean is not None]
+    if numbers.of_paper:
+        return known
+    scenes = expected_scenes(dataset, numbers.scenes(dataset))
+    values = {
+        (place, scene): value
+        for place, _ in known
+        for scene in scenes
+        if (value := numbers.value(Key(dataset, scene, method, DRAWN_CONDITIONS[place], "psnr"))) is not None
+    }
+    common = [scene for scene in scenes if all((place, scene) in values for place, _ in known)]
+    return [
+        (place, math.fsum(values[place, scene] for scene in common) / len(common))
+        for place, _ in known
+        if common
+    ]
+
+
 def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return PSNR against frames per second, a marker per path and method; None without two points."""
+    """Return PSNR against frames per second, a marker per condition and method; None without two points."""
     points: dict[str, list[tuple[str, float, float]]] = {}
-    for method in numbers.methods(dataset, *PATHS):
-        for path in PATHS:
+    for method in numbers.methods(dataset, *DRAWN_CONDITIONS):
+        for condition in DRAWN_CONDITIONS:
             psnr, fps = (
-                numbers.value(Key(dataset, MEAN, method, path, metric)) for metric in ("psnr", "fps")
+                numbers.value(Key(dataset, MEAN, method, condition, metric)) for metric in ("psnr", "fps")
             )
             if psnr is not None and fps is not None and fps > 0:
-                points.setdefault(method, []).append((path, fps, psnr))
+                points.setdefault(method, []).append((condition, fps, psnr))
     if sum(map(len, points.values())) < 2:
         return None
 
@@ -117,10 +153,10 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
             axes.plot(
                 [x for _, x, _ in own], [y for _, _, y in own], **{**style, "marker": "", "linewidth": 1}
             )
-            for path, x, y in own:
+            for condition, x, y in own:
                 axes.plot([x], [y], color=style["color"], linestyle="none", markeredgecolor=_INK,
-                          markeredgewidth=0.6, marker=_PATH_MARKERS[path],
-                          markersize=10 if path == "non_engine" else 7)  # fmt: skip
+                          markeredgewidth=0.6, marker=_CONDITION_MARKERS[condition],
+                          markersize=10 if condition == "non_engine" else 7)  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -132,15 +168,16 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
             for method in points
         ]
         handles += [
-            Line2D([], [], color="none", marker=_PATH_MARKERS[path], markerfacecolor=_INK,
-                   markeredgecolor=_INK, label=COLUMNS[path])
-            for path in PATHS if any(path == one for own in points.values() for one, _, _ in own)
+            Line2D([], [], color="none", marker=_CONDITION_MARKERS[condition], markerfacecolor=_INK,
+                   markeredgecolor=_INK, label=CONDITION_TITLES[condition])
+            for condition in DRAWN_CONDITIONS
+            if any(condition == one for own in points.values() for one, _, _ in own)
         ]  # fmt: skip
         _legend(axes, len(handles), handles)
 
     caption = (
         f"{dataset_title(dataset)}: quality against speed. Up is better, right is faster; the markers are "
-        "the paths, the line styles the methods."
+        "the conditions, the line styles the methods."
     )
     return _figure(f"quality_speed-{slug(dataset)}", dataset_title(dataset), caption, draw)
 
@@ -151,7 +188,7 @@ def differences(found: Sequence[Pair], dataset: str) -> Figure | None:
         pair
         for pair in found
         if pair.key.dataset == dataset
-        and pair.key.column == "non_engine"
+        and pair.key.condition == "non_engine"
         and pair.key.source != "meshsplatbench"
     ]
     scenes = [pair for pair in own if pair.key.scene != MEAN]
@@ -214,6 +251,7 @@ def _legend(axes: Axes, entries: int, handles: Any = None) -> None:
 
 def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
+    need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as Canvas

@@ -7,9 +7,9 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.gaps import PAIRS
-from msb.report.names import slug
-from msb.report.numbers import MEAN, Key, column_title, dataset_title, method_title
-from msb.report.shown import text
+from msb.report.metric_format import text
+from msb.report.numbers import DRAWN_CONDITIONS, MEAN, Key, condition_title, dataset_title, method_title
+from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
 
 if TYPE_CHECKING:
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from msb.report.numbers import Numbers
 
 _NOTHING = 0.005
-"""dB that are printed as 0.00."""
+"""A difference of less than this many dB is printed as 0.00."""
 _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One sentence. `table` is the label of the table its numbers are from, `kind` what it is about."""
+    """One sentence. `table` labels the table of its numbers; `kind` says what it is about."""
 
     kind: str
     sentence: str
@@ -48,7 +48,7 @@ class _Case(NamedTuple):
 
 
 def find(numbers: Numbers) -> list[Finding]:
-    """Return the findings, most important first; few numbers give few findings, none give none."""
+    """Return the findings, most important first. Where there are no numbers there are no findings."""
     return [
         *_gap_findings(numbers),
         *_monotone_findings(numbers),
@@ -66,7 +66,7 @@ def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
         if not cases:
             continue
         first, last = max(cases), min(cases)
-        start, end = (column_title(column) for column in PAIRS[name])
+        start, end = (condition_title(condition) for condition in PAIRS[name])
         if max(abs(case.value) for case in cases) < _NOTHING:
             who = first.name if len(cases) == 1 else f"any of the {len(cases)} cases"
             sentence = f"{start} to {end} changes the PSNR of {who} by less than {_NOTHING} dB."
@@ -85,12 +85,11 @@ def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
 def _gap_cases(numbers: Numbers, name: GapName) -> Iterator[_Case]:
     for key, gaps in numbers.gaps.items():
         gap = gaps[name]
-        if (key.scene, key.metric, key.standard) != (MEAN, "psnr", "standard") or gap.signed is None:
+        if (key.scene, key.metric, key.standard) != (MEAN, "psnr", "standard"):
             continue
-        ends = (
-            numbers.number(Key(key.dataset, MEAN, key.method, column, "psnr")).value for column in PAIRS[name]
-        )
-        values = " to ".join("--" if value is None else f"{value:.2f}" for value in ends)
+        if gap.signed is None or gap.ends is None:
+            continue
+        values = " to ".join(f"{value:.2f}" for value in gap.ends)
         partial = f", over {gap.scenes} of {gap.expected} scenes" if gap.partial else ""
         gain = "a gain, " if gap.signed < 0 else ""
         detail = f"{gap.signed:.2f} dB ({gain}{values}{partial})"
@@ -108,8 +107,9 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
         return
     if not broken:
         sentence = (
-            f"In all {len(known)} cases in which the three paths can be compared, Dedicated lies between "
-            "Non-Engine and Standard: the adaptation and portability gaps add up to the deployment gap."
+            f"In all {len(known)} cases in which the three conditions can be compared, Dedicated lies "
+            "between Non-Engine and Standard: the adaptation and portability gaps add up to the deployment "
+            "gap."
         )
         yield Finding("monotone", sentence, f"gaps-{slug(known[0][0].dataset)}")
     for key, gaps in broken:
@@ -133,20 +133,18 @@ def text_of(metric: str, value: float | None) -> str:
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield where the order of the methods by PSNR changes from one path to another."""
+    """Yield where the order of the methods by PSNR changes from one condition to another."""
     for dataset in numbers.datasets():
         same = []
-        columns = [
-            column for column in ("non_engine", "dedicated", "standard") if column in numbers.columns(dataset)
-        ]
-        for first, second in combinations(columns, 2):
+        conditions = [condition for condition in DRAWN_CONDITIONS if condition in numbers.conditions(dataset)]
+        for first, second in combinations(conditions, 2):
             before, after = (
                 _ranking(numbers, dataset, first, second),
                 _ranking(numbers, dataset, second, first),
             )
             if len(before) < 2:
                 continue
-            names = f"{column_title(first)} and {column_title(second)}"
+            names = f"{condition_title(first)} and {condition_title(second)}"
             label = f"renderer_comparison-{slug(dataset)}"
             if [method for method, _ in before] == [method for method, _ in after]:
                 same.append(names)
@@ -162,11 +160,11 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             yield Finding("same_ranking", sentence, f"renderer_comparison-{slug(dataset)}")
 
 
-def _ranking(numbers: Numbers, dataset: str, column: str, other: str) -> list[tuple[str, float]]:
-    """Return the methods that have whole means in both columns, best in `column` first."""
+def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list[tuple[str, float]]:
+    """Return the methods that have whole means in both conditions, best in `condition` first."""
     found = []
-    for method in numbers.methods(dataset, column):
-        both = [numbers.number(Key(dataset, MEAN, method, c, "psnr")) for c in (column, other)]
+    for method in numbers.methods(dataset, condition):
+        both = [numbers.number(Key(dataset, MEAN, method, c, "psnr")) for c in (condition, other)]
         if both[0].value is not None and all(n.value is not None and n.present == n.expected for n in both):
             found.append((method, both[0].value))
     return sorted(found, key=lambda pair: -pair[1])
@@ -238,8 +236,8 @@ def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
             and number.value is None
             and number.absent == NOT_SUPPORTED
         ):
-            names.setdefault(method_title(key.method), {})[column_title(key.column)] = None
+            names.setdefault(method_title(key.method), {})[condition_title(key.condition)] = None
             first = first or key.dataset
     if names:
-        each = "; ".join(f"{name} under {' and '.join(columns)}" for name, columns in names.items())
+        each = "; ".join(f"{name} under {' and '.join(conditions)}" for name, conditions in names.items())
         yield Finding("unsupported", f"Not supported: {each}.", f"renderer_comparison-{slug(first)}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS
-from msb.report.shown import SHOWN, printed_value, text
+from msb.report.metric_format import SHOWN, printed_value, text
 from msb.report.table import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ PAPER_ROW = "in the paper"
 
 @dataclass(frozen=True)
 class Line:
-    """A row to be: its labels and the place of each cell. `bold` prints all of it so, as a mean of means."""
+    """A row before its numbers: labels, and the key of each cell. `bold` prints the whole row bold."""
 
     labels: tuple[str, ...]
     keys: tuple[Key, ...]
@@ -30,10 +30,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Layout:
-    """A table to be.
+    """A table before its numbers.
 
-    `best_of` says with which others a cell competes for being the best (None: with nobody). `definitions` are
-    notes on how we measure: they are not printed under the paper's own tables.
+    `best_of` returns the group in which a cell competes for being the best, or None if it does not compete.
+    `definitions` are notes on how we measure; the paper's own tables are printed without them.
     """
 
     label: str
@@ -54,7 +54,7 @@ def make_table(layout: Layout, numbers: Numbers, paper: Numbers | None = None) -
     layout : Layout
     numbers : Numbers
     paper : Numbers, optional
-        Set under each row for which it has a number; never compared with ours for being the best.
+        The paper's numbers, set under each row that has one; they never compete for being the best.
     """
     ours = _rows(layout, layout.lines, numbers)
     if paper is None:
@@ -89,13 +89,13 @@ def number_cell(metric: str, number: Number) -> Cell:
 
 
 def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool) -> list[Cell]:
-    """Return `cells` with the best of each group bold, all of those that tie as printed.
+    """Return `cells` with the best of each group bold, and with it all that are printed alike.
 
     Parameters
     ----------
     cells : sequence of Cell
     groups : sequence of hashable
-        Per cell; None competes with nobody.
+        The group of each cell; a cell of None does not compete.
     alone : bool
         Whether a value without a rival is the best.
     """

@@ -1,4 +1,4 @@
-"""What tables, figures and findings are made of: numbers by dataset, scene, method, column and metric.
+"""What tables, figures and findings are made of: numbers by dataset, scene, method, condition and metric.
 
 Ours come from records (`msb.report.collect`), the paper's from its tables (`msb.report.paper`); from here on
 both take the same way.
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from msb.bench.aggregate import TITLES
 from msb.bench.records import CONDITIONS
 from msb.methods import METHODS
-from msb.report.names import plain_text
+from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 
 if TYPE_CHECKING:
@@ -22,29 +22,31 @@ if TYPE_CHECKING:
 
 MEAN = "mean"
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
-"""Scenes that are means of scenes, and what rows of them are called."""
+"""Names that stand for means over scenes -> the headings of their rows."""
 
-COLUMNS = {
+CONDITION_TITLES = {
     "non_engine": "Non-Engine",
     "dedicated": "Dedicated",
     "standard": "Standard",
     "exported_mesh": "Exported mesh",
 }
 """Condition -> its heading; engines go by their own names."""
+DRAWN_CONDITIONS = ("non_engine", "dedicated", "standard")
+"""The conditions that hold images, in the order in which quality is lost."""
 
 QUALITY = ("psnr", "ssim", "lpips")
 
 
 class Key(NamedTuple):
-    """Where a number stands.
+    """What a number is of.
 
     Attributes
     ----------
     dataset, method : str
     scene : str
-        Or a key of `MEANS`.
-    column : str
-        A condition, or the engine in the place of one.
+        A scene, or a key of `MEANS`.
+    condition : str
+        A condition, by the name of the engine where one draws in its place.
     metric : str
         A key of `msb.bench.aggregate.METRICS`.
     source : str
@@ -55,7 +57,7 @@ class Key(NamedTuple):
     dataset: str
     scene: str
     method: str
-    column: str
+    condition: str
     metric: str
     source: str = ""
 
@@ -70,9 +72,9 @@ class Number:
     absent : str
         "N/A" or "--" where `value` is None.
     reason : str, optional
-        Why.
+        Why there is no value.
     present, expected : int
-        Of a mean: scenes with a value, and scenes there should be.
+        For a mean, the number of scenes with a value, and of scenes there should be.
     notes : tuple of str
     """
 
@@ -85,7 +87,7 @@ class Number:
 
 
 class GapKey(NamedTuple):
-    """Which gaps: `scene` may be "mean"; `standard` is the column in the place of the standard tier."""
+    """What gaps are of. `scene` may be "mean"; `standard` is the condition in place of the standard tier."""
 
     dataset: str
     scene: str
@@ -95,7 +97,7 @@ class GapKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """Which ratio of the frame rates of two columns, of a dataset's means."""
+    """What a ratio of frame rates is of: two conditions, in the means over a dataset."""
 
     dataset: str
     method: str
@@ -124,19 +126,21 @@ class Numbers:
         """Return the datasets."""
         return list(dict.fromkeys(key.dataset for key in self.values))
 
-    def methods(self, dataset: str, *columns: str) -> list[str]:
-        """Return the methods of a dataset; if `columns` are named, those with a value or an N/A in one."""
+    def methods(self, dataset: str, *conditions: str) -> list[str]:
+        """Return the methods of a dataset; if `conditions` are named, those with a value or an N/A in one."""
         return list(
-            dict.fromkeys(key.method for key in self._of(dataset) if not columns or key.column in columns)
+            dict.fromkeys(
+                key.method for key in self._of(dataset) if not conditions or key.condition in conditions
+            )
         )
 
     def scenes(self, dataset: str) -> list[str]:
         """Return the scenes of a dataset, means apart."""
         return list(dict.fromkeys(key.scene for key in self._of(dataset) if key.scene not in MEANS))
 
-    def columns(self, dataset: str) -> list[str]:
-        """Return the columns that hold images, conditions first, then engines."""
-        found = dict.fromkeys(key.column for key in self._of(dataset) if key.column != "exported_mesh")
+    def conditions(self, dataset: str) -> list[str]:
+        """Return the conditions that hold images: our own tiers first, then engines."""
+        found = dict.fromkeys(key.condition for key in self._of(dataset) if key.condition != "exported_mesh")
         return sorted(
             found, key=lambda name: CONDITIONS.index(name) if name in CONDITIONS else len(CONDITIONS)
         )
@@ -160,6 +164,6 @@ def method_title(method: str) -> str:
     return METHODS[method].title if method in METHODS else plain_text(method)
 
 
-def column_title(column: str) -> str:
-    """Return a column's heading; an engine is shown as one that takes the standard tier's mesh."""
-    return COLUMNS.get(column) or f"Standard, {plain_text(column)}"
+def condition_title(condition: str) -> str:
+    """Return a condition's heading; an engine is shown as one that takes the standard tier's mesh."""
+    return CONDITION_TITLES.get(condition) or f"Standard, {plain_text(condition)}"

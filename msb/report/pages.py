@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
 from msb.bench.folder import Results
-from msb.report.asset_tables import asset_tables, provenance
-from msb.report.names import slug
+from msb.extras import need_extra
 from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
+from msb.report.safe_names import slug
+from msb.report.tables.asset import asset_tables, provenance
 from msb.report.writers import WRITERS, markdown, markdown_text
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
 SMALL_VIDEO = 4 << 20
-"""Bytes up to which a film becomes part of the page."""
+"""A film of at most this many bytes becomes part of the page."""
 
 
 def report_files(
@@ -40,7 +41,7 @@ def report_files(
     topology: Mapping[Place, bytes] | None = None,
     folder: Path | None = None,
 ) -> dict[str, bytes]:
-    """Return path -> content of every file of the report.
+    """Return file name -> content, for every file of the report.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def report_files(
     formats : collection of str
         "md", "tex", "csv", "json", "html".
     topology : mapping of Place to bytes, optional
-        PNG of the topology diagnostic of an asset.
+        The topology diagnostic of each asset, as PNG.
     folder : Path, optional
         Where the files will lie: films too large for a page are linked from there.
 
@@ -119,7 +120,7 @@ def _verdict_page(
 
 
 def _video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
-    """Return the film of an asset: as part of the page if it is small, else where it lies."""
+    """Return the film of an asset: its data if it is small, else its address."""
     assert report.results is not None
     for root in report.results.roots:
         path = Results(root).video(*place)
@@ -137,6 +138,7 @@ def _video(report: Report, place: Place, folder: Path | None) -> dict[str, str] 
 
 @cache
 def _environment() -> Environment:
+    need_extra("bench", "jinja2", what="a page")
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -1,4 +1,4 @@
-"""The paper's own numbers: read from its tables as data, to be set beside ours or printed again."""
+"""The paper's own numbers, read from its tables as data, to be set beside ours or printed again."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from msb.bench.checked import checked, read_json
 from msb.bench.gaps import Ratio, value_gaps
 from msb.methods import METHODS
-from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
-from msb.report.shown import SHOWN
+from msb.report.metric_format import SHOWN
+from msb.report.numbers import DRAWN_CONDITIONS, MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
 
 if TYPE_CHECKING:
     import os
@@ -44,7 +44,7 @@ _OUR_METRICS = {
     "v_over_f": "vf_ratio",
     "valence": "mean_valence",
 }
-"""The paper's names, where ours (DESIGN: msb-audit; `msb.bench.aggregate.METRICS`) are others."""
+"""The paper's name of a metric -> ours, of the audit or `msb.bench.aggregate.METRICS`, if it is another."""
 
 ENGINE_FLOOR = (
     "the paper's Standard memory is nearly the same for all methods and smaller than their meshes: what its "
@@ -83,7 +83,7 @@ class _PaperTable(BaseModel):
 def paper_numbers(*tables: str) -> Numbers:
     """Return the numbers of the paper's `tables` (labels; default all) in the paper's order.
 
-    Where two tables disagree, what both say is kept under its own `Key.source`.
+    Where two tables disagree, both numbers are kept, each under its own `Key.source`.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
@@ -155,22 +155,22 @@ def _entry(cell: _Cell) -> tuple[Key, Number]:
 
 
 def _noted(key: Key, number: Number) -> Number:
-    """Return `number` with what is known to be wrong with it (spec: "Inconsistencies of the seed")."""
+    """Return `number` with what is known to be wrong with it (docs/report.md, "in the paper")."""
     note = None
-    if key.metric == "memory" and key.column == "standard":
+    if key.metric == "memory" and key.condition == "standard":
         note = ENGINE_FLOOR
-    elif key.metric == "lpips" and key.method in ("three_dgs", "two_dgs") and key.column == "non_engine":
+    elif key.metric == "lpips" and key.method in ("three_dgs", "two_dgs") and key.condition == "non_engine":
         note = OTHER_LPIPS
-    elif (key.dataset, key.method, key.column) == ("tanksandtemples", "diffsoup", "non_engine"):
+    elif (key.dataset, key.method, key.condition) == ("tanksandtemples", "diffsoup", "non_engine"):
         note = TWO_DIFFSOUPS if key.metric in QUALITY and key.source in ("", "meshsplatbench") else None
     return number if note is None or number.value is None else Number(number.value, notes=(note,))
 
 
-def _means(values: dict[Key, Number], column: str, metric: str) -> dict[tuple[str, str], float]:
+def _means(values: dict[Key, Number], condition: str, metric: str) -> dict[tuple[str, str], float]:
     return {
         (key.dataset, key.method): number.value
         for key, number in values.items()
-        if (key.scene, key.column, key.metric, key.source) == (MEAN, column, metric, "")
+        if (key.scene, key.condition, key.metric, key.source) == (MEAN, condition, metric, "")
         and number.value is not None
     }
 
@@ -178,7 +178,7 @@ def _means(values: dict[Key, Number], column: str, metric: str) -> dict[tuple[st
 def _gaps(values: dict[Key, Number]) -> dict[GapKey, Gaps]:
     found: dict[GapKey, Gaps] = {}
     for metric in QUALITY:
-        sides = [_means(values, column, metric) for column in ("non_engine", "dedicated", "standard")]
+        sides = [_means(values, condition, metric) for condition in DRAWN_CONDITIONS]
         for where in dict.fromkeys((*sides[0], *sides[1], *sides[2])):
             dataset, method = where
             gaps = value_gaps(metric, *(side.get(where) for side in sides))
@@ -205,7 +205,7 @@ def _scene_ratios(
     scenes = {}
     for key, number in values.items():
         if key[:1] + key[2:] == (dataset, method, above, "fps", "") and key.scene != MEAN:
-            other = values.get(key._replace(column=below))
+            other = values.get(key._replace(condition=below))
             if number.value is not None and other is not None and other.value:
                 scenes[key.scene] = number.value / other.value
     return scenes

@@ -8,8 +8,10 @@ import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from msb.report.names import plain_text, slug
-from msb.report.numbers import column_title, dataset_title, method_title, scene_title
+from msb.errors import MsbError
+from msb.files import file_sha256
+from msb.report.numbers import DRAWN_CONDITIONS, condition_title, dataset_title, method_title, scene_title
+from msb.report.safe_names import plain_text, slug
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,13 +20,12 @@ if TYPE_CHECKING:
     from msb.bench.records import ImageQuality
     from msb.report.results import Loaded, Place, ResultSet
 
-PATHS = ("non_engine", "dedicated", "standard")
 GT = "Ground truth"
 _WIDTH = 480
 _QUALITY = 85
 _MOST_PIXELS = 1 << 26
 _EQUAL = 100.0
-"""dB of an image equal to the ground truth (spec: mean policy)."""
+"""The PSNR in dB of an image equal to the ground truth, in means (docs/metrics.md, PSNR)."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +43,20 @@ class Picture:
 
 @dataclass(frozen=True)
 class Shot:
-    """One rendering of a view, its heading and PSNR; `picture` is None where the file is gone."""
+    """A rendering of a view, with its heading and PSNR. `picture` is None if the file is missing or changed.
+
+    `changed` is the path of a file that is not the one that was compared.
+    """
 
     heading: str
     psnr: float | None
     picture: Picture | None
+    changed: Path | None = None
 
 
 @dataclass(frozen=True)
 class View:
-    """One test view: the ground truth, and for each method what each path makes of it."""
+    """One test view: the ground truth, and for each method what each condition makes of it."""
 
     dataset: str
     scene: str
@@ -63,7 +68,7 @@ class View:
 
     @property
     def title(self) -> str:
-        """A heading."""
+        """The heading of the view."""
         return (
             f"{dataset_title(self.dataset)}, {scene_title(self.scene)}, {plain_text(self.image)}: {self.why}"
         )
@@ -108,8 +113,9 @@ def view_names(results: ResultSet, place: Place) -> set[str]:
 
 
 def _gaps(results: ResultSet, place: Place) -> dict[str, float]:
-    """Return image -> PSNR lost from the first path there is to the last."""
-    own = [loaded for path in PATHS if (loaded := results.places[place].get(path)) and loaded.result.quality]
+    """Return image -> PSNR lost from the first condition there is to the last."""
+    drawn = (results.places[place].get(condition) for condition in DRAWN_CONDITIONS)
+    own = [loaded for loaded in drawn if loaded and loaded.result.quality]
     if len(own) < 2:
         return {}
     first, last = (
@@ -130,24 +136,34 @@ def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> 
     stem = f"{slug(dataset)}-{slug(scene)}-{slug(image)}"
     for place in places:
         own = []
-        for column, loaded in results.places[place].items():
+        for condition, loaded in results.places[place].items():
             found = next((one for one in _images(loaded) if one.name == image), None)
             if found is None:
                 continue
             if gt is None:
                 gt = _picture(loaded.file(found.gt), found, f"{stem}-gt.jpg")
-            name = f"{stem}-{slug(place.method)}-{slug(column)}.jpg"
-            own.append(
-                (
-                    column,
-                    Shot(column_title(column), found.psnr, _picture(loaded.file(found.file), found, name)),
-                )
-            )
-        order = {path: number for number, path in enumerate(PATHS)}
+            name = f"{stem}-{slug(place.method)}-{slug(condition)}.jpg"
+            own.append((condition, _shot(loaded, condition, found, name)))
+        order = {condition: number for number, condition in enumerate(DRAWN_CONDITIONS)}
         shots[place.method] = tuple(
             shot for _, shot in sorted(own, key=lambda one: order.get(one[0], len(order)))
         )
     return View(dataset, scene, image, why, gt, shots)
+
+
+def _shot(loaded: Loaded, condition: str, image: ImageQuality, name: str) -> Shot:
+    """Return a rendering, without its picture where the file is not the one whose PSNR it is."""
+    path = loaded.file(image.file)
+    changed = path is not None and image.sha256 not in (None, _sha256(path))
+    picture = None if changed else _picture(path, image, name)
+    return Shot(condition_title(condition), image.psnr, picture, path if changed else None)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return file_sha256(path)
+    except MsbError as error:
+        return error.code
 
 
 def _picture(path: Path | None, image: ImageQuality, name: str) -> Picture | None:

@@ -1,24 +1,25 @@
-"""Result records from results folders: found, read, and held to being comparable."""
+"""Result records from results folders: they are found, read, and refused where they cannot be compared."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.folder import Results
 from msb.bench.records import CONDITIONS, Result, read_result
 from msb.errors import InputError, UsageError
+from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
 
     from msb.bench.records import Cell
 
 
 class Place(NamedTuple):
-    """Which asset on which scene."""
+    """An asset and its scene."""
 
     dataset: str
     scene: str
@@ -27,7 +28,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Loaded:
-    """A record, its file, and the results folder that is of."""
+    """A record, its file, and the results folder of that file."""
 
     result: Result
     path: Path
@@ -52,16 +53,16 @@ class Loaded:
 
 @dataclass(frozen=True)
 class ResultSet:
-    """Records by asset and column, and what was said about mixing them."""
+    """Records by asset and condition, and notes on records that were mixed."""
 
     places: Mapping[Place, Mapping[str, Loaded]]
     notes: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[Loaded]:
-        return (loaded for columns in self.places.values() for loaded in columns.values())
+        return (loaded for conditions in self.places.values() for loaded in conditions.values())
 
     def __len__(self) -> int:
-        return sum(len(columns) for columns in self.places.values())
+        return sum(len(conditions) for conditions in self.places.values())
 
     @property
     def roots(self) -> list[Path]:
@@ -75,28 +76,34 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     Parameters
     ----------
     *folders : path-like
-        Of the same cell in two of them, the later one's counts.
+        Results folders. If two hold the same cell, the later folder's counts.
     allow_mixed : bool
         Take records that differ in what must be equal, and note it, instead of refusing.
 
     Raises
     ------
     InputError
-        FILE_NOT_FOUND, RESULTS_EMPTY, or what reading a record raises.
+        FILE_NOT_FOUND, RESULTS_EMPTY; RECORD_MISPLACED: a record lies in another cell's place; or what
+        reading a record raises.
     UsageError
         RESULTS_MIXED: the definition of a metric differs between records; or of one asset on one scene, the
         setup, the test images or the asset's bytes.
     """
-    found = [loaded for folder in folders for loaded in _read_folder(Path(folder))]
+    found = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
+    return result_set(found, allow_mixed=allow_mixed)
+
+
+def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultSet:
+    """Return records together; raises UsageError as `read_results`."""
+    found = list(found)
     problems = list(dict.fromkeys(_problems(found)))
     if problems and not allow_mixed:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         text = f"{problems[0]}{more}; report them apart, or give --allow-mixed"
         raise UsageError("RESULTS_MIXED", text)
     places: dict[Place, dict[str, Loaded]] = {}
-    found.sort(key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition))
-    for loaded in found:
-        places.setdefault(loaded.place, {})[loaded.result.cell.column] = loaded
+    for loaded in sorted(found, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
+        places.setdefault(loaded.place, {})[loaded.result.cell.condition_name] = loaded
     return ResultSet(places, tuple(f"mixed: {problem}" for problem in problems))
 
 
@@ -107,11 +114,27 @@ def _read_folder(root: Path) -> list[Loaded]:
     if not files:
         text = "there is no result in it: no cells/DATASET/SCENE/METHOD/COLUMN/result.json, as msb run writes"
         raise InputError("RESULTS_EMPTY", text, file=root)
-    return [Loaded(_checked(read_result(path), path), path, root) for path in files]
+    found = []
+    for path in files:
+        loaded = load(path, root)
+        Results(root).check_place(loaded.result, path)
+        found.append(loaded)
+    return found
+
+
+def load(path: Path, root: Path) -> Loaded:
+    """Return the record in the file `path` of the results folder `root`.
+
+    Raises
+    ------
+    InputError
+        The errors of `msb.bench.records.read_result`; RECORD_INVALID also if a free-form part lacks numbers.
+    """
+    return Loaded(_checked(read_result(path), path), path, root)
 
 
 def _checked(result: Result, path: Path) -> Result:
-    """Hold the free-form parts of a record to what the tables take of them."""
+    """Refuse a record whose free-form parts lack what the tables take from them."""
     needed: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
         ("audit", result.audit, ("metrics", "counts")),
         ("chamfer", result.chamfer, ("overall",)),
@@ -162,4 +185,4 @@ def _must_agree(result: Result) -> dict[str, object]:
 
 def _name(loaded: Loaded) -> str:
     cell: Cell = loaded.result.cell
-    return f"{loaded.root.name}: {cell.dataset}/{cell.scene}/{cell.method}/{cell.column}"
+    return f"{loaded.root.name}: {cell.dataset}/{cell.scene}/{cell.method}/{cell.condition_name}"

@@ -1,4 +1,4 @@
-"""A table as data: what every writer writes and every page shows."""
+"""A table as data, which every writer writes and every page shows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 SCHEMA = "msb.table/1"
 _QUALITY = ("psnr", "ssim", "lpips")
 NOT_SUPPORTED, NOT_THERE = "N/A", "--"
-"""An unsupported condition; a metric that does not apply or was not reported. Never blank, never 0."""
+"""N/A stands for an unsupported condition, -- for a metric that does not apply or was not reported."""
 
 
 @dataclass(frozen=True)
@@ -18,19 +18,19 @@ class Cell:
     Attributes
     ----------
     text : str
-        As printed, without footnote marks: "28.16", "22.51 (7/9)", "N/A", "--", "yes".
+        What is printed, without footnote marks: "28.16", "22.51 (7/9)", "N/A", "--", "yes".
     value : float, bool or str, optional
-        What is behind it, unrounded, in `unit`; None for N/A and --.
+        The unrounded value in `unit`; None for N/A and --.
     metric, unit : str
-        "" where the cell is no number.
+        Empty if the cell is not a number.
     bold : bool
-        The best, by the rule of its table.
+        Whether it is the best, by the rule of its table.
     reason : str, optional
         Why there is no value.
     notes : tuple of str
         Footnotes.
     present, expected : int
-        Of a mean: scenes with a value, and scenes there should be.
+        For a mean, the number of scenes with a value, and of scenes there should be.
     """
 
     text: str
@@ -45,7 +45,7 @@ class Cell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """Notes, and the reason as one of them."""
+        """The notes, the reason included."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
@@ -73,7 +73,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """One column of values. `groups` are the headings that span it and its neighbours, outermost first."""
+    """One column of values. `groups` are headings that span it and its neighbours, outermost first."""
 
     title: str
     groups: tuple[str, ...] = ()
@@ -81,10 +81,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Row:
-    """One row: what it is of, under `Table.heads`, and a cell per column.
+    """One row: its labels under `Table.heads`, and a cell per column.
 
-    `section` is a heading above it and its neighbours; `strong` marks means; `paper` marks the paper's own
-    numbers, set under ours.
+    `section` is a heading above it and its neighbours. `strong` marks means. `paper` marks the paper's own
+    numbers, which stand under ours.
     """
 
     labels: tuple[str, ...]
@@ -107,7 +107,7 @@ class Table:
 
     @property
     def depth(self) -> int:
-        """Lines of headings above the columns' own titles."""
+        """The number of lines of headings above the columns' own titles."""
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:

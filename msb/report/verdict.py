@@ -1,4 +1,4 @@
-"""For one asset: what it can be used for, in plain words, each statement with its number."""
+"""The verdict on one asset: what it can be used for, in plain words, each statement with its number."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.gaps import PAIRS
 from msb.report.collect import REFERENCE
-from msb.report.numbers import GapKey, Key, column_title, dataset_title, method_title, scene_title
-from msb.report.shown import text
+from msb.report.metric_format import text
+from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
 SMALL_LOSS, LARGE_LOSS = 1.0, 3.0
-"""dB of PSNR: below the one a loss is hard to see beside the original, from the other on it is obvious."""
+"""Losses of PSNR in dB: a smaller one than the first is hard to see, one of the second is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-"""A frame's P95 that holds 60, or 30, frames a second."""
-_LEVELS: dict[str, Mark] = {"good": "YES", "limited": "WITH CARE", "bad": "NO"}
+"""The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second."""
+_LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
 
 @dataclass(frozen=True)
 class Statement:
-    """Whether the asset can be used for `use`, and why: with the number it follows from."""
+    """Whether the asset can be used for `use`; `why` has the number that this follows from."""
 
     mark: Mark
     use: str
@@ -42,14 +42,14 @@ class Statement:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is said of one asset on one scene."""
+    """The statements on one asset and scene."""
 
     place: Place
     statements: tuple[Statement, ...]
 
     @property
     def title(self) -> str:
-        """Method and scene."""
+        """The heading: method and scene."""
         dataset, scene, method = self.place
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
@@ -67,22 +67,26 @@ def judge(place: Place, records: Mapping[str, Result], numbers: Numbers) -> Verd
     ----------
     place : Place
     records : mapping of str to Result
-        Column -> record.
+        Condition -> record.
     numbers : Numbers
-        In which its scene's numbers and gaps are.
+        The numbers and gaps of the results, its scene's included.
     """
     statements = [
         _looks(place, numbers, "standard", "deploy", "A plain mesh in any engine (Standard)"),
         _looks(place, numbers, "dedicated", "adapt", "A model with its own shaders (Dedicated)"),
-        *(_runs(path, records[path]) for path in ("standard", "dedicated") if _could_run(records.get(path))),
+        *(
+            _runs(condition, records[condition])
+            for condition in ("standard", "dedicated")
+            if _could_run(records.get(condition))
+        ),
         *_structure(records),
         *_notes(place, numbers),
     ]
     return Verdict(place, tuple(statements))
 
 
-def _looks(place: Place, numbers: Numbers, path: str, name: GapName, use: str) -> Statement:
-    number = numbers.number(Key(*place, path, "psnr"))
+def _looks(place: Place, numbers: Numbers, condition: str, name: GapName, use: str) -> Statement:
+    number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
         mark: Mark = "NO" if number.absent == "N/A" else "UNKNOWN"
         return Statement(
@@ -109,8 +113,8 @@ def _could_run(record: Result | None) -> bool:
     return record is not None and record.status != "unsupported"
 
 
-def _runs(path: str, record: Result) -> Statement:
-    use = f"Real time, {column_title(path)}"
+def _runs(condition: str, record: Result) -> Statement:
+    use = f"Real time, {condition_title(condition)}"
     timing = record.timing
     if timing is None:
         reason = record.reasons.get("timing") or record.reason
@@ -150,11 +154,11 @@ def _structure(records: Mapping[str, Result]) -> Iterator[Statement]:
 
 def _notes(place: Place, numbers: Numbers) -> Iterator[Statement]:
     taken = [
-        f"{text('memory', value)} MiB {column_title(path)}"
-        for path in ("standard", "dedicated")
-        if (value := numbers.value(Key(*place, path, "memory"))) is not None
+        f"{text('memory', value)} MiB {condition_title(condition)}"
+        for condition in ("standard", "dedicated")
+        if (value := numbers.value(Key(*place, condition, "memory"))) is not None
     ]
-    sizes = [numbers.value(Key(*place, path, "asset_size")) for path in ("standard", "dedicated")]
+    sizes = [numbers.value(Key(*place, condition, "asset_size")) for condition in ("standard", "dedicated")]
     size = next((size for size in sizes if size is not None), None)
     if taken:
         yield Statement("NOTE", "Memory while drawing", f"{'; '.join(taken)}.")

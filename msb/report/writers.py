@@ -11,7 +11,8 @@ import json
 import re
 from typing import TYPE_CHECKING, Literal
 
-from msb.report.names import plain_text
+from msb.errors import formula_safe
+from msb.report.safe_names import plain_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,7 +93,7 @@ def latex(table: Table) -> str:
 
 
 def csv_table(table: Table) -> str:
-    """Return the table as CSV, as printed, each row with "ours" or "paper". The JSON has full doubles."""
+    """Return the table as CSV with printed values; each row says "ours" or "paper"."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     heads = [*table.heads, *(" ".join((*column.groups, column.title)) for column in table.columns)]
@@ -120,21 +121,19 @@ WRITERS: dict[Literal["md", "tex", "csv", "json"], Callable[[Table], str]] = {
 
 
 def markdown_text(text: str) -> str:
-    """Return `text` so that Markdown shows it as it is."""
+    """Return `text` escaped, so that Markdown shows it unchanged."""
     return re.sub(r"([\\`*_\[\]<>|#~&$])", r"\\\1", plain_text(text))
 
 
 def latex_text(text: str) -> str:
-    """Return `text` so that LaTeX sets it as it is."""
+    """Return `text` escaped, so that LaTeX sets it unchanged."""
     escaped = "".join(_LATEX.get(letter, letter) for letter in plain_text(text))
     return escaped.replace("--", "-{}-").replace("--", "-{}-")  # two hyphens would be a dash
 
 
 def csv_text(text: str) -> str:
     """Return `text` so that no spreadsheet takes it for a formula; numbers and "--" stay."""
-    text = plain_text(text).strip()
-    harmless = re.fullmatch(r"--|[+-]?[\d.]+( \(\d+/\d+\))?", text)
-    return text if harmless or not text.startswith(("=", "+", "-", "@")) else f"'{text}"
+    return formula_safe(plain_text(text).strip())
 
 
 def _markdown_line(cells: list[str]) -> str:

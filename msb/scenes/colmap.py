@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.errors import shorten
+from msb.files import is_file, is_folder
+from msb.paths import SpelledFiles
 from msb.scenes import colmap_binary, colmap_text
 from msb.scenes.camera import Camera
 from msb.scenes.poses import rotation_from_quaternion
-from msb.scenes.source import Source, is_file, is_folder
+from msb.scenes.source import Source
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -63,7 +65,8 @@ def read_model(folder: Path) -> list[Camera]:
             text = f"camera id {lens.number} occurs twice"
             raise lens_file.error("COLMAP_DUPLICATE_ID", text, pointer=lens.pointer, value=lens.number)
         lenses[lens.number] = lens
-    images = _image_folder(folder)
+    photographs = _image_folder(folder)
+    images = None if photographs is None else SpelledFiles(photographs)
     cameras: list[Camera] = []
     seen: set[int] = set()
     for shot in form.read_shots(shot_file):
@@ -132,7 +135,7 @@ def _image_folder(model: Path) -> Path | None:
 
 
 def _camera(
-    shot: Shot, shot_file: Source, lenses: dict[int, Lens], lens_file: Source, images: Path | None
+    shot: Shot, shot_file: Source, lenses: dict[int, Lens], lens_file: Source, images: SpelledFiles | None
 ) -> Camera:
     """Return the camera of one image."""
     name = _name(shot, shot_file)
@@ -151,7 +154,7 @@ def _camera(
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
-        return Camera(*intrinsics, pose, name, None if images is None else images / name)
+        return Camera(*intrinsics, pose, name, None if images is None else images.find(name))
 
 
 def _name(shot: Shot, source: Source) -> str:

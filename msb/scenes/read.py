@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msb.files import is_file, is_folder
+from msb.paths import given_path
 from msb.scenes import cameras_json, transforms, views_json
 from msb.scenes.colmap import find_model, read_model
 from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
-from msb.scenes.source import Source, is_file, is_folder
+from msb.scenes.source import Source
 
 if TYPE_CHECKING:
     import os
+    from pathlib import Path
 
     from msb.scenes.camera import Camera
     from msb.scenes.json_node import Node
@@ -56,7 +58,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     Files are untrusted: sizes are checked before memory is taken, time and memory are linear in the files'
     sizes, and no path that leads out of the folder is opened.
     """
-    place = Path(path)
+    place = given_path(path)
     if is_folder(place):
         return _read_folder(place)
     source = Source.open(place)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from msb.errors import shorten
+from msb.paths import normal_form
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -31,10 +32,11 @@ def check_set(cameras: Sequence[Camera], source: Source) -> None:
     for index, camera in enumerate(cameras):
         if camera.name is None:
             continue
-        if camera.name in seen:
-            text = f"cameras {seen[camera.name]} and {index} are both called '{shorten(camera.name)}'"
+        name = normal_form(camera.name)
+        if name in seen:
+            text = f"cameras {seen[name]} and {index} are both called '{shorten(camera.name)}'"
             raise source.error("CAMERA_DUPLICATE", text, value=camera.name)
-        seen[camera.name] = index
+        seen[name] = index
 
 
 def stem(camera: Camera) -> str:

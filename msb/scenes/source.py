@@ -6,8 +6,8 @@ import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from msb.asset.paths import map_file
 from msb.errors import SceneError
+from msb.files import map_file
 
 if TYPE_CHECKING:
     import mmap
@@ -39,7 +39,7 @@ class Source:
         InputError
             FILE_NOT_FOUND or FILE_UNREADABLE.
         """
-        return cls(path, map_file(path, asset=path)[0])
+        return cls(path, map_file(path))
 
     def error(
         self, code: str, message: str, *, pointer: str | None = None, value: Any = None, limit: Any = None
@@ -62,17 +62,3 @@ class Source:
             message = f"{what}: {error.message}" if what else error.message
             found = self.error(error.code, message, pointer=pointer, value=error.value, limit=error.limit)
             raise found from None
-
-
-def is_file(path: Path) -> bool:
-    """Return whether `path` is a file we may look at; unlike `Path.is_file`, never raises."""
-    with contextlib.suppress(OSError, ValueError):
-        return path.is_file()
-    return False
-
-
-def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder we may look at; unlike `Path.is_dir`, never raises."""
-    with contextlib.suppress(OSError, ValueError):
-        return path.is_dir()
-    return False

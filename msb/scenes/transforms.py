@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, cast
 
 from msb.errors import InputError, SceneError
+from msb.paths import SpelledFiles
 from msb.scenes.camera import Camera
 from msb.scenes.checks import check_name, check_size, focal_from_fov
 from msb.scenes.image_size import image_size
@@ -39,10 +40,11 @@ def read(root: Node) -> list[Camera]:
     path = root.source.path
     match = _SPLIT.fullmatch(path.name)
     split = cast("Split", match[1].lower()) if match else None
-    return [_camera(root, frame, path.parent, split) for frame in root["frames"].items()]
+    files = SpelledFiles(path.parent)
+    return [_camera(root, frame, files, split) for frame in root["frames"].items()]
 
 
-def _camera(root: Node, frame: Node, folder: Path, split: Split | None) -> Camera:
+def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -> Camera:
     """Return the camera of one frame; its own keys go before those of the whole file."""
 
     def find(key: str) -> Node | None:
@@ -61,7 +63,8 @@ def _camera(root: Node, frame: Node, folder: Path, split: Split | None) -> Camer
     with frame["file_path"].locating():
         name = _image_name(frame["file_path"].text())
         check_name(name)
-    width, height = _size(frame, find("w"), find("h"), folder / name)
+    image = files.find(name)
+    width, height = _size(frame, find("w"), find("h"), image)
     with frame["transform_matrix"].locating():
         pose = from_opengl(frame["transform_matrix"].array(4, 4), "the camera-to-world matrix")
     with frame.locating():
@@ -79,7 +82,7 @@ def _camera(root: Node, frame: Node, folder: Path, split: Split | None) -> Camer
             height / 2 if cy is None else cy,
             pose,
             name,
-            folder / name,
+            image,
             split=split,
         )
 

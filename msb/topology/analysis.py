@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 import numpy as np
 
 from msb.topology.components import label_components
-from msb.topology.faces import extra_duplicates, face_areas, has_no_area
+from msb.topology.faces import added_areas, extra_duplicates, face_areas, has_no_area
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
 
@@ -218,7 +218,7 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     face_component = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     face_component[proper] = label
     sizes = np.bincount(label, minlength=count)
-    areas = np.bincount(label, weights=area[proper], minlength=count).astype(np.float64)
+    areas = added_areas(area[proper], label, count)
     return Components(face_component, sizes, areas), two_face
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import html
 import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
-from msb.errors import MeshError
+from msb.errors import MeshError, one_line
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
-from msb.topology.verdict import judge
+from msb.topology.verdict import judge, percent
 from msb.topology.weld import Weld, parse_weld, weld_vertices
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from msb.topology.analysis import Analysis
     from msb.topology.findings import Counts, Findings
+    from msb.topology.verdict import Level
 
 SCHEMA = "msb.audit/1"
 
@@ -59,9 +61,9 @@ class Sample:
     coordinates: tuple[tuple[float, float, float], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Audit:
-    """What the audit found about one mesh.
+    """What the audit found about one mesh. `print` shows it in a few lines, a notebook as a small table.
 
     Attributes
     ----------
@@ -85,6 +87,10 @@ class Audit:
         Stage -> milliseconds.
     computed_by : str
         NumPy, or OpenCL and on which device; the results are the same.
+    verdict : {"ok", "limited", "bad"}
+        Whether the mesh can be used as it is: throughout, for some things, or hardly.
+    sentence : str
+        What it can be used for, and why not for the rest.
     """
 
     topology: Literal["triangle_soup", "indexed_mesh"]
@@ -100,6 +106,58 @@ class Audit:
     method: str | None = None
     welded: Welded | None = None
     cross_check: list[dict[str, Any]] | None = None
+
+    @property
+    def verdict(self) -> Level:
+        """The grade of the mesh."""
+        return judge(self).level
+
+    @property
+    def sentence(self) -> str:
+        """The reason for the grade, without a full stop."""
+        return judge(self).sentence
+
+    def __repr__(self) -> str:
+        return f"<Audit {self.verdict}, {self._title()}>"
+
+    def __str__(self) -> str:
+        rows = self._rows()
+        left, middle = (max(len(row[column]) for row in rows) for column in (0, 1))
+        lines = [f"  {name:<{left}}  {count:>{middle}}  {share}".rstrip() for name, count, share in rows]
+        return "\n".join([self._title(), *lines, str(judge(self))])
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows; nothing of a file's name is markup."""
+        right = ' style="text-align: right"'
+        rows = "".join(
+            f"<tr><td>{name}</td><td{right}>{count}</td><td{right}>{share}</td></tr>"
+            for name, count, share in self._rows()
+        )
+        verdict = judge(self)
+        return (
+            f"<p><b>{verdict.word}</b>: {html.escape(verdict.sentence)}.</p>"
+            f"<table><caption>{html.escape(self._title())}</caption>{rows}</table>"
+        )
+
+    def _title(self) -> str:
+        name = one_line(self.path or "mesh") + (f" ({self.method})" if self.method else "")
+        kind = self.topology.replace("_", " ")
+        return f"{name}: {kind}, {self.counts.vertices:,} vertices, {self.counts.faces:,} faces"
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return name, count and share of what decides about the mesh."""
+        c = self.counts
+        rows = [
+            (name, f"{count:,}", percent(count, whole))
+            for name, count, whole in (
+                ("boundary edges", c.boundary_edges, c.edges),
+                ("non-manifold edges", c.nonmanifold_edges, c.edges),
+                ("non-manifold vertices", c.nonmanifold_vertices, c.vertices),
+            )
+        ]
+        largest = percent(c.largest_component_faces, c.faces)
+        share = f"{largest} of the faces in the largest" if c.components else ""
+        return [*rows, ("components", f"{c.components:,}", share)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the audit as JSON data (schema msb.audit/1); no NaN, no infinity."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +32,8 @@ def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]
         from msb.topology.kernel import find_by_kernels
 
         try:
-            with _the_device as device:
+            device = _shared_cpu()
+            with device.using():  # one audit at a time
                 return find_by_kernels(points, faces, device), analysis
         except (DeviceError, UsageError) as error:
             note = f" ({error.message})"
@@ -42,41 +41,14 @@ def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]
     return replace(findings, computed_by=findings.computed_by + note), analysis
 
 
-class _SharedDevice:
-    """A CPU device, opened when it is first needed and kept; one audit at a time uses it."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._device: Device | None = None
-        self._process: int | None = None
-
-    def __enter__(self) -> Device:
-        if self._process not in (None, os.getpid()):
-            raise DeviceError("DEVICE_CLOSED", "the device belongs to the process this one was forked from")
-        self._process = os.getpid()
-        self._lock.acquire()
-        try:
-            if self._device is None:
-                self._device = _open_cpu()
-        except BaseException:
-            self._lock.release()
-            raise
-        return self._device
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
-
-
-def _open_cpu() -> Device:
-    """Return the default device, or if that is no CPU the first that is: the kernels are made for one."""
-    from msb.cl import open_device
+def _shared_cpu() -> Device:
+    """Return the default device, or if its style is not CPU, which the kernels are of, the first CPU."""
+    from msb.cl import shared_device
     from msb.cl.devices import choose_device
 
     chosen = choose_device()
-    device = open_device(chosen.selector if chosen.record.kind == "cpu" else "cpu")
-    if not device.record.fp64:
-        raise DeviceError("DEVICE_COMMAND", f"{device.record} has no double precision")
+    device = shared_device(chosen.selector if chosen.record.style == "cpu" else "cpu")
+    if device.record.style != "cpu" or not device.record.fp64:
+        lacks = "double precision" if device.record.style == "cpu" else "a compiler known to take the kernels"
+        raise DeviceError("DEVICE_COMMAND", f"{device.record} lacks {lacks}")
     return device
-
-
-_the_device = _SharedDevice()

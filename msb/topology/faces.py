@@ -40,6 +40,21 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
     return area, finite
 
 
+def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
+    """Return the (groups,) area of each group of faces, each added in the order of the faces.
+
+    Rounding is monotone: added in one order, some of the faces never come to more than all of them, and come
+    to the same where the others have no area.
+
+    Parameters
+    ----------
+    area : (n,) float64, not negative
+    group : (n,) integers in 0 .. groups - 1
+    groups : int
+    """
+    return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
+
+
 def has_no_area(
     area: NDArray[np.float64], finite: NDArray[np.bool_], repeated: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:

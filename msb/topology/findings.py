@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.topology.faces import added_areas
+
 if TYPE_CHECKING:
     from msb.topology.analysis import Analysis
 
@@ -99,7 +101,7 @@ def find_by_numpy(analysis: Analysis) -> Findings:
     return Findings(
         counts=counts,
         shares_vertices=not analysis.soup,
-        total_area=float(analysis.area.sum()),
+        total_area=float(added_areas(analysis.area, np.zeros(mesh.face_count, np.intp), 1)[0]),
         largest_component_area=0.0 if largest is None else float(components.areas[largest]),
         valence_histogram={int(k): int(valences[k]) for k in np.flatnonzero(valences)},
         first={

@@ -276,15 +276,14 @@ class _Run:
         # Faces that follow each other along the boundary are joined; a pair that closes a ring joins nothing.
         joined = self._joined(RIM, rims)
         counts = self._new(2, np.uint32, "largest component")
-        area = self._new(1, np.float64, "its area")
-        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, area, *_uints(count))
-        with areas.mapped() as each:
-            total = float(each.sum())
+        added = self._new(2, np.float64, "its area and that of all")
+        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, added, *_uints(count))
         fills = self.fills.read()[1 : self.chunks_used + 1]
         pairs = int((fills[fills % 4 == RIM] // 4).sum(dtype=np.int64))
         largest, alone = (int(n) for n in counts.read())
         # A face that shares no edge is a ring of its own three.
-        return total, float(area.read()[0]), largest, pairs - joined + alone, strange.read()
+        largest_area, total = (float(x) for x in added.read())
+        return total, largest_area, largest, pairs - joined + alone, strange.read()
 
     # ---- buffers
 

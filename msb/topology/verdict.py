@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from msb.topology.audit import Audit
 
-Level = Literal["good", "limited", "bad"]
+Level = Literal["ok", "limited", "bad"]
 
 TOPOLOGY_TOOLS = "subdivision, collision or UV unwrapping"
 """What needs manifold neighbourhoods (paper, "Mesh Structural Results": Local structure)."""
@@ -20,6 +20,14 @@ class Verdict:
 
     level: Level
     sentence: str
+
+    @property
+    def word(self) -> str:
+        """The level as a person reads it: OK, LIMITED or BAD."""
+        return self.level.upper()
+
+    def __str__(self) -> str:
+        return f"{self.word}: {self.sentence}."
 
 
 def judge(audit: Audit) -> Verdict:
@@ -68,8 +76,8 @@ def judge(audit: Audit) -> Verdict:
         )
     what = "closed, manifold and consistently wound"
     if metrics.components > 1:
-        return Verdict("good", f"usable throughout: {what}, in {metrics.components:,} separate bodies")
-    return Verdict("good", f"usable throughout: {what}")
+        return Verdict("ok", f"usable throughout: {what}, in {metrics.components:,} separate bodies")
+    return Verdict("ok", f"usable throughout: {what}")
 
 
 def percent(part: int, whole: int) -> str:

@@ -30,7 +30,8 @@ def parse_weld(text: str | float) -> Weld:
     if text == "exact":
         return "exact"
     try:
-        distance = float(text)
+        # True is the number 1 to Python, but nobody means a length by it.
+        distance = math.nan if isinstance(text, bool | np.bool_) else float(text)
     except (ValueError, TypeError, OverflowError):
         distance = math.nan
     if not (distance > 0 and math.isfinite(distance)):

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from data_stubs.torch_file import write_torch
-from msb.adapters.diffsoup_web import WEIGHTS, texture_size
+from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:

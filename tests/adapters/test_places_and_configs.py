@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb.adapters.config import MAX_BYTES, read_cfg_args
+from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.errors import CheckpointError, InputError
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, write_model, write_web_export

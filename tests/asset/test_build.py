@@ -130,7 +130,7 @@ def test_what_no_asset_can_hold_is_refused() -> None:
 def test_what_no_manifest_can_hold_is_refused() -> None:
     good = {"positions": TRIANGLE, "indices": FACE}
     undecodable = SourceFile("cam\udcff.pt", SHA_OF_NOTHING, 0)
-    assert code_of(good, method="nerf") == "METHOD_UNKNOWN"
+    assert code_of(good, method="NeRF") == "METHOD_UNKNOWN"
     assert code_of(good, coverage={"kernel": "solid", "gamma": float("nan")}) == "FIELD_VALUE"
     assert code_of(good, coverage={"kernel": "solid", "gamma": np.float32(1)}) == "FIELD_TYPE"
     assert code_of(good, source=Source((undecodable,))) == "FIELD_VALUE"

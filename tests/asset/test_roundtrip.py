@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import mmap
+import pickle  # noqa: TID251 - of our own making
 import shutil
 import struct
 import subprocess
 import zipfile
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from msb.asset import build_asset, load, save, validate
+from msb.errors import UsageError
 from tests.corpus.forge import forge
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
 
@@ -111,6 +115,39 @@ def test_unzip_has_nothing_to_complain_of(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert "No errors detected" in done.stdout
     assert not done.stderr
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, lambda a: pickle.loads(pickle.dumps(a))])
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_copy_of_an_asset_is_the_asset(make, duplicate, tmp_path: Path) -> None:
+    save(make(), tmp_path / "a")
+    for asset in (make(), load(tmp_path / "a")):
+        other = duplicate(asset)
+        assert_same(asset, other)
+        assert (other.path, other.warnings) == (asset.path, asset.warnings)
+        with pytest.raises(TypeError):
+            other.buffers["positions"] = other.buffers["positions"]
+        shared = duplicate is copy.copy
+        for name, array in other.buffers.items():
+            assert not array.flags.writeable
+            assert np.shares_memory(array, asset.buffers[name]) == (shared and array.size > 0)
+        save(other, tmp_path / "b")
+        assert content(tmp_path / "b") == content(tmp_path / "a")
+
+
+def test_a_copy_leaves_arrays_writable_that_were(tmp_path: Path) -> None:
+    asset = mesh()
+    positions = asset.buffers["positions"].copy()
+    copy.copy(replace(asset, buffers={**asset.buffers, "positions": positions}))
+    assert positions.flags.writeable
+
+
+@pytest.mark.parametrize("form", ["tar", "Folder", "", None, ["packed"]])
+def test_a_form_that_there_is_not_is_refused(form: Any, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="there are packed, folder") as caught:
+        save(mesh(), tmp_path / "a", form)
+    assert caught.value.code == "USAGE"
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("form", FORMS)

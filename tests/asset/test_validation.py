@@ -114,7 +114,7 @@ def test_every_report_is_plain_json(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[2J", "a\u202eb", "\udcff", " ", "a: b"])
 def test_a_file_name_cannot_break_the_line(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
-    parts(mesh()).change("/method", "nerf").write_packed(path)
+    parts(mesh()).change("/method", "NeRF").write_packed(path)
     with pytest.raises(AssetError) as caught:
         load(path)
     assert str(caught.value).isprintable()

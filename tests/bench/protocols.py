@@ -1,10 +1,11 @@
-"""Small protocols on the shipped scenes, and results without what depends on the clock, to compare."""
+"""Small protocols on the shipped scenes, and results without what depends on clock and load, to compare."""
 
 from __future__ import annotations
 
 import json
 from typing import TYPE_CHECKING, Any
 
+from msb.bench.machine import OF_THE_MOMENT
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import Result, read_result
 from tests.conftest import ROOT
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 STUBS = ROOT / "data_stubs"
 PEBBLE = STUBS / "models" / "pebble"
-TIMES = {"seconds", "timing", "timings_ms", "stages_ms"}
+TIMES = {"seconds", "timing", "timings_ms", "stages_ms", *OF_THE_MOMENT}
 
 
 def protocol(
@@ -48,12 +49,24 @@ def protocol(
 
 
 def records(results: Path) -> dict[str, Any]:
-    """Return every record below a results folder by its path, without times and without where it lies."""
+    """Return every record below a results folder by its path, without what is of the moment or the place."""
     text = {path: path.read_text() for path in sorted(results.rglob("result.json"))}
     return {
         path.relative_to(results).as_posix(): _timeless(json.loads(content.replace(str(results), "RESULTS")))
         for path, content in text.items()
     }
+
+
+def differences(one: Any, other: Any, place: str = "") -> list[str]:
+    """Return where two records, or all of two runs, differ: "place: value, other value"."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        keys = dict.fromkeys((*one, *other))
+        pairs = [(key, one.get(key, "absent"), other.get(key, "absent")) for key in keys]
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        pairs = [(number, *both) for number, both in enumerate(zip(one, other, strict=True))]
+    else:
+        return [] if one == other else [f"{place}: {str(one)[:200]}, {str(other)[:200]}"]
+    return [line for key, first, second in pairs for line in differences(first, second, f"{place}/{key}")]
 
 
 def images(results: Path) -> dict[str, bytes]:
@@ -75,8 +88,9 @@ def cell(file: ProtocolFile, name: str) -> Result:
 
 
 def planned(report: Report) -> dict[str, Any]:
-    """Return method/column -> state, or the parts that were computed and why."""
+    """Return method/condition -> state, or the parts that were computed and why."""
     return {
-        f"{row.planned.cell.method}/{row.planned.cell.column}": dict(row.planned.why) or row.planned.status
+        f"{row.planned.cell.method}/{row.planned.cell.condition_name}": dict(row.planned.why)
+        or row.planned.status
         for row in report.rows
     }

@@ -18,8 +18,8 @@ from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planner, pairs_of
 from msb.bench.records import read_result
 from msb.metrics import identity
+from msb.render.backend import renderers
 from msb.render.frame import Frame
-from msb.render.protocol import renderers
 from tests.bench.protocols import protocol
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ class Engine:
 @pytest.fixture
 def red(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     there = {**renderers(), "red": "tests.bench.test_cell:Engine"}
-    for module in ("msb.render.protocol", "msb.bench.plan"):
+    for module in ("msb.render.backend", "msb.bench.plan"):
         monkeypatch.setattr(f"{module}.renderers", lambda: there, raising=False)
     bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"engines": ("red",)}))
     return bench
@@ -187,7 +187,7 @@ def test_an_engine_has_a_column_of_its_own(red: Bench) -> None:
     bench = red
     done = bench.compute("red", "quality", "timing")
     found = bench.record(done)
-    assert done.cell.column == "red"
+    assert done.cell.condition_name == "red"
     assert (found.cell.condition, found.cell.renderer, found.status) == ("standard", "red", "done")
     assert (found.renderer.kind, found.renderer.name, found.renderer.version) == (
         "engine",

@@ -141,6 +141,7 @@ def test_a_missing_scene_makes_a_gap_partial_and_leaves_the_identity_open() -> N
     found = dataset_gaps("psnr", records((20, 22, 15), (30, 26, None)), ["s0", "s1", "s2"])
     assert (found.adapt.scenes, found.adapt.expected, found.adapt.partial) == (2, 3, True)
     assert (found.port.scenes, found.port.value) == (1, 7)
+    assert (found.adapt.ends, found.port.ends) == ((25, 24), (22, 15)), "means over its own scenes"
     assert found.monotone is None
     assert found.triangle_excess is None
 
@@ -185,6 +186,17 @@ def test_speeds_of_two_devices_are_not_compared() -> None:
     assert incomparable("psnr", result(**here), result("standard", **there)) is None
     ratio = slowdown({"s": {"dedicated": result(**here), "standard": result("standard", **there)}}, ["s"])
     assert (ratio.value, ratio.reason, ratio.partial) == (None, "device_mismatch", True)
+
+
+def test_speeds_are_compared_though_the_system_had_more_memory_to_give() -> None:
+    some, more = ({"device": {"device": {"name": "a", "global_memory": size}}} for size in (8, 9))
+    assert (
+        incomparable("fps", result(**some, timing=timing()), result("standard", **more, timing=timing()))
+        is None
+    )
+    few, many = ({"device": {"device": {"name": "a", "compute_units": units}}} for units in (1, 2))
+    first, second = result(**few, timing=timing()), result("standard", **many, timing=timing())
+    assert incomparable("fps", first, second) == "device_mismatch"
 
 
 def test_the_slowdown_of_a_dataset_is_the_ratio_of_means() -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from msb.bench.run import run_protocol
-from tests.bench.protocols import images, protocol, records
+from tests.bench.protocols import differences, images, protocol, records
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -93,8 +93,12 @@ def test_killed_again_and_again_it_ends_as_if_it_never_had_been(
         done = left
     found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"))
     assert found.exit_status == 0
-    assert any(row.planned.status == "done" for row in found.rows)
-    assert records(tmp_path / "results") == records(whole.results)
+    # The first kill came after a cell was reported, which is on record by then; perhaps it is to be timed.
+    again = [
+        row.planned.why.keys() & {"quality", "audit"} for row in found.rows if row.planned.job is not None
+    ]
+    assert set() in again
+    assert differences(records(tmp_path / "results"), records(whole.results)) == []
     assert images(tmp_path / "results") == images(whole.results)
     assert not list((tmp_path / "results").rglob("*.part"))
 
@@ -129,4 +133,4 @@ def test_of_two_runs_at_once_one_refuses_and_the_other_ends_well(
     assert first.stderr is not None
     first.stderr.read()
     assert first.wait(120) == 0
-    assert records(tmp_path / "results") == records(whole.results)
+    assert differences(records(tmp_path / "results"), records(whole.results)) == []

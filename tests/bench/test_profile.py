@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import msb
 from msb.bench.profile import profile
-from msb.render.protocol import Drawn
+from msb.render.backend import SETTLED_AT, Drawn
+from msb.scenes.datasets import read_scene
+from tests.bench.protocols import PEBBLE, STUBS
 
 
 class Fake:
@@ -25,7 +28,11 @@ class Fake:
         return Drawn({"raster": float(number), "shade": 1.0}, span=number + 1.5)
 
     def memory(self) -> dict[str, int]:
-        return {"geometry": 100, "scratch": 5}
+        settled = len(self.drawn) >= SETTLED_AT
+        return {"geometry": 100, "scratch": 5 + settled, "lists": max(map(ord, self.drawn))}
+
+    def memory_groups(self) -> dict[str, str]:
+        return {}
 
     def render(self, *_: Any) -> None:
         pytest.fail("a timing run reads nothing back")
@@ -42,16 +49,17 @@ def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
     assert found.p95 == np.percentile(spans, 95)
     assert found.busy_p50 == pytest.approx(found.p50 - 0.5)
     assert found.stages == {"raster": np.median(spans) - 1.5, "shade": 1.0}
-    assert found.memory == {"geometry": 100, "scratch": 5}
+    assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
     # 1000 / FPS cannot be less than what the clock saw of each frame.
     assert 1000 / found.fps >= 0.5
 
 
 def test_cameras_take_turns_and_time_counts_too() -> None:
     renderer = Fake()
-    profile(renderer, ["a", "b"], frames=1, seconds=0.05)  # type: ignore[arg-type]
+    found = profile(renderer, ["a", "b"], frames=1, seconds=0.05)  # type: ignore[arg-type]
     timed = renderer.drawn[1:]
     assert timed[:4] == ["a", "b", "a", "b"]
+    assert len(renderer.drawn) == 1 + found.frames, "nothing is drawn for the memory that was drawn before"
     assert len(timed) > 5
     with pytest.raises(ValueError, match="there is no camera"):
         profile(renderer, [], frames=1)  # type: ignore[arg-type]
@@ -64,13 +72,43 @@ def test_warm_up_is_counted_in_frames_and_a_budget_ends_it_all() -> None:
     renderer = Fake()
     profile(renderer, ["a"], frames=4, seconds=0, warm_up=0)  # type: ignore[arg-type]
     assert len(renderer.drawn) == 4
+    assert profile(Fake(), ["a", "b"], frames=1, warm_up=1, budget=0).memory_views == 1  # type: ignore[arg-type]
     renderer = Fake()
     found = profile(renderer, ["a"], frames=10**6, seconds=0, budget=0.02)  # type: ignore[arg-type]
     assert 1 <= found.frames < len(renderer.drawn) < 100
     assert profile(Fake(), ["a"], frames=9, warm_up=9, budget=0).frames == 1  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("frames", "warm_up"), [(1, 0), (2, 0), (2, 1), (1, 3), (9, 4), (4, None)])
+def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_up: int | None) -> None:
+    for cameras in ("a", "abc", "cba", "abcdefgh"):
+        found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)  # type: ignore[arg-type]
+        assert found.frames == frames
+        assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
+        assert found.memory_views == len(cameras)
+
+
+@pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
+def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) -> None:
+    scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble")
+    asset, found = msb.export(PEBBLE / method), []
+    for warm_up in (0, 1, 10):
+        with msb.Renderer(asset, tier="dedicated") as renderer:
+            timed = profile(renderer, scene.test, scene.background, frames=1, seconds=0, warm_up=warm_up)
+        found.append(timed.memory)
+    assert found[0] == found[1] == found[2]
+
+
+def test_memory_of_a_cell_does_not_depend_on_the_cells_before_it() -> None:
+    scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble")
+    found = []
+    for method in ("two_dts", "mesh_splatting", "two_dts"):
+        with msb.Renderer(msb.export(PEBBLE / method), tier="dedicated") as renderer:
+            found.append(profile(renderer, scene.test, frames=1, seconds=0, warm_up=0).memory)
+    assert found[0] == found[2]
+
+
 def test_json_has_what_the_tables_need() -> None:
     data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()  # type: ignore[arg-type]
-    assert set(data) == {"frames", "device_ms", "busy_ms", "stages_ms", "fps", "memory_bytes"}
+    assert set(data) == {"frames", "device_ms", "busy_ms", "stages_ms", "fps", "memory_bytes", "memory_views"}
     assert set(data["device_ms"]) == {"p50", "p95", "mean"}

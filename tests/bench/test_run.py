@@ -201,7 +201,8 @@ def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path)
     found = run_protocol(replace(again, protocol=changed))
     assert found.exit_status == 3
     states = {
-        (row.planned.cell.scene, row.planned.cell.method, row.planned.cell.column): row for row in found.rows
+        (row.planned.cell.scene, row.planned.cell.method, row.planned.cell.condition_name): row
+        for row in found.rows
     }
     assert states["pebble", "two_dts", "dedicated"].planned.status == "done"
     failed = states["pebble", "triangle_splatting", "dedicated"]

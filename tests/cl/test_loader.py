@@ -101,7 +101,7 @@ def test_a_cache_that_cannot_be_written(child: Child, tmp_path: Path, variable: 
     env = {**NOTHING_SET, "POCL_CACHE_DIR": None, "XDG_CACHE_HOME": None, variable: str(tmp_path / "file")}
     assert "count_digits" in answer(child(SORT, **env)).split()
     devices, note = answer(child(LIST, **env)).split("|")[-2:]
-    assert devices == "pocl:0"
+    assert devices.startswith("pocl:")  # the last one is the wheel's, the system may have another
     assert "cannot be written" in note
 
 
@@ -144,7 +144,7 @@ def test_intel_without_what_it_needs_is_said_and_left_out(child: Child, tmp_path
     code = f"import sys\nsys.path.insert(0, {str(site)!r})\n" + LIST
     found = answer(child(code, **NOTHING_SET)).split("|")
     assert "pocl:0" in found
-    assert "intel-opencl-rt needs libtbb.so.12: pip install 'meshsplatbench[intel]'" in found
+    assert 'intel-opencl-rt needs libtbb.so.12: pip install "meshsplatbench[intel]"' in found
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the Intel runtime is registered on Linux only")

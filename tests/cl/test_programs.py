@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import sys
 import threading
 import zipfile
 from typing import TYPE_CHECKING, Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from msb.cl import LocalMemory
+from msb.cl.kernel_text import define_lines, resolve
 from msb.cl.programs import _ERROR_LINE, build_options
-from msb.cl.source import define_lines, resolve
 from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
 from tests.cl.test_devices import POCL, other
@@ -185,13 +187,42 @@ def test_nothing_is_launched_over_nothing(device: Device) -> None:
     assert kernel(3, 64, out, out, np.uint32(0)) is not None
 
 
+@pytest.mark.parametrize("group", [(8,), (2, 4)])
+@pytest.mark.parametrize("who", ["device", "kernel"])
+def test_larger_work_groups_than_allowed_are_refused_with_the_sizes(
+    who: str, group: tuple[int, ...], fresh: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kernel that allows fewer than its device shows when launched: platforms do not all tell the truth."""
+    out = fresh.upload(np.ones(4, np.float32))
+    kernel = fresh.program("simple", {"OFFSET": 0}, KERNELS).scaled
+    arguments = (48,) * len(group), group, out, out, np.uint32(0)
+    monkeypatch.setattr(kernel, "max_work_group", 7)
+    assert kernel(*arguments) is not None
+    if who == "device":
+        fresh._queue.record = dataclasses.replace(fresh.record, max_work_group=7)
+    else:
+        error = fresh._queue.cl.LogicError("clEnqueueNDRangeKernel", -54, "")
+        monkeypatch.setattr(fresh._queue.cl, "enqueue_nd_range_kernel", Mock(side_effect=error))
+    size = " x ".join(map(str, group)) + " = " * (len(group) > 1)
+    with pytest.raises(DeviceError, match=f"kernel scaled needs work-groups of {size}.*allows 7 ") as caught:
+        kernel(*arguments)
+    assert (caught.value.code, caught.value.exit_status) == ("DEVICE_LIMIT", 5)
+    assert (caught.value.value, caught.value.limit) == (8, 7)
+    assert "msb devices" in caught.value.message
+
+
+def test_no_kernel_allows_more_than_its_device(fresh: Device) -> None:
+    """Platforms may answer for a kernel with the size that its source requires."""
+    fresh._queue.record = dataclasses.replace(fresh.record, max_work_group=32)
+    program = fresh.program("simple", {"OFFSET": 0}, KERNELS)
+    assert program.max_work_group == program.scaled.max_work_group == 32
+
+
 def test_a_launch_the_device_refuses(device: Device) -> None:
-    out = device.allocate(4, np.float32)
     kernel = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
-    group = device.record.max_work_group * 2
-    assert kernel.max_work_group <= device.record.max_work_group
-    with pytest.raises(DeviceError, match=f"kernel scaled .* groups of .{group}") as error:
-        kernel(group, group, out, out, np.uint32(4))
+    out = device.upload(np.ones(4, np.float32))
+    with pytest.raises(DeviceError, match=r"kernel scaled over \(4, 4, 4, 4\) in groups") as error:
+        kernel((4,) * 4, (1,) * 4, out, out, np.uint32(4))  # OpenCL has three dimensions
     assert error.value.code == "DEVICE_COMMAND"
 
 

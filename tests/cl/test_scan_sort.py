@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from msb.cl.scan import MOST, exclusive_scan
 from msb.cl.sort import sort_pairs
+from tests.cl.conftest import KERNELS, open_styled
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -183,3 +185,22 @@ def test_both_styles_agree_on_the_work_done(styled: Device) -> None:
     expect_sorted(styled, np.arange(10_000, dtype=np.uint32), None)
     uses = {use.rstrip(" 0123456789") for use in styled.memory() if use.startswith(("sort", "scan"))}
     assert uses <= {"sort keys", "sort values", "sort places", "scan starts"}
+
+
+@pytest.mark.parametrize("most", [64, 100, 128])
+@pytest.mark.parametrize("who", ["device", "kernel"])
+def test_work_groups_are_as_large_as_device_and_kernels_allow(who: str, most: int) -> None:
+    with open_styled("gpu") as device:
+        allowed = device.program("simple", {"OFFSET": 0}, KERNELS).max_work_group
+        device._queue.record = replace(device.record, max_work_group=most)
+        if who == "device":  # else only the kernels, once built, say so
+            device.record = device._queue.record
+        random = np.random.default_rng(most)
+        values = random.integers(0, 9, 5000, np.uint32)
+        offsets = device.allocate(5001, np.uint64)
+        exclusive_scan(device, device.upload(values), offsets)
+        assert np.array_equal(offsets.read(), prefix(values, np.uint64))
+        expect_sorted(device, random.integers(0, 2**32, 3000, np.uint32), None)
+        groups = {dict(key[2])["GROUP"] for key in device._programs if key[0] != KERNELS}
+    assert min(groups) == 1 << (min(most, allowed).bit_length() - 1)
+    assert (max(groups) > most) == (who == "kernel")

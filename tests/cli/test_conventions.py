@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import re
@@ -136,3 +138,14 @@ def test_stopping_early_leaves_the_rest_alone(msb: Msb, tmp_path: Path) -> None:
     assert (both.status, one.status) == (3, 3)
     assert both.out
     assert one.out == ""
+
+
+@pytest.mark.parametrize("name", ["=1+1.off", "+a.off", "-a.off", "@SUM(A1).off", "\t=1.off"])
+def test_a_csv_holds_no_formula(msb: Msb, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    result = msb("audit", "--csv", "-", "--json", "a.json", "--", name, cwd=tmp_path)
+    assert result.status == 0, result.err
+    (row,) = csv.DictReader(io.StringIO(result.out))
+    assert row["path"] == f"'{name}"
+    assert row["faces"] == "1"
+    assert json.loads((tmp_path / "a.json").read_text())["path"] == name

@@ -19,8 +19,10 @@ def test_the_table_says_what_to_type_and_what_is_taken(msb: Msb) -> None:
     assert result.status == 0
     assert result.err == ""
     lines = result.out.splitlines()
-    assert lines[0].split() == ["--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver"]
-    assert any(line.startswith("pocl:0 *") for line in lines)
+    names = ["--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver", "Builds"]
+    assert lines[0].split() == names
+    taken = next(line for line in lines if line.startswith("pocl:0 *"))
+    assert taken.split()[-1] in ("yes", "mended")
     assert any(line.startswith("* is taken unless") for line in lines)
     assert max(map(len, lines)) <= 80
 
@@ -43,8 +45,37 @@ def test_json(msb: Msb) -> None:
     assert data["schema"] == "msb.devices/1"
     assert data["chosen"] == "pocl:0"
     assert data["chosen_by"] == "default"
-    assert "pocl:0" in {device["selector"] for device in data["devices"]}
+    taken = next(device for device in data["devices"] if device["selector"] == "pocl:0")
+    assert (taken["builds"], taken["why"], taken["advice"]) == (True, None, None)
     assert isinstance(data["notes"], list)
+
+
+def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
+    msb: Msb, unknown: dict[str, str]
+) -> None:
+    """Nothing that needs it can draw, and what is chosen by default ends with the same words."""
+    off = {**unknown, "MSB_MEND_POCL": "0"}
+    result = msb("devices", "--device", "pocl", **off)
+    assert result.status == 5
+    assert "pocl:0 " in result.out
+    assert " NO" in result.out
+    assert "does not build kernels: unknown target CPU 'generic'" in " ".join(result.out.split())
+    assert "apt-get install pocl-opencl-icd" in " ".join(result.out.split())
+    assert result.err.startswith("DEVICE_BUILD: pocl:0 ")
+    assert result.err.count("\n") == 1
+    data = msb("devices", "--json", "-", "--device", "pocl", **off).json
+    broken = next(device for device in data["devices"] if device["selector"] == "pocl:0")
+    assert (broken["builds"], broken["why"]) == (False, "unknown target CPU 'generic'")
+    drawing = {renderer["name"]: renderer["missing"] for renderer in data["renderers"]}
+    assert drawing["dedicated"] == drawing["standard"] == "no OpenCL device that builds kernels"
+    assert drawing["reference"] is None
+
+
+def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> None:
+    result = msb("devices", "-v", "--device", "pocl", **unknown)
+    assert result.status == 0
+    assert "told that it is a haswell" in " ".join(result.out.split())
+    assert next(line for line in result.out.splitlines() if line.startswith("pocl:0")).endswith("mended")
 
 
 def test_why_is_told(msb: Msb) -> None:

@@ -29,6 +29,7 @@ GOLDEN = "tests/golden/metrics"
 SMALL = ("--turntable", "1", "--size", "32x24", "-o")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
 EXTRAS += ("dask", "distributed", "pynvml", "wgpu", "bpy")
+EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av")
 """What the extras bring."""
 DRIVER = """
 import json, os, sys
@@ -103,23 +104,44 @@ def nowhere(tmp_path: Path) -> str:
 
 def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
     missing = {
+        "bench": [
+            ("render", "--format", "exr", *SMALL, "e", ASSET),
+            ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
+            ("run", "-o", "r", "data_stubs/protocol.toml"),
+            ("report", "--paper", "-o", "paper"),
+            ("track", "-o", "track.json", "true"),
+        ],
+        "video": [("render", "--film", "f.mp4", "--turntable", "2", "--size", "32x24", ASSET)],
         "crosscheck": [("audit", "--cross-check", ASSET)],
         "view": [("view", ASSET), ("view", "--figure", "f.png", ASSET), ("audit", "--view", ASSET)],
         "wgpu": [("render", "--renderer", "wgpu", *SMALL, "w", ASSET)],
         "blender": [("render", "--renderer", "blender_cycles", *SMALL, "b", ASSET)],
-        "distributed": [("run", "--scheduler", "tcp://127.0.0.1:1", "-o", "r", "data_stubs/protocol.toml")],
         "lpips": [("eval", "--vgg-weights", "vgg.pth", f"{GOLDEN}/pred", f"{GOLDEN}/gt")],
     }
     named = {words: extra for extra, group in missing.items() for words in group}
-    whole = [("view", "--html", "v.html", ASSET), ("report", "--paper", "--table", "mesh_connectivity")]
+    whole = [
+        ("audit", "--paper", ASSET),
+        ("export", CHECKPOINT, "a.triasset"),
+        ("convert", ASSET, "c.stl"),
+        ("render", *SMALL, "s", ASSET),
+        ("render", "--film", "f.gif", "--turntable", "2", "--size", "32x24", ASSET),
+        ("bench", "--repeat", "1", "--seconds", "0.01", "--warmup", "0", ASSET),
+        ("run", "--dry-run", "data_stubs/protocol.toml"),
+        ("report", "--paper", "--table", "mesh_connectivity"),
+        ("methods",),
+        ("view", "--html", "v.html", ASSET),
+        ("web", "--out", "w.html", ASSET),
+    ]
     ended = run_all([*named, *whole], work, EXTRAS, MSB_BLENDER=None)
     for one in ended[: len(named)]:
         line = one.err.decode()
         assert (one.status, one.out, len(line.splitlines())) == (2, b"", 1), line
         assert line.startswith(("EXTRA_MISSING: ", "ENGINE_MISSING: "))
         assert f"meshsplatbench[{named[one.words]}]" in line
-    assert [one.status for one in ended[len(named) :]] == [0, 0]
-    assert not any((work / name).exists() for name in ("f.png", "w", "b"))
+    assert {one.words: one.err for one in ended[len(named) :] if one.status} == {}
+    assert not {"e", "r", "paper", "track.json", "f.mp4", "f.png", "w", "b"} & {
+        p.name for p in work.iterdir()
+    }
 
 
 def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
@@ -130,7 +152,7 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
         ("bench", ASSET),
         ("run", "-o", "res", "data_stubs/protocol.toml"),
         ("devices",),
-        ("view", "-q", "--compare", *cameras, "--paths", "standard", "--html", "c.html", ASSET),
+        ("compare", "-q", *cameras, "--tiers", "standard", "--html", "c.html", ASSET),
     ]
     works = [
         ("audit", ASSET),
@@ -143,7 +165,7 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
         ("run", "--dry-run", "data_stubs/protocol.toml"),
         ("render", "--tier", "reference", *SMALL, "ref", ASSET),
         ("view", "--html", "v.html", ASSET),
-        ("view", "--web", "w.html", ASSET),
+        ("web", "--out", "w.html", ASSET),
     ]
     ended = run_all([*needs, *works], work, OCL_ICD_VENDORS=nowhere)
     for one in ended[: len(needs)]:
@@ -240,7 +262,7 @@ def test_any_file_name_will_do(tmp_path: Path, name: str) -> None:
         ("convert", f"{here}.triasset", f"{here}.obj"),
         ("convert", f"{here}.obj", f"{here}2.triasset"),
         ("view", "--html", f"{here}v.html", f"{here}.triasset"),
-        ("view", "--web", f"{here}w.html", f"{here}.triasset"),
+        ("web", "--out", f"{here}w.html", f"{here}.triasset"),
         ("scenes", f"{here}s"),
         ("run", "--dry-run", "--scene", f"{here}s", "-o", f"{here}r", f"{here}2.triasset"),
     ]
@@ -251,7 +273,7 @@ def test_any_file_name_will_do(tmp_path: Path, name: str) -> None:
         assert b"RUN_PATH_NAME: " in one.err or not refused
         text = one.out.decode()
         # What was written is named as it is, for the next program; what was read, as a terminal can show it.
-        assert one.words[0] in ("view", "run") or all(c.isprintable() or c == "\n" for c in text)
+        assert one.words[0] in ("view", "web", "run") or all(c.isprintable() or c == "\n" for c in text)
     assert json.loads((work / f"{name}.json").read_bytes())["path"] == f"{name}.triasset"
     assert (work / f"{name}.log").exists()
 

@@ -56,9 +56,20 @@ def test_command_prints_every_cell(msb: Msb) -> None:
     assert "| Triangle-Splatting | Method-aware | yes | yes | yes | yes | SH |" in text
     assert "| MeshSplatting | Method-aware | yes | yes | -- | yes | SH |" in text
     assert "| DiffSoup | Method-aware | yes | yes | -- | yes* | MLP |" in text
+    assert "keeps of it (*: depth test)" in text
     assert "| DiffSoup | N/A | N/A |" in text
     assert "| 3DGS | N/A | N/A | N/A | N/A | N/A | N/A |" in text
     assert "| 2DTS | no | yes | no | yes | no | yes |" in text
     data = msb("methods", "--json", "-").json
     assert data["methods"]["two_dts"]["paper_name"] == "2dts"
     assert set(data["methods"]) == set(METHODS)
+
+
+def test_the_tier_table_says_that_the_standard_tier_reads_opacity_for_a_threshold(msb: Msb) -> None:
+    text = msb("methods", "--format", "markdown").out
+    assert "| 2DTS | Fallback | baked SH-DC* |" in text
+    note = "ste_threshold hides faces by opacity"
+    assert f"## What the standard tier keeps of it (*: {note})" in text
+    for name, method in METHODS.items():
+        kept = method.retained.get("standard")
+        assert kept is None or (note in kept.notes.values()) is ("ste_threshold" in method.settings), name

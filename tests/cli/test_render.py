@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import msb as library
-from msb.cli.views import around
+from msb.cli.camera_options import around
 from msb.scenes import turntable, write_cameras
 from tests.adapters.models import GOLDEN
 from tests.conftest import ROOT
@@ -217,7 +217,7 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
         ((*views, *out, "--renderer", "quake"), 2, 'there is no renderer "quake"; there are standard, '),
         ((*views, *out, "--set", "sigmo=1"), 2, 'mesh_splatting has no setting "sigmo"'),
         ((*views, "--film", tmp_path / "f.avi"), 2, 'the film is "f.avi"; it must end in .mp4 or .gif'),
-        (("--cameras", tmp_path / "nothing", *out), 3, "there is no such file or folder"),
+        (("--cameras", tmp_path / "nothing", *out), 3, "there is no such file"),
         ((*views, *out, "--device", "nowhere:7"), 5, "nowhere"),
     ):
         result = msb("render", *args, demo_asset)
@@ -250,9 +250,10 @@ def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, t
     result = msb(*args, "--json", record, demo_asset)
     assert result.status == 0
     assert "frames per second" in result.out
+    assert "memory, all views" in result.out
     data = json.loads(record.read_text())
     assert data["schema"] == "msb.bench/1"
-    assert data["frames"] == 4
+    assert (data["frames"], data["memory_views"]) == (4, data["views"])
     assert data["machine"]["device"]["platform"]
     assert 0 < data["device_ms"]["p50"] <= data["device_ms"]["p95"]
     assert sum(data["memory_bytes"].values()) > library.load(demo_asset).buffers["indices"].nbytes
@@ -271,6 +272,8 @@ def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, t
     result = msb("bench", "--warmup", "1", "--budget-seconds", "0", "--json", "-", demo_asset)
     assert (result.status, result.json["frames"]) == (0, 1)
     assert "1 of 100 frames were timed within --budget-seconds" in result.err
+    assert "its memory is of 1 of 8 views, which were drawn within --budget-seconds" in result.err
+    assert result.json["memory_views"] == 1
     modes = ("--tier", "dedicated", "--order", "none", "--sampling", "engine")
     result = msb(*args, *modes, "--json", tmp_path / "modes.json", demo_asset)
     assert "tier dedicated, order none, sampling engine, 3 views" in result.out

@@ -43,7 +43,8 @@ def test_force_does_not_replace_what_is_no_report(msb: Msb, folder: Path, tmp_pa
     (tmp_path / "mine" / "thesis.tex").write_text("years of work")
     for target in (tmp_path / "mine", folder, folder.parent):
         done = msb("report", "-f", "-o", target, folder)
-        assert (done.status, done.err.partition(":")[0]) == (2, "OUTPUT_EXISTS")
+        code = "USAGE" if target == folder else "OUTPUT_EXISTS"
+        assert (done.status, done.err.partition(":")[0]) == (2, code)
     assert (tmp_path / "mine" / "thesis.tex").exists()
     assert (folder / "cells").is_dir()
 

@@ -86,7 +86,7 @@ _ENUMS = [
     ("handedness_left", "FIELD_VALUE", "/coordinate_frame/handedness", "left"),
     ("up_unknown", "FIELD_VALUE", "/coordinate_frame/up", "up"),
     ("units_unknown", "FIELD_VALUE", "/coordinate_frame/units", "inch"),
-    ("method_unknown", "METHOD_UNKNOWN", "/method", "nerf"),
+    ("method_unknown", "METHOD_UNKNOWN", "/method", "NeRF"),
     ("method_foreign_name", "METHOD_UNKNOWN", "/method", "2dts"),
     ("method_number", "METHOD_UNKNOWN", "/method", 2),
     ("pass_unknown", "PASS_UNKNOWN", "/required_passes/standard", ["ray_trace"]),
@@ -152,6 +152,9 @@ FIELD_CASES = [
     _value("version_2_0", "a newer major version", "VERSION_UNSUPPORTED", "/version", "2.0"),
     _value("version_1_1", "a newer minor version", "VERSION_NEWER", "/version", "1.1", severity="warning"),
     _value("unknown_key", "a key we do not know", "FIELD_UNKNOWN", "/lod", 3, severity="warning"),
+    _value(
+        "method_elsewhere", "not installed", "METHOD_NOT_INSTALLED", "/method", "nerf", severity="warning"
+    ),
     _value(
         "unknown_escape",
         "an unknown key of control characters",

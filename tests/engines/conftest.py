@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from msb.engines.browser import find_browser
-from msb.render.protocol import what_is_missing
+from msb.render.backend import what_is_missing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

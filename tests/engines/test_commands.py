@@ -9,7 +9,7 @@ import pytest
 
 from msb.engines.blender import VARIABLE as BLENDER
 from msb.engines.browser import VARIABLE as BROWSER
-from msb.render.protocol import ENGINES
+from msb.render.backend import ENGINES
 from tests.cli.conftest import msb
 from tests.conftest import ROOT
 from tests.engines.conftest import need
@@ -36,7 +36,7 @@ def test_devices_lists_renderers_and_what_is_missing(msb: Msb) -> None:
     listed = {row["name"]: row for row in msb("devices", "--json", "-", **nothing).json["renderers"]}
     assert listed["standard"] == {
         "name": "standard",
-        "from": "msb.render.standard:StandardRenderer",
+        "from": "msb.render.standard.renderer:StandardRenderer",
         "missing": None,
     }
     assert "MSB_BROWSER" in listed["threejs"]["missing"]
@@ -71,37 +71,35 @@ def test_an_engine_that_is_missing_ends_with_2(msb: Msb, demo_asset: Path, tmp_p
 
 def test_the_page_holds_the_asset_and_its_cameras(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    result = msb("view", "--web", page, "--cameras", VIEWS, "--background", "black", demo_asset)
+    result = msb("web", "--out", page, "--cameras", VIEWS, "--background", "black", demo_asset)
     assert (result.status, result.out, result.err) == (0, f"{page}\n", "")
     text = page.read_text()
     assert '"name": "turntable_00000"' in text
     assert '"background": [0.0, 0.0, 0.0]' in text
     assert len(text) > 1_000_000
-    again = msb("view", "--web", page, demo_asset)
+    again = msb("web", "--out", page, demo_asset)
     assert again.status == 2
     assert again.err.startswith("OUTPUT_EXISTS: ")
 
 
 def test_an_empty_page_needs_no_asset(msb: Msb, tmp_path: Path) -> None:
-    assert msb("view", "--web", tmp_path / "empty.html").status == 0
+    assert msb("web", "--out", tmp_path / "empty.html").status == 0
     assert (tmp_path / "empty.html").stat().st_size < 1_000_000
 
 
 @pytest.mark.parametrize(
     "args",
     [
-        ("--web", "a.png"),
-        ("--web", "a.html", "--show", "all", "x.ply"),
-        ("--web", "a.html", "--compare", "x.ply"),
-        ("--web", "a.html", "--html", "b.html", "x.ply"),
-        ("--web", "a.html", "--supersample", "2", "x.ply"),
-        ("--web", "a.html", "--cameras", "views.json"),
-        ("--web", "a.html", "--camera", "0", str(ROOT / "data_stubs" / "splat_like.triasset")),
+        ("-o", "a.png"),
+        ("-o", "a.html", "--cameras", "views.json"),
+        ("-o", "a.html", "--up", "+z"),
+        ("-o", "a.html", "--background", "official"),
+        ("-o", "a.html", "--camera", "0", str(ROOT / "data_stubs" / "splat_like.triasset")),
         (),
     ],
 )
 def test_what_makes_no_sense_is_refused(msb: Msb, tmp_path: Path, args: tuple[str, ...]) -> None:
-    result = msb("view", *args, cwd=tmp_path)
+    result = msb("web", *args, cwd=tmp_path)
     assert result.status == 2
     assert result.err.startswith("USAGE: ")
     assert not list(tmp_path.iterdir())

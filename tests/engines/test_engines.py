@@ -12,7 +12,7 @@ import msb
 from msb.engines.agreement import agreement
 from msb.engines.engine import DRAW, WALL_CLOCK
 from msb.errors import MsbError
-from msb.render.protocol import BUILT_IN, ENGINES, find_renderer
+from msb.render.backend import BUILT_IN, ENGINES, find_renderer
 from tests.conftest import ROOT
 from tests.engines.conftest import need
 from tests.reference.golden import exported, golden_views

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import msb
+from msb import extras
 from msb.engines import blender, browser, webgpu
 from msb.engines.agreement import agreement, interior
 from msb.engines.blender import CyclesRenderer, blender_camera
@@ -18,7 +20,7 @@ from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
-from msb.render.protocol import what_is_missing
+from msb.render.backend import what_is_missing
 from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
 
@@ -152,8 +154,7 @@ def test_agreement_counts() -> None:
 
 def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     asset = mesh_asset(scene("small", 1))
-    monkeypatch.setattr(webgpu, "find_spec", lambda _: None)
-    monkeypatch.setattr(blender, "find_spec", lambda _: None)
+    monkeypatch.setattr(extras, "find_spec", lambda _: None)
     monkeypatch.delenv(blender.VARIABLE, raising=False)
     monkeypatch.setenv(browser.VARIABLE, "no-such-browser")
     for factory, words in (
@@ -165,7 +166,9 @@ def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) 
             factory(asset)
         assert info.value.code == "ENGINE_MISSING"
         assert what_is_missing(factory.name) in info.value.message
-    monkeypatch.setattr(webgpu, "find_spec", lambda _: True)
+    monkeypatch.setenv(blender.VARIABLE, sys.executable)
+    assert "OpenEXR is not installed" in str(CyclesRenderer.missing())
+    monkeypatch.setattr(extras, "find_spec", lambda _: True)
     monkeypatch.setattr(webgpu, "all_adapters", list)
     assert "driver" in str(WgpuRenderer.missing())
     monkeypatch.setenv(blender.VARIABLE, "no-such-python")
@@ -173,7 +176,7 @@ def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_broken_renderer_of_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    from msb.render import protocol
+    from msb.render import backend as protocol
 
     monkeypatch.setattr(protocol, "renderers", lambda: {"theirs": "no_such_module:Class"})
     assert str(what_is_missing("theirs")).startswith("it cannot be loaded: ")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import re
-import zipfile
+import tomllib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from PIL import Image
 import msb
 from msb.engines import webpage
 from msb.engines.mesh import engine_mesh
-from msb.errors import UsageError
 from msb.render.images import to_bytes
+from tests.conftest import ROOT
 from tests.engines.conftest import need
 from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
 
@@ -58,7 +59,7 @@ def test_names_cannot_leave_their_place() -> None:
     found = re.search(r'<script type="application/json" id="scene">(.*?)</script>', text)
     assert found is not None
     assert json.loads(found[1])["name"] == name
-    assert text.count("GLTFLoader=GLTFLoader") == 1
+    assert text.count("THREE.GLTFLoader = GLTFLoader") == 1
 
 
 def test_only_a_served_page_obeys(tmp_path: Path) -> None:
@@ -67,20 +68,16 @@ def test_only_a_served_page_obeys(tmp_path: Path) -> None:
     assert b'fetch("next")' in webpage.page(served=True)
 
 
-def test_a_trimesh_without_three_js_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    place = tmp_path / "resources" / "templates" / "viewer.zip"
-    place.parent.mkdir(parents=True)
-    with zipfile.ZipFile(place, "w") as archive:
-        archive.writestr("viewer.html.template", "<script>nothing</script>")
-
-    class Found:
-        submodule_search_locations = (str(tmp_path),)
-
-    monkeypatch.setattr(webpage, "find_spec", lambda _: Found)
-    with pytest.raises(UsageError) as info:
-        webpage.three_js()
-    assert info.value.code == "ENGINE_MISSING"
-    assert "pip install" in info.value.message
+def test_three_js_is_what_was_published_and_says_so() -> None:
+    folder = ROOT / "msb" / "engines" / "web" / "three"
+    origin = tomllib.loads((folder / "ORIGIN.toml").read_text())
+    there = {path.name for path in folder.iterdir()} - {"ORIGIN.toml"}
+    assert set(origin["files"]) == there
+    for name, about in origin["files"].items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == about["sha256"], name
+    assert f'const e="{webpage.three_revision()}",' in (folder / "three.min.js").read_text()[:1000]
+    assert origin["version"].split(".")[1] == webpage.three_revision()
+    assert (folder / "LICENSE").read_text().rstrip() in webpage.page().decode()
 
 
 SHOWN = "await ready; showNow(); return canvas.toDataURL('image/png');"

@@ -28,6 +28,13 @@ def result(**changes: Any) -> bytes:
     return json.dumps({**made, **changes}).encode()
 
 
+def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
+    """Return a good record with some keys of its quality, or of its first image, replaced."""
+    quality = json.loads(result())["quality"]
+    quality["images"][0] |= image or {}
+    return result(quality={**quality, **changes})
+
+
 _NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
 
 _PROTOCOL: dict[str, tuple[bytes, str]] = {
@@ -68,8 +75,8 @@ _SETTINGS: dict[str, tuple[bytes, str]] = {
 
 _PYPROJECT: dict[str, tuple[bytes, str]] = {
     "brackets": (b"tool.msb.x = " + b"[" * 5000, "nested too deeply"),
-    "tool is a list": (b"[[tool]]\nmsb = 1 # tool.msb", "it is no TOML"),
-    "msb is a number": (b"tool.msb = 1", "tool.msb is no table"),
+    "tool is a list": (b"[[tool]]\nmsb = 1 # tool.msb", '"tool" is [{'),
+    "msb is a number": (b"tool.msb = 1", '"tool.msb" is 1; it must be a table'),
 }
 
 _RESULT: dict[str, tuple[bytes, str]] = {
@@ -93,6 +100,14 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "audit of a text": (result(audit={"counts": {"faces": "9"}, "metrics": {}}), "/audit/counts"),
     "audit of a list": (result(audit={"counts": [], "metrics": {}}), "/audit/counts"),
     "chamfer of a text": (result(chamfer={"overall": "0.5"}), "/chamfer/overall"),
+    "negative PSNR": (measured({"psnr": -3.0}), "/quality/images/0/psnr: -3 dB, and no PSNR is negative"),
+    "PSNR that is not there": (measured({"psnr": None}), "/quality/images/0/psnr: it must be there"),
+    "PSNR of equal images": (measured({"psnr_infinite": True}), "/quality/images/0/psnr: it must be there"),
+    "other mean of PSNR": (measured(psnr=99.0), "/quality/psnr: it is 99.0, and the mean of its images is"),
+    "other mean of SSIM": (measured({"ssim": 0.25}), "/quality/ssim: it is "),
+    "LPIPS that no image has": (measured({"lpips": None}), "/quality/lpips: it is "),
+    "count of equal images": (measured(psnr_inf_count=1), "/quality/psnr_inf_count: it is 1"),
+    "means of no image": (measured(images=[]), "/quality/images: there are none"),
     "image without width": (
         result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
         "/quality",

@@ -42,16 +42,6 @@ def test_missing_files(tmp_path: Path, name: str) -> None:
         read_mesh(f"{tmp_path}/{name}")
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-def test_folders_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
-    (tmp_path / "folder.ply").mkdir()
-    os.mkfifo(tmp_path / "pipe.ply")
-    (tmp_path / "device.ply").symlink_to("/dev/zero")
-    for name in ("folder.ply", "pipe.ply", "device.ply"):
-        with pytest.raises(InputError, match=r"FILE_UNREADABLE: .*: it is not a regular file"):
-            read_mesh(tmp_path / name)
-
-
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")
 def test_files_without_permission(tmp_path: Path) -> None:
     (tmp_path / "mesh.ply").write_bytes(SMALL[".ply"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.io import savemat
 from scipy.spatial.distance import cdist
 
 from msb import metrics
-from msb.errors import InputError, MetricError
+from msb.errors import InputError, MeshFileError, MetricError
+from msb.meshes import read_mesh
 from msb.metrics import sampling
 from msb.metrics.sampling import sample_surface, thin
 from tests.metrics.conftest import DTU, golden
@@ -48,11 +50,53 @@ def test_golden_meshes(case: dict[str, Any], run: dict[str, Any]) -> None:
     assert found["identity"]["parameters"]["seed"] == run["shuffle_seed"]
 
 
+@pytest.mark.parametrize("binary", [True, False])
+def test_a_file_of_triangles_and_quads_is_measured_as_a_run_measures_it(tmp_path: Path, binary: bool) -> None:
+    mesh = read_mesh(DTU / "mesh1.ply")
+    # Every third face is a quad: the order of the samples is that of the fans.
+    polygons = [[*map(int, face)] for face in mesh.faces[:200]]
+    polygons[::3] = [[*face, other[2]] for face, other in zip(polygons[::3], polygons[1::3], strict=False)]
+    vertices = mesh.vertices.astype("<f4")
+    header = f"element vertex {len(vertices)}\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    header += f"element face {len(polygons)}\nproperty list uchar int vertex_indices\nend_header\n"
+    if binary:
+        rows = b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in polygons)
+        content = b"ply\nformat binary_little_endian 1.0\n" + header.encode() + vertices.tobytes() + rows
+    else:
+        lines = [" ".join(map(repr, map(float, point))) for point in vertices]
+        lines += [" ".join(map(str, (len(face), *face))) for face in polygons]
+        content = ("ply\nformat ascii 1.0\n" + header + "\n".join(lines) + "\n").encode()
+    file = tmp_path / "mixed.ply"
+    file.write_bytes(content)
+    fans = [[face[0], *face[k : k + 2]] for face in polygons for k in range(1, len(face) - 1)]
+    expected = metrics.chamfer_surface(vertices, fans, metrics.read_dtu_scan(DTU, 1))
+    assert metrics.chamfer_dtu(file, DTU, 1) == {**expected, "scan": 1}
+    stored = read_mesh(file)
+    assert np.array_equal(stored.faces, fans)
+
+
+def test_a_scan_may_bring_normals_colours_and_no_faces(dataset: Path) -> None:
+    path = dataset / "Points/stl/stl001_total.ply"
+    points = read_mesh(path).vertices
+    fields = [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)]
+    rows = np.zeros(len(points), fields)
+    rows["place"] = points
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    header += "element face 0\nproperty list uchar int vertex_indices\nend_header\n"
+    path.write_bytes(header.encode() + rows.tobytes())
+    found = metrics.read_dtu_scan(dataset, 1).points
+    assert found.dtype == np.float64
+    assert np.array_equal(found, points)
+
+
 @pytest.mark.parametrize("case", CLOUDS, ids=lambda case: case["id"])
 def test_golden_points(case: dict[str, Any]) -> None:
     data = metrics.read_dtu_scan(DTU, scan_of(case))
-    points, faces = metrics.read_ply(DTU / case["points"])
-    assert len(faces) == 0
+    cloud = read_mesh(DTU / case["points"])
+    assert len(cloud.faces) == 0
+    points = cloud.vertices
     assert_is(metrics.chamfer_points(points, data), {**case["deterministic"], **case})
     shorter = metrics.chamfer_points(points, data, max_distance=1)
     assert_is(shorter, case["with_max_dist_1"])
@@ -60,7 +104,8 @@ def test_golden_points(case: dict[str, Any]) -> None:
 
 
 def test_memory_bounds_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    vertices, faces = metrics.read_ply(DTU / "mesh2.ply")
+    mesh = read_mesh(DTU / "mesh2.ply")
+    vertices, faces = mesh.vertices.astype(np.float64), mesh.faces
     whole, _ = sample_surface(vertices, faces, 0.2)
     thinned = thin(whole, 0.2)
     monkeypatch.setattr(sampling, "_CANDIDATES", 97)
@@ -172,7 +217,8 @@ def test_bounds_are_60_below_and_120_above() -> None:
 
 
 def test_a_mesh_in_other_units_is_refused_before_it_fills_the_memory() -> None:
-    vertices, faces = metrics.read_ply(DTU / "mesh1.ply")
+    mesh = read_mesh(DTU / "mesh1.ply")
+    vertices, faces = mesh.vertices.astype(np.float64), mesh.faces
     data = metrics.read_dtu_scan(DTU, 1)
     with pytest.raises(MetricError, match=r"METRIC_MESH_SCALE: .*millimetres"):
         metrics.chamfer_surface(vertices * 1000, faces, data)
@@ -190,6 +236,8 @@ def test_a_mesh_in_other_units_is_refused_before_it_fills_the_memory() -> None:
         (np.zeros((3, 3)), [[0.0, 1, 2]]),
         (np.zeros((3, 3)), [0, 1, 2]),
         (np.full((3, 3), "x"), [[0, 1, 2]]),
+        (np.ma.masked_less(np.eye(3), 0.5), [[0, 1, 2]]),
+        (np.eye(3), np.ma.masked_equal([[0, 1, 2]], 2)),
     ],
 )
 def test_what_is_no_mesh_is_refused(vertices: Any, faces: Any) -> None:
@@ -228,7 +276,7 @@ def test_a_missing_or_damaged_file_is_named(dataset: Path, name: str, damage: st
         path.mkdir()
     elif damage != "gone":
         path.write_bytes({"empty": b"", "noise": b"noise" * 99, "half": content[: len(content) // 2]}[damage])
-    with pytest.raises((InputError, MetricError)) as caught:
+    with pytest.raises((InputError, MeshFileError, MetricError)) as caught:
         metrics.chamfer_dtu(dataset / "mesh1.ply", dataset, 1)
     assert caught.value.file == str(path)
     assert caught.value.exit_status == 3

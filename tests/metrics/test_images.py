@@ -14,6 +14,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from msb import metrics
 from msb.errors import MetricError
+from msb.metrics.images import image_pair
 from msb.render.images import to_bytes
 from tests.metrics.conftest import GOLDEN, golden
 
@@ -147,6 +148,18 @@ def test_what_is_no_image_is_refused(metric: Any, name: str) -> None:
             metric(*arguments)
         assert caught.value.code == code
         assert caught.value.exit_status == 3
+
+
+@pytest.mark.parametrize("metric", [metrics.psnr, metrics.ssim, image_pair], ids=["psnr", "ssim", "lpips"])
+def test_masked_pixels_are_refused_instead_of_read(metric: Any) -> None:
+    image = np.full((20, 20, 3), 0.5)
+    masked = np.ma.masked_array(image, image > 1)
+    assert metric(masked, image) is not None  # nothing is masked
+    masked[3, 4, 1] = np.ma.masked
+    for pair in ((masked, image), (image, masked)):
+        with pytest.raises(MetricError, match="masked") as caught:
+            metric(*pair)
+        assert caught.value.code == "METRIC_IMAGE_VALUE"
 
 
 def test_mean_counts_infinite_ones() -> None:

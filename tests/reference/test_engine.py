@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from msb.errors import UsageError
+from msb.methods.two_dts.reference import MAX_ECCENTRICITY, coverage_alpha, reach
 from msb.reference import render_reference
 from msb.reference.blend import MIN_TRANSMITTANCE
 from msb.reference.camera_matrices import splatting_camera
 from msb.reference.engine import NEAR, EngineTriangles, project_engine
-from msb.reference.two_dts import MAX_ECCENTRICITY, coverage_alpha, reach
 from tests.reference.golden import View, exported, golden_views, names
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
 

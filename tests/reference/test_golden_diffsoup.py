@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from msb.methods.diffsoup.reference import decode
 from msb.reference import render_reference
-from msb.reference.diffsoup import decode
 from tests.reference.golden import View, exported, golden_views, names, psnr, worst
 
 VIEWS = golden_views("diffsoup")

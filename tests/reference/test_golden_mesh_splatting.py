@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import msb
+from msb.methods.mesh_splatting.reference import box_mean
 from msb.reference import render_reference
-from msb.reference.mesh_splatting import box_mean
 from tests.reference.golden import View, golden_views, names, psnr, worst
 
 VIEWS = golden_views("mesh_splatting")

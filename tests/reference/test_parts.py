@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from msb.asset.sh import SH_C0, sh_basis
+from msb.methods.diffsoup.reference import fragments, interpolate, ndc_centers, towards_camera
+from msb.methods.mesh_splatting.reference import box_mean
+from msb.methods.triangle_splatting.reference import contour_tiles, points_seen
+from msb.methods.two_dts.reference import coverage_alpha, rescale, resize, straight_through
 from msb.reference.arithmetic import fast_power, ndc_to_pixel, power, sigmoid
 from msb.reference.camera_matrices import splatting_camera
-from msb.reference.diffsoup import fragments, interpolate, ndc_centers, towards_camera
 from msb.reference.edge_window import project_windows, window_alpha
-from msb.reference.mesh_splatting import box_mean
 from msb.reference.sh import colors_from_sh
-from msb.reference.triangle_splatting import contour_tiles, points_seen
-from msb.reference.two_dts import coverage_alpha, rescale, resize, straight_through
 from tests.reference.soups import front_camera, random_triangles
 
 F = np.float32
@@ -201,7 +201,7 @@ def test_fragments_have_perspective_correct_barycentrics() -> None:
 
 
 def test_view_directions_point_to_the_camera() -> None:
-    from msb.reference.camera_matrices import diffsoup_projection
+    from msb.methods.diffsoup.reference_camera import diffsoup_projection
 
     camera = front_camera()
     _, inverse = diffsoup_projection(camera, "colmap", 0.5, 100.0, np.float64)

@@ -11,7 +11,7 @@ import pytest
 import msb
 from msb.asset import Asset, build_asset
 from msb.errors import AssetError, Unsupported, UsageError
-from msb.reference import RENDERERS, render_reference
+from msb.reference import render_reference
 from tests.conftest import TETRAHEDRON
 from tests.reference.soups import METHODS, front_camera, random_triangles, soup
 
@@ -103,12 +103,6 @@ def test_a_mesh_has_no_reference_tier() -> None:
     assert "static colours" in caught.value.message
 
 
-def test_every_method_with_a_reference_tier_has_a_renderer() -> None:
-    from msb.methods import METHODS as TABLE
-
-    assert set(RENDERERS) == {name for name, method in TABLE.items() if method.supports("reference")}
-
-
 def test_settings_that_are_none() -> None:
     asset = soup("two_dts", random_triangles(1, count=4))
     with pytest.raises(UsageError, match="gama"):
@@ -119,13 +113,15 @@ def test_settings_that_are_none() -> None:
 
 @pytest.mark.parametrize("background", [(0, 0), (0, 0, np.nan), 1.0])
 def test_backgrounds_that_are_none(background: Any) -> None:
-    with pytest.raises(ValueError, match="three finite numbers"):
+    with pytest.raises(UsageError, match="three finite numbers"):
         render_reference(soup("two_dts", random_triangles(1)), front_camera(), background)
 
 
 def test_dtypes_that_are_none() -> None:
-    with pytest.raises(ValueError, match="float16"):
+    with pytest.raises(UsageError, match="float16"):
         render_reference(soup("two_dts", random_triangles(1)), front_camera(), dtype=np.float16)
+    with pytest.raises(UsageError, match="float99"):
+        msb.Renderer(soup("two_dts", random_triangles(1)), tier="reference", dtype="float99")
 
 
 def test_the_shipped_asset_is_drawn(demo_asset: Any) -> None:

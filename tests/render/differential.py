@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.look import drawn_colors, sigmoid
 from msb.asset.reader import Asset
-from msb.asset.visible import sigmoid
 from msb.reference import ReferenceFrame, render_reference
 from msb.reference.standard import UNITS, render_standard
 from msb.render.dedicated import DedicatedRenderer
-from msb.render.standard import StandardRenderer
-from msb.render.standard_colors import static_colors
-from msb.render.supersampling import box_filter, enlarged
+from msb.render.standard.renderer import StandardRenderer
+from msb.render.standard.supersampling import box_filter, enlarged
 from tests.render.random_cases import STANDARD
 
 if TYPE_CHECKING:
@@ -125,7 +124,7 @@ def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
     """
     buffers, samples = case.asset.buffers, case.settings["supersample"]
     positions, indices = buffers["positions"].astype(np.float64), buffers["indices"]
-    colors, shown = static_colors(case.asset), None
+    colors, shown = drawn_colors(case.asset), None
     if (threshold := case.settings.get("ste_threshold")) is not None:
         shown = sigmoid(buffers["opacity"]) > np.float32(threshold)
     values, domain = colors.values, str(colors.domain)

@@ -16,7 +16,7 @@ from msb.render.frame import EXTRAS
 from msb.scenes import Camera
 from tests.reference.soups import SPLATTING, soup, weld
 from tests.render.standard_scenes import mesh_asset, random_colors, unshared
-from tests.render.test_lattice_scenes import model as lattice_model
+from tests.render.test_diffsoup_scenes import model as diffsoup_model
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -251,7 +251,7 @@ def draw_lattice(random: Random, triangles: Floats) -> Asset:
         "opaque": np.ones((len(triangles), samples)),
         "around a half": 0.5 + random.choice([-1e-3, -6e-8, 0, 1e-3], (len(triangles), samples)),
     }
-    return lattice_model(
+    return diffsoup_model(
         *weld(triangles),
         level,
         seed=int(random.integers(1 << 30)),

@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.asset import Asset, Description, build_asset
 from msb.reference.standard import render_standard
-from msb.render.standard import StandardRenderer
+from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ import pytest
 import msb
 from msb.cl import Device, open_device
 from msb.errors import Unsupported, UsageError
+from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render.dedicated import DedicatedRenderer
-from msb.render.lattice import LatticePipeline
 from msb.scenes import Camera
-from tests.cl.conftest import SELECTOR
+from tests.cl.conftest import SELECTOR, open_styled
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
-from tests.render.test_lattice import TAME, VIEWS, exported, raster_rows
+from tests.render.test_diffsoup import TAME, VIEWS, exported, raster_rows
 from tests.render.test_splatting import model
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ GREEN = (0.2, 0.7, 0.4)
 
 @pytest.fixture(scope="module", params=["cpu", "gpu"])
 def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_device(SELECTOR, style=request.param) as opened:
+    with open_styled(request.param) as opened:
         yield opened
 
 
@@ -170,7 +170,7 @@ def test_an_8k_image(method: str) -> None:
     asset = soup(method, far.astype(np.float32))
     camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
     settings = {"supersample": 1} if method == "mesh_splatting" else {}
-    with open_device(SELECTOR, style="cpu") as opened:
+    with open_device(SELECTOR) as opened:
         frame = draw(asset, opened, camera, settings=settings, outputs=(), sampling="engine")
     assert frame.image.shape == (4320, 7680, 3)
     left, top, side = 7168, 3872, 256
@@ -189,7 +189,7 @@ def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> Non
     wanted = render_reference(asset, camera, view.background, settings, sampling="engine")
     equal = {}
     for sampling in ("official", "engine"):
-        pipeline = LatticePipeline(
+        pipeline = DiffSoupPipeline(
             asset,
             device=device,
             settings=settings,

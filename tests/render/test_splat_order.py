@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb.render import splat_order
-from msb.render.splat_bins import Projected
-from msb.render.splat_depth import DepthSort
-from msb.render.splatting import SplattingPipeline
+from msb.render.splat import order as splat_order
+from msb.render.splat.bins import Projected
+from msb.render.splat.depth import DepthSort
+from msb.render.splat.pipeline import SplattingPipeline
 from tests.reference.soups import SPLATTING, front_camera, soup
 
 if TYPE_CHECKING:

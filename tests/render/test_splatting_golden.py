@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb.cl import Device, open_device
-from msb.render.splatting import SplattingPipeline
-from tests.cl.conftest import SELECTOR
+from msb.render.splat.pipeline import SplattingPipeline
+from tests.cl.conftest import open_styled
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names, worst
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from msb.cl import Device
     from msb.render.frame import Frame
 
 VIEWS = [
@@ -26,7 +26,7 @@ golden = pytest.mark.parametrize("view", VIEWS, ids=names)
 
 @pytest.fixture(scope="module", params=["cpu", "gpu"])
 def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_device(SELECTOR, style=request.param) as opened:
+    with open_styled(request.param) as opened:
         yield opened
 
 

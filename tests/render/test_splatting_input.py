@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msb.errors import AssetError, UsageError
-from msb.render.splatting import SplattingPipeline
+from msb.render.splat.pipeline import SplattingPipeline
 from tests.reference.soups import SPLATTING
 from tests.render.test_splatting import model
 

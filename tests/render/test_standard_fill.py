@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msb.reference.standard import UNITS, inside
-from msb.render.standard import StandardRenderer
+from msb.render.standard.renderer import StandardRenderer
 from tests.render.standard_scenes import camera, mesh_asset
 
 if TYPE_CHECKING:

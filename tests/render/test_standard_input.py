@@ -11,7 +11,7 @@ from msb.asset import Asset
 from msb.asset.sh import SH_C0
 from msb.errors import AssetError, DeviceError, Unsupported, UsageError
 from msb.render.host_arrays import HostArrays
-from msb.render.standard import StandardRenderer
+from msb.render.standard.renderer import StandardRenderer
 from tests.reference.soups import random_triangles, soup
 from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, scene, twin
 

@@ -1,4 +1,4 @@
-"""A whole benchmark's results without a renderer: every dataset, scene, method and path, made up.
+"""A whole benchmark's results without a renderer: every dataset, scene, method and condition, made up.
 
 Means over a dataset's scenes are the paper's where it has them, so that tables made of these records can be
 held to it; scenes differ by offsets that sum to zero.
@@ -76,7 +76,7 @@ def write_results(
 def write(root: Path, result: Result, *, images: bool = False) -> Path:
     """Write one record where `msb run` would, and return its file."""
     cell = result.cell
-    folder = root / "cells" / cell.dataset / cell.scene / cell.method / cell.column
+    folder = root / "cells" / cell.dataset / cell.scene / cell.method / cell.condition_name
     folder.mkdir(parents=True, exist_ok=True)
     if images and result.quality is not None:
         write_images(folder, result.quality)

@@ -12,9 +12,9 @@ from msb.bench.aggregate import scene_groups
 from msb.methods import METHODS
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
+from msb.report.metric_format import SHOWN
 from msb.report.numbers import MEAN, MEANS, GapKey, Key
 from msb.report.paper import PAPER_TABLES, paper_numbers, paper_row, published_numbers
-from msb.report.shown import SHOWN
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
         found = lookup.find(*words_of(label, cell))
         raw = cell["raw"] + (" M" if cell["unit"] == "1e6" else "")
         assert found.text == raw, cell
-        # The one cell the paper prints against its own rule (spec: Inconsistencies, 16).
+        # The one value without a rival that the paper does not print bold.
         exception = (label, cell["method"], cell["metric"]) == ("mip360_renderer_comparison", "3dgs", "fps")
         assert found.bold is (cell["bold"] != (exception and cell["value"] is not None)), cell
         if cell["value"] is not None:

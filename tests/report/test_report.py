@@ -19,7 +19,7 @@ from msb.report.findings import find
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.paper import paper_numbers
-from msb.report.results import Place, read_results
+from msb.report.results import Place, load, read_results, result_set
 from msb.report.tables.reproducibility import pairs
 from tests.report.factory import AUDIT, make_result, quality, write, write_results
 from tests.report.test_writers import HOSTILE
@@ -245,6 +245,18 @@ def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
     assert "Real time, Standard" not in said
 
 
+def test_a_record_that_says_good_is_read_as_ok(tmp_path: Path) -> None:
+    made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
+    earlier = {**AUDIT, "verdict": {"level": "good", "sentence": "usable throughout"}}
+    write(tmp_path, made.model_copy(update={"audit": earlier}))
+    found = read_results(tmp_path)
+    ((loaded,),) = (list(records.values()) for records in found.places.values())
+    assert loaded.result.audit is not None
+    assert loaded.result.audit["verdict"] == {"level": "ok", "sentence": "usable throughout"}
+    (verdict,) = build_report(found, pictures=False).verdicts
+    assert verdict.statements[-1].mark == "YES"
+
+
 @pytest.mark.parametrize(("loss", "mark"), [(-0.2, "YES"), (0.99, "YES"), (1.0, "WITH CARE"), (3.0, "NO")])
 def test_looks_follow_the_loss_and_say_what_they_are_held_against(
     tmp_path: Path, loss: float, mark: str
@@ -332,6 +344,7 @@ def test_one_failed_record_makes_a_report(tmp_path: Path) -> None:
 
 def test_hostile_names_stay_names(tmp_path: Path) -> None:
     scene = '<img src=x onerror="alert(1)">'
+    found = []
     for condition in ("non_engine", "dedicated", "exported_mesh"):
         made = make_result("x", "y", "z", condition)
         cell = Place_(
@@ -341,10 +354,11 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
         changes: dict[str, Any] = {"cell": cell}
         if made.audit is not None:
             changes["audit"] = {**AUDIT, "verdict": bad}
-        # Its folders are of plain names: what counts is what the record says.
+        # Its folders are of plain names, since no folder can have these.
         path = write(tmp_path, make_result("x", "y", "z", condition))
         path.write_bytes(made.model_copy(update=changes).to_json())
-    made_report = build_report(read_results(tmp_path))
+        found.append(load(path, tmp_path))
+    made_report = build_report(result_set(found))
     files = report_files(made_report)
     assert all(re.fullmatch(r"((tables|figures|images)/)?[A-Za-z0-9_.-]+", name) for name in files)
     plain = Page(report_files(paper_report(), formats=["html"])["index.html"].decode())

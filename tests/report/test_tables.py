@@ -13,10 +13,10 @@ from msb.bench.records import Reason, RendererInfo, Result
 from msb.report import tables
 from msb.report.collect import NOT_RUN, REFERENCE, collect
 from msb.report.layout import mark_best
+from msb.report.metric_format import text
 from msb.report.numbers import MEAN, GapKey, Key, Number, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import read_results
-from msb.report.shown import text
 from msb.report.table import Cell, Column, Row, Table
 from tests.report.factory import make_result, quality, write, write_results
 
@@ -39,7 +39,7 @@ def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> Non
             and key.metric != "components"
         ):
             ours = numbers.number(key)
-            if ours.value is not None and key.column != "exported_mesh":
+            if ours.value is not None and key.condition != "exported_mesh":
                 assert ours.value == pytest.approx(published.value, rel=1e-6), key
                 assert (ours.present, ours.expected) == (len(SCENES[key.dataset]),) * 2
                 compared += 1
@@ -84,7 +84,7 @@ def test_a_single_value_is_best_only_in_the_paper() -> None:
     assert mark_best(cells, ["x"] * 2, alone=True)[0].bold
 
 
-def test_the_best_path_of_each_method_is_bold(numbers: Numbers) -> None:
+def test_the_best_condition_of_each_method_is_bold(numbers: Numbers) -> None:
     table = tables.renderer_comparison(numbers, "mipnerf360")
     methods = [column.title for column in table.columns]
     fps = row_of(table, "Dedicated", "FPS ↑").cells[methods.index("DiffSoup")]
@@ -93,7 +93,7 @@ def test_the_best_path_of_each_method_is_bold(numbers: Numbers) -> None:
 
 
 def partial(root: Path) -> Numbers:
-    """Return numbers of which one scene is missing, one failed, and one path is not supported."""
+    """Return numbers of which one scene is missing, one failed, and one condition is not supported."""
     write_results(root, datasets=["mipnerf360"], methods=["two_dts", "diffsoup"])
     (root / "cells/mipnerf360/garden/two_dts/standard/result.json").unlink()
     failed = Result(
@@ -198,8 +198,8 @@ def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
     numbers = collect(read_results(tmp_path, allow_mixed=True))
     row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
     assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
-    assert row.cells[0].reason == "the two paths have another background or ground truth"
-    assert row.cells[1].reason == "one of the two paths was not run"
+    assert row.cells[0].reason == "the two conditions have another background or ground truth"
+    assert row.cells[1].reason == "one of the two conditions was not run"
 
 
 def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import re
 
 import pytest
 
-from msb.report.names import slug
+from msb.report.safe_names import slug
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.writers import csv_table, csv_text, json_table, latex, latex_text, markdown, markdown_text
 from tests.report.test_paper import printed

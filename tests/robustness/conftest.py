@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import pytest
 
 from msb.cli.app import app
-from msb.cli.run import run
+from msb.cli.process import run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -135,19 +135,20 @@ class Killer:
         out = self.out(place)
         if replacing:
             shutil.copytree(self.folder / "left_alone" / "out", out, dirs_exist_ok=True)
-        process = self.start(place, force=replacing)
         began = time.perf_counter()
-        if kind == "writing":
-            while process.poll() is None and not leftovers(out):
-                time.sleep(0.001)
-            until = time.perf_counter() + WRITING * part * self.seconds
-        else:
-            until = began + self.seconds * (part if kind == "anywhere" else 0.9 + 0.15 * part)
-        while process.poll() is None and time.perf_counter() < until:
-            time.sleep(0.0005)
-        with process:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
+        with self.start(place, force=replacing) as process:
+            try:
+                if kind == "writing":
+                    while process.poll() is None and not leftovers(out):
+                        time.sleep(0.001)
+                    until = time.perf_counter() + WRITING * part * self.seconds
+                else:
+                    until = began + self.seconds * (part if kind == "anywhere" else 0.9 + 0.15 * part)
+                while process.poll() is None and time.perf_counter() < until:
+                    time.sleep(0.0005)
+            finally:  # whatever went wrong here, nothing goes on behind it
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
         killed = process.returncode == -signal.SIGKILL
         tally.kills += killed
         tally.ended += not killed

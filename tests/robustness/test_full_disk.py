@@ -42,7 +42,7 @@ FILES: dict[str, tuple[str, Callable[[Path], list[Any]]]] = {
     "audit --elements .vtp": ("a.vtp", lambda out: ["audit", "-f", "--elements", out, ASSET]),
     "audit --elements .npz": ("a.npz", lambda out: ["audit", "-f", "--elements", out, ASSET]),
     "audit --elements .csv": ("a.csv", lambda out: ["audit", "-f", "--elements", out, ASSET]),
-    "view --web": ("a.html", lambda out: ["view", "-f", "--web", out]),
+    "web": ("a.html", lambda out: ["web", "-f", "--out", out]),
     "validate --json": ("a.json", lambda out: ["validate", "-f", "--json", out, ASSET]),
     "eval --json": (
         "a.json",

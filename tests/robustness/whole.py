@@ -5,19 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.asset.validation import validate
 from msb.atomic import is_leftover
+from msb.bench.machine import OF_THE_MOMENT
 from msb.bench.records import read_result
 from msb.meshes import MESH_SUFFIXES, read_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 NO_OUTPUT = {".lock", ".run.json"}
 """What a run keeps for itself while it lasts (msb/bench/folder.py)."""
@@ -32,8 +34,16 @@ def finals(folder: Path) -> Iterator[Path]:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """Return what writers that were killed left, by the names `msb.atomic` gives."""
-    return [path for path in folder.rglob("*") if is_leftover(path.name)]
+    """Return what writers that were killed left, by the names `msb.atomic` gives.
+
+    A writer may be at work: what vanishes meanwhile is passed over, which `Path.rglob` does not do.
+    """
+    return [
+        Path(root, name)
+        for root, folders, files in os.walk(folder)
+        for name in (*folders, *files)
+        if is_leftover(name)
+    ]
 
 
 def check_whole(path: Path) -> None:
@@ -68,7 +78,7 @@ def content(path: Path, folder: Path) -> Any:
     return data.replace(str(folder).encode(), b"FOLDER")
 
 
-_TIMES = {"seconds", "timing", "timings_ms", "stages_ms", "stamps"}
+_TIMES = {"seconds", "timing", "timings_ms", "stages_ms", "stamps", *OF_THE_MOMENT}
 
 
 def _timeless(data: Any) -> Any:

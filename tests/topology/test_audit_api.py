@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,6 +65,28 @@ def test_empty_input_is_a_mesh_without_elements(none: object) -> None:
     assert report.metrics.mean_valence is None
     assert not report.is_soup
     assert report.valence_histogram == {}
+
+
+def test_an_audit_prints_as_a_few_lines_that_end_with_the_verdict() -> None:
+    report = replace(audit(*BOOK), path="a\n<b>.ply", method="two_dts")
+    assert str(report).splitlines() == [
+        "a\\n<b>.ply (two_dts): indexed mesh, 5 vertices, 3 faces",
+        "  boundary edges         6  86 %",
+        "  non-manifold edges     1  14 %",
+        "  non-manifold vertices  2  40 %",
+        "  components             1  100 % of the faces in the largest",
+        f"BAD: {report.sentence}.",
+    ]
+    assert repr(report) == "<Audit bad, a\\n<b>.ply (two_dts): indexed mesh, 5 vertices, 3 faces>"
+    assert (BOTH.verdict, BOTH.to_dict()["verdict"]) == ("ok", {"level": "ok", "sentence": BOTH.sentence})
+
+
+def test_a_notebook_shows_an_audit_as_a_table_with_its_names_escaped() -> None:
+    shown = replace(audit(*BOOK), path="<script>alert(1)</script>&.ply")._repr_html_()
+    assert "<script>" not in shown
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;&amp;.ply: indexed mesh" in shown
+    assert '<tr><td>non-manifold edges</td><td style="text-align: right">1</td>' in shown
+    assert shown.startswith("<p><b>BAD</b>: renders; not usable for")
 
 
 def test_asset_is_audited_with_its_path_and_method() -> None:

@@ -12,6 +12,7 @@ import pytest
 
 import msb.topology.crosscheck as package
 from data_stubs.splat_like import splat_like
+from msb import extras
 from msb.errors import MeshError, UsageError
 from msb.meshes import read_mesh
 from msb.topology import audit_arrays
@@ -253,7 +254,7 @@ def test_disagreement_says_what_was_expected() -> None:
 
 def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     present, here = find_spec, {"trimesh", "networkx", "manifold3d"}
-    monkeypatch.setattr(package, "find_spec", lambda name: present(name) if name in here else None)
+    monkeypatch.setattr(extras, "find_spec", lambda name: present(name) if name in here else None)
     result = check(*TETRAHEDRON)
     assert {r.peer for r in result.rows} == {"trimesh", "NetworkX", "manifold3d"}
     assert set(result.skipped) == {"libigl", "PyMeshLab"}
@@ -263,7 +264,7 @@ def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.
 @pytest.mark.parametrize("here", [set(), {"trimesh", "networkx"}], ids=["none", "core"])
 def test_missing_extra_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, here: set[str]) -> None:
     present = find_spec
-    monkeypatch.setattr(package, "find_spec", lambda name: present(name) if name in here else None)
+    monkeypatch.setattr(extras, "find_spec", lambda name: present(name) if name in here else None)
     with pytest.raises(UsageError, match=r"meshsplatbench\[crosscheck\]") as caught:
         check(*BOOK)
     assert caught.value.code == "EXTRA_MISSING"

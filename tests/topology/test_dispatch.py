@@ -37,7 +37,7 @@ def test_the_report_is_the_same_either_way(monkeypatch: pytest.MonkeyPatch, weld
 
 
 def test_a_small_mesh_never_waits_for_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dispatch, "_the_device", None)
+    monkeypatch.setattr(dispatch, "_shared_cpu", None)
     assert audit(*MESH).computed_by == "NumPy"
 
 
@@ -72,15 +72,13 @@ def test_without_a_device_numpy_does_it_and_says_why(monkeypatch: pytest.MonkeyP
     def none() -> None:
         raise DeviceError("DEVICE_NOT_FOUND", "there is no OpenCL device")
 
-    monkeypatch.setattr(dispatch, "_the_device", dispatch._SharedDevice())
-    monkeypatch.setattr(dispatch, "_open_cpu", none)
+    monkeypatch.setattr(dispatch, "_shared_cpu", none)
     assert report() == expected
     assert audit(*MESH).computed_by == "NumPy (there is no OpenCL device)"
 
 
 @pytest.mark.usefixtures("kernels")
 def test_a_variable_that_names_no_device_does_not_fail_an_audit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dispatch, "_the_device", dispatch._SharedDevice())
     for selector, words in (("nosuch", "names no OpenCL device"), ("::", "is not cpu, gpu or PLATFORM")):
         monkeypatch.setenv("MSB_DEVICE", selector)
         assert words in audit(*MESH).computed_by
@@ -96,15 +94,14 @@ def test_vertex_numbers_beyond_32_bits_are_left_to_numpy() -> None:
 @pytest.mark.usefixtures("kernels")
 def test_a_forked_process_leaves_its_parents_device_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     audit(*MESH)
-    monkeypatch.setattr(dispatch._the_device, "_process", -1)
+    monkeypatch.setattr("msb.cl.devices.os.getpid", lambda: -1)
     assert "forked" in audit(*MESH).computed_by
 
 
 def test_a_gpu_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    gpu = SimpleNamespace(record=SimpleNamespace(kind="gpu"), selector="gpu")
+    gpu = SimpleNamespace(record=SimpleNamespace(kind="gpu", style="gpu"), selector="gpu")
     monkeypatch.setattr("msb.cl.devices.choose_device", lambda: gpu)
-    with dispatch._open_cpu() as device:
-        assert device.record.kind == "cpu"
+    assert dispatch._shared_cpu().record.kind == "cpu"
 
 
 @pytest.mark.usefixtures("kernels")

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from data_stubs.splat_like import splat_like
+from data_stubs.surface import icosphere
 from msb.cl import open_device
 from msb.errors import DeviceError
 from msb.topology.analysis import Analysis
@@ -51,6 +52,9 @@ def found(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | Non
     points, faces = mesh_arrays(*mesh)
     kernels = find_by_kernels(points, faces, device, sizes=sizes, workers=workers)
     assert kernels == find_by_numpy(Analysis(points, faces))
+    assert kernels.largest_component_area <= kernels.total_area
+    if kernels.counts.components == 1:
+        assert kernels.largest_component_area == kernels.total_area
     return kernels
 
 
@@ -209,6 +213,27 @@ def test_ties_for_the_largest_component_go_to_the_area_then_to_the_first(device:
     flat[[4, 8], 0] = flat[[5, 9], 1] = 2.0
     flat[[7, 1], 0] = flat[[8, 2], 1] = 1.0
     assert everywhere(device, (flat, faces)).largest_component_area == 2
+
+
+@pytest.mark.parametrize("frequency", [1, 3, 8, 13, 24])
+def test_a_connected_mesh_has_all_of_its_area_in_its_largest_component(
+    device: Device, frequency: int
+) -> None:
+    random = np.random.default_rng(frequency)
+    directions, faces = icosphere(frequency)
+    vertices = directions * random.uniform(0.9, 1.1, (len(directions), 1)) / 3
+    mesh = vertices, random.permutation(faces)
+    whole = found(device, mesh)
+    assert whole.counts.components == 1
+    assert whole.largest_component_area / whole.total_area == 1
+    # Faces that have no area beside it, among them one that names a vertex twice, are no part of the whole.
+    others = np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2], [np.nan, 0, 0]])
+    beside = random.permutation(
+        np.concatenate([faces, len(vertices) + np.array([[0, 1, 2], [0, 1, 3], [2, 2, 3]])])
+    )
+    two = found(device, (np.concatenate([vertices, others]), beside))
+    assert two.counts.components == 2
+    assert two.largest_component_area / two.total_area == 1
 
 
 # --- the device

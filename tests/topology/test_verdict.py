@@ -28,8 +28,8 @@ TWO_TETRAHEDRA = (
         ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", "it flips across 1 edge"),
         ((POINTS, [[0, 1, 2], [1, 3, 2]]), "limited", "4 boundary edges in 1 loop"),
         ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 % of them repeat another"),
-        (TETRAHEDRON, "good", "closed, manifold and consistently wound"),
-        (TWO_TETRAHEDRA, "good", "in 2 separate bodies"),
+        (TETRAHEDRON, "ok", "closed, manifold and consistently wound"),
+        (TWO_TETRAHEDRA, "ok", "in 2 separate bodies"),
     ],
 )
 def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, reason: str) -> None:

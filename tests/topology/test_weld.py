@@ -161,7 +161,9 @@ def test_weld_setting_is_read_from_text() -> None:
     assert parse_weld(np.float32(0.5)) == 0.5
 
 
-@pytest.mark.parametrize("text", ["", "0", "-1", "nan", "inf", "close", "1 mm", 0, [1.0], 10**400])
+@pytest.mark.parametrize(
+    "text", ["", "0", "-1", "nan", "inf", "close", "1 mm", 0, [1.0], 10**400, True, np.True_]
+)
 def test_weld_setting_that_is_no_length_is_refused(text: object) -> None:
     with pytest.raises(MeshError) as caught:
         parse_weld(text)  # type: ignore[arg-type]

@@ -40,20 +40,20 @@ def photographs(folder: Path, colors: list[tuple[int, int, int]]) -> list[View]:
     return dataset_views(chosen, folder)
 
 
-def comparison(views: list[View] | None = None, paths: tuple[str, ...] = TIERS, **more: Any) -> Comparison:
+def comparison(views: list[View] | None = None, tiers: tuple[str, ...] = TIERS, **more: Any) -> Comparison:
     chosen = dataset_views(small_cameras()) if views is None else views
     asset = more.pop("asset", None) or checkpoint_asset()
-    return Comparison("demo.triasset", asset, paths, more.pop("missing", {}), tuple(chosen), **more)
+    return Comparison("demo.triasset", asset, tiers, more.pop("missing", {}), tuple(chosen), **more)
 
 
-def flat_shots(paths: tuple[str, ...], size: tuple[int, int] = (WIDTH, HEIGHT)) -> dict[str, Shot]:
-    """Return a shot of one colour for each path, by its place among the labels."""
-    return {path: flat_shot(path, FLAT[path], size) for path in paths}
+def flat_shots(tiers: tuple[str, ...], size: tuple[int, int] = (WIDTH, HEIGHT)) -> dict[str, Shot]:
+    """Return a shot of one colour for each tier, by its place among the labels."""
+    return {tier: flat_shot(tier, FLAT[tier], size) for tier in tiers}
 
 
 FLAT = dict(zip(LABELS, [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40)], strict=True))
 
 
-def flat_shot(path: str, color: tuple[int, int, int], size: tuple[int, int] = (WIDTH, HEIGHT)) -> Shot:
+def flat_shot(tier: str, color: tuple[int, int, int], size: tuple[int, int] = (WIDTH, HEIGHT)) -> Shot:
     image = np.full((size[1], size[0], 3), color, np.uint8)
-    return Shot(path, image, "", 12.34, 5_600_000, "OpenCL on test")
+    return Shot(tier, image, "", 12.34, 5_600_000, "OpenCL on test")

@@ -12,7 +12,7 @@ from msb.errors import UsageError
 from msb.topology import audit_arrays
 from msb_viewers.gl import GlProbe
 from msb_viewers.model import ViewModel, build_model
-from msb_viewers.source import Colors, Source, read_source
+from msb_viewers.viewed_mesh import Colors, ViewedMesh, read_viewed_mesh
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ def gl() -> None:
 
 def model_of(vertices: Any, faces: Any, *, colors: Colors | None = None, up: str = "+y") -> ViewModel:
     points, rows = np.asarray(vertices, np.float64), np.asarray(faces, np.int64).reshape(-1, 3)
-    source = Source("made.ply", None, points, rows, colors, None, up)
-    return build_model(source, *audit_arrays(points, rows))
+    mesh = ViewedMesh("made.ply", None, points, rows, colors, None, up)
+    return build_model(mesh, *audit_arrays(points, rows))
 
 
 def square(size: float, depth: float, *, left: float = 0.0) -> list[list[float]]:
@@ -69,8 +69,8 @@ def faults() -> ViewModel:
 
 @pytest.fixture(scope="session")
 def demo(demo_asset: Path) -> ViewModel:
-    source = read_source(demo_asset)
-    return build_model(source, *audit_arrays(source.vertices, source.faces))
+    mesh = read_viewed_mesh(demo_asset)
+    return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
 
 
 __all__ = ["HAS_PYVISTA", "ROOT"]

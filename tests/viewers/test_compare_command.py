@@ -1,9 +1,9 @@
-"""`msb view --compare` from outside: files, streams, exit status; nothing here needs GL."""
+"""`msb compare` from outside: files, streams, exit status; nothing here needs GL."""
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -19,7 +19,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 VIEWS = ROOT / "data_stubs" / "views.json"
-FAST = ("--paths", "dedicated,standard")
+FAST = ("--tiers", "dedicated,standard")
+
+
+def compare(*args: object, **env: str) -> Any:
+    return view(*args, command="compare", **env)
 
 
 @pytest.fixture
@@ -43,8 +47,8 @@ def test_pictures_and_pages_need_neither_vtk_nor_a_display(
     tmp_path: Path, no_pyvista: dict[str, str]
 ) -> None:
     picture, page = tmp_path / "a" / "c.png", tmp_path / "a" / "c.html"
-    result = view(
-        "--compare", *FAST, "--cameras", VIEWS, "--camera", "2", "--camera", "turntable_00005",
+    result = compare(
+        *FAST, "--cameras", VIEWS, "--camera", "2", "--camera", "turntable_00005",
         "--scale", "0.1", "--layout", "difference", "--screenshot", picture, "--html", page,
         "--size", "640x400", CHECKPOINT, **no_pyvista,
     )  # fmt: skip
@@ -62,7 +66,7 @@ def test_pictures_and_pages_need_neither_vtk_nor_a_display(
 
 
 def test_a_window_without_pyvista_says_which_extra(no_pyvista: dict[str, str]) -> None:
-    result = view("--compare", CHECKPOINT, **no_pyvista)
+    result = compare(CHECKPOINT, **no_pyvista)
     assert result.returncode == 2
     assert result.stderr.startswith("EXTRA_MISSING: ")
     assert "meshsplatbench[view]" in result.stderr
@@ -70,7 +74,7 @@ def test_a_window_without_pyvista_says_which_extra(no_pyvista: dict[str, str]) -
 
 @needs_pyvista
 def test_a_window_without_a_display_says_what_works() -> None:
-    result = view("--compare", CHECKPOINT)
+    result = compare(CHECKPOINT)
     assert result.returncode == 2
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
     assert result.stderr.count("\n") == 1
@@ -79,15 +83,15 @@ def test_a_window_without_a_display_says_what_works() -> None:
 def test_photographs_are_the_truth_and_views_have_their_size(tmp_path: Path) -> None:
     views = photographs(tmp_path / "images", [(250, 250, 250), (0, 0, 0)])
     out = tmp_path / "c.html"
-    result = view(
-        "--compare", "--cameras", VIEWS, "--images", tmp_path / "images", "--camera", "0", "--camera", "1",
-        "--paths", "standard,truth", "--background", "black", "--supersample", "2", "--html", out, "-q",
+    result = compare(
+        "--cameras", VIEWS, "--images", tmp_path / "images", "--camera", "0", "--camera", "1",
+        "--tiers", "standard,truth", "--background", "black", "--supersample", "2", "--html", out, "-q",
         CHECKPOINT,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert result.stdout == result.stderr == ""
     meta = meta_of(out.read_text())
-    assert [path["path"] for path in meta["paths"]] == ["truth", "standard"]
+    assert [tier["tier"] for tier in meta["tiers"]] == ["truth", "standard"]
     assert meta["pair"] == ["truth", "standard"]
     assert "2 x 2 samples, background black" in meta["settings"]
     for stored, made in zip(meta["views"], views, strict=True):
@@ -98,47 +102,41 @@ def test_photographs_are_the_truth_and_views_have_their_size(tmp_path: Path) -> 
 
 
 def test_a_page_without_cameras_goes_round_the_asset(tmp_path: Path) -> None:
-    result = view("--compare", "--paths", "standard", "--html", tmp_path / "c.html", CHECKPOINT)
+    result = compare("--tiers", "standard", "--html", tmp_path / "c.html", CHECKPOINT)
     assert result.returncode == 0, result.stderr
     meta = meta_of((tmp_path / "c.html").read_text())
     assert len(meta["views"]) == 8
     assert len({view["shots"]["standard"]["image"] for view in meta["views"]}) == 8
 
 
-def test_a_method_without_any_of_the_paths_is_status_4(tmp_path: Path) -> None:
+def test_a_method_without_any_of_the_tiers_is_status_4(tmp_path: Path) -> None:
     mesh = tmp_path / "m.off"
     mesh.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     out = tmp_path / "a.png"
-    result = view("--compare", "--paths", "dedicated", "--screenshot", out, mesh)
+    result = compare("--tiers", "dedicated", "--screenshot", out, mesh)
     assert result.returncode == 4
     assert result.stderr.startswith("UNSUPPORTED_TIER: ")
-    result = view("--compare", "--screenshot", out, mesh)
+    result = compare("--screenshot", out, mesh)
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.parametrize(
     ("args", "code", "status"),
     [
-        (["--layout", "wipe"], "USAGE", 2),
-        (["--device", "cpu"], "USAGE", 2),
-        (["--cameras", "x.json"], "USAGE", 2),
-        (["--compare", "--figure", "f.png"], "USAGE", 2),
-        (["--compare", "--show", "all", "--html", "a.html"], "USAGE", 2),
-        (["--compare", "--vertex", "0", "--html", "a.html"], "USAGE", 2),
-        (["--compare", "--camera", "1", "--html", "a.html"], "USAGE", 2),
-        (["--compare", "--images", "x", "--html", "a.html"], "USAGE", 2),
-        (["--compare", "--paths", "best", "--html", "a.html"], "VIEW_PATH", 2),
-        (["--compare", "--paths", "truth", "--html", "a.html"], "VIEW_PATH", 2),
-        (["--compare", "--pair", "standard", "--html", "a.html"], "VIEW_PATH", 2),
-        (["--compare", "--set", "gamma=2", "--html", "a.html"], "SETTING_UNKNOWN", 2),
-        (["--compare", "--set", "sh_degree=3", "--html", "a.html"], "SETTING_VALUE", 2),
-        (["--compare", "--background", "mauve", "--html", "a.html"], "USAGE", 2),
-        (["--compare", "--cameras", "none.json", "--html", "a.html"], "FILE_NOT_FOUND", 3),
-        (["--compare", "--html", "a.png"], "USAGE", 2),
+        (["--camera", "1", "--html", "a.html"], "USAGE", 2),
+        (["--images", "x", "--html", "a.html"], "USAGE", 2),
+        (["--tiers", "best", "--html", "a.html"], "VIEW_TIER", 2),
+        (["--tiers", "truth", "--html", "a.html"], "VIEW_TIER", 2),
+        (["--pair", "standard", "--html", "a.html"], "VIEW_TIER", 2),
+        (["--set", "gamma=2", "--html", "a.html"], "SETTING_UNKNOWN", 2),
+        (["--set", "sh_degree=3", "--html", "a.html"], "SETTING_VALUE", 2),
+        (["--background", "mauve", "--html", "a.html"], "USAGE", 2),
+        (["--cameras", "none.json", "--html", "a.html"], "FILE_NOT_FOUND", 3),
+        (["--html", "a.png"], "USAGE", 2),
     ],
 )
 def test_wrong_use_is_one_line(args: list[str], code: str, status: int, tmp_path: Path) -> None:
-    result = view(
+    result = compare(
         *(str(tmp_path / arg) if arg.endswith((".html", ".png")) else arg for arg in args), CHECKPOINT
     )
     assert result.returncode == status, result.stderr
@@ -150,7 +148,7 @@ def test_wrong_use_is_one_line(args: list[str], code: str, status: int, tmp_path
 def test_nothing_is_half_written(tmp_path: Path) -> None:
     out = tmp_path / "c.html"
     out.write_text("mine")
-    result = view("--compare", "--paths", "standard", "--html", out, CHECKPOINT)
+    result = compare("--tiers", "standard", "--html", out, CHECKPOINT)
     assert result.returncode == 2
     assert out.read_text() == "mine"
     images = tmp_path / "images"
@@ -158,9 +156,9 @@ def test_nothing_is_half_written(tmp_path: Path) -> None:
     assert views[1].photograph is not None
     data = views[1].photograph.read_bytes()
     views[1].photograph.write_bytes(data[: len(data) // 2])
-    result = view(
-        "--compare", "--cameras", VIEWS, "--images", images, "--camera", "0", "--camera", "1",
-        "--paths", "truth,standard", "--force", "--html", out, CHECKPOINT,
+    result = compare(
+        "--cameras", VIEWS, "--images", images, "--camera", "0", "--camera", "1",
+        "--tiers", "truth,standard", "--force", "--html", out, CHECKPOINT,
     )  # fmt: skip
     assert result.returncode == 3
     assert "METRIC_IMAGE_FILE: " in result.stderr

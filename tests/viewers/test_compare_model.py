@@ -1,4 +1,4 @@
-"""Views, paths, states, layouts and differences of the deployment viewer: plain data, nothing drawn."""
+"""Views, tiers, states, layouts and differences of the deployment viewer: plain data, nothing drawn."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from msb_viewers.deployment.difference import (
     squared_error,
 )
 from msb_viewers.deployment.painter import STEPS, moving_scale
-from msb_viewers.deployment.shots import choose_paths
+from msb_viewers.deployment.shots import choose_tiers
 from msb_viewers.deployment.state import HELP, LAYOUTS, CompareState
 from msb_viewers.deployment.views import Surroundings, View, dataset_views, read_photograph, sized
 from tests.viewers.compare import (
@@ -181,13 +181,13 @@ def test_up_can_be_chosen() -> None:
 
 def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None:
     asset = checkpoint_asset()
-    assert choose_paths(asset, [], None, headless=True) == (("reference", "dedicated", "standard"), {})
+    assert choose_tiers(asset, [], None, headless=True) == (("reference", "dedicated", "standard"), {})
     views = photographs(tmp_path, [(0, 0, 0)])
-    assert choose_paths(asset, views, None, headless=True)[0][0] == "truth"
-    assert choose_paths(asset, views, ["standard, truth"], headless=True)[0] == ("truth", "standard")
+    assert choose_tiers(asset, views, None, headless=True)[0][0] == "truth"
+    assert choose_tiers(asset, views, ["standard, truth"], headless=True)[0] == ("truth", "standard")
     for wanted in (["truth"], ["fast"]):
-        with pytest.raises(UsageError, match="VIEW_PATH"):
-            choose_paths(asset, [], wanted, headless=True)
+        with pytest.raises(UsageError, match="VIEW_TIER"):
+            choose_tiers(asset, [], wanted, headless=True)
 
 
 def plain_mesh() -> msb.Asset:
@@ -202,12 +202,12 @@ def plain_mesh() -> msb.Asset:
 
 def test_a_path_the_method_lacks_says_why() -> None:
     asset = plain_mesh()
-    paths, missing = choose_paths(asset, [], None, headless=True)
-    assert paths == ("reference", "dedicated", "standard")
+    tiers, missing = choose_tiers(asset, [], None, headless=True)
+    assert tiers == ("reference", "dedicated", "standard")
     assert set(missing) == {"reference", "dedicated"}
     assert "no appearance of its own" in missing["dedicated"]
     with pytest.raises(Unsupported):
-        choose_paths(asset, [], ["dedicated"], headless=True)
+        choose_tiers(asset, [], ["dedicated"], headless=True)
 
 
 def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(
@@ -215,9 +215,9 @@ def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(
 ) -> None:
     monkeypatch.setattr("msb_viewers.deployment.shots.MOST_REFERENCE_FACES", 10)
     asset = checkpoint_asset()
-    assert "reference" not in choose_paths(asset, [], None, headless=True)[0]
-    assert "reference" in choose_paths(asset, [], None, headless=False)[0]
-    assert "reference" in choose_paths(asset, [], ["reference"], headless=True)[0]
+    assert "reference" not in choose_tiers(asset, [], None, headless=True)[0]
+    assert "reference" in choose_tiers(asset, [], None, headless=False)[0]
+    assert "reference" in choose_tiers(asset, [], ["reference"], headless=True)[0]
 
 
 # State ---------------------------------------------------------------------------------------------------
@@ -230,19 +230,19 @@ def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> Non
     assert CompareState.first(scene).pair == ("truth", "standard")
     assert CompareState.first(scene, pair="standard, reference").pair == ("standard", "reference")
     for pair in ("standard", "standard,standard", "standard,fast", "a,b,c"):
-        with pytest.raises(UsageError, match="VIEW_PATH"):
+        with pytest.raises(UsageError, match="VIEW_TIER"):
             CompareState.first(scene, pair=pair)
 
 
 def test_one_path_alone_cannot_be_compared() -> None:
-    scene = comparison(paths=("standard",))
+    scene = comparison(tiers=("standard",))
     state = CompareState.first(scene)
     state.set_layout("wipe")
     assert state.layout == "side"
     assert "nothing to compare" in state.message
-    state.next_path(1)
+    state.next_tier(1)
     assert state.pair == ("standard", "standard")
-    with pytest.raises(UsageError, match="takes two paths"):
+    with pytest.raises(UsageError, match="takes two tiers"):
         CompareState.first(scene, layout="difference")
 
 
@@ -250,7 +250,7 @@ def test_paths_go_round_and_never_meet() -> None:
     state = CompareState.first(comparison())
     seen = []
     for side in (1, 1, 0, 0, 1):
-        state.next_path(side)
+        state.next_tier(side)
         assert state.pair[0] != state.pair[1]
         seen.append(state.pair)
     assert len(set(seen)) > 2
@@ -319,9 +319,9 @@ def test_settings_are_told_with_what_was_overridden() -> None:
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("count", [1, 3, 4])
 def test_nothing_overlaps_and_all_is_inside(size: tuple[int, int], layout: Any, count: int) -> None:
-    paths = ("truth", "reference", "dedicated", "standard")[:count]
-    pair = (paths[0], paths[-1])
-    cells = arrange(layout, paths, pair, size, 0.62, aspect=4 / 3)
+    tiers = ("truth", "reference", "dedicated", "standard")[:count]
+    pair = (tiers[0], tiers[-1])
+    cells = arrange(layout, tiers, pair, size, 0.62, aspect=4 / 3)
     if layout != "side" and count == 1:
         return
     assert len({cell.kind for cell in cells}) == len(cells)
@@ -335,10 +335,10 @@ def test_nothing_overlaps_and_all_is_inside(size: tuple[int, int], layout: Any, 
 
 
 def test_the_grid_makes_pictures_large() -> None:
-    paths = ("a", "b", "c", "d")
-    wide = arrange("side", paths, ("a", "b"), (1280, 800), 1.0, aspect=16 / 9)
+    tiers = ("a", "b", "c", "d")
+    wide = arrange("side", tiers, ("a", "b"), (1280, 800), 1.0, aspect=16 / 9)
     assert len({cell.box.left for cell in wide}) == 2
-    tall = arrange("side", paths, ("a", "b"), (400, 1600), 1.0, aspect=16 / 9)
+    tall = arrange("side", tiers, ("a", "b"), (400, 1600), 1.0, aspect=16 / 9)
     assert len({cell.box.left for cell in tall}) == 1
 
 

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def noisy(path: str, seed: int) -> Shot:
+def noisy(tier: str, seed: int) -> Shot:
     image = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
-    return Shot(path, image, "", 1.0, 10, "test")
+    return Shot(tier, image, "", 1.0, 10, "test")
 
 
 SHOTS = {
@@ -54,8 +54,8 @@ def test_the_page_holds_every_picture_exactly() -> None:
     meta = meta_of(made())
     assert len(meta["views"]) == 3
     for view in meta["views"]:
-        for path, shot in SHOTS.items():
-            stored = view["shots"][path]
+        for tier, shot in SHOTS.items():
+            stored = view["shots"][tier]
             if shot.image is None:
                 assert stored["image"] is None
                 assert stored["why"] == shot.why
@@ -68,7 +68,7 @@ def test_the_page_holds_every_picture_exactly() -> None:
 
 
 def test_equal_pictures_are_identical_not_infinite() -> None:
-    shots = {path: flat_shot(path, (1, 2, 3)) for path in ("dedicated", "standard")}
+    shots = {tier: flat_shot(tier, (1, 2, 3)) for tier in ("dedicated", "standard")}
     assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}
 
 

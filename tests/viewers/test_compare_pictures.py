@@ -1,4 +1,4 @@
-"""What each path draws, and the composed picture: no VTK, no display."""
+"""What each tier draws, and the composed picture: no VTK, no display."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from msb.errors import MetricError
 from msb.render.images import to_bytes
 from msb_viewers.deployment.compose import Composer, caption_lines
 from msb_viewers.deployment.difference import scale_colors
-from msb_viewers.deployment.shots import PathRenderers, Shot
+from msb_viewers.deployment.shots import Shot, TierRenderers
 from msb_viewers.deployment.state import LAYOUTS, CompareState
 from msb_viewers.palette import BACKGROUND
 from tests.viewers.compare import (
@@ -44,7 +44,7 @@ def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
     views = photographs(tmp_path, [(10, 20, 30)])
     scene = comparison(views, ALL, background=color, settings=settings)
     view = scene.views[0]
-    with PathRenderers(scene) as renderers:
+    with TierRenderers(scene) as renderers:
         shots = renderers.shoot_all(view)
     assert list(shots) == list(ALL)
     for tier in ("reference", "dedicated", "standard"):
@@ -66,7 +66,7 @@ def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
 def test_settings_and_samples_reach_their_tiers() -> None:
     plain, changed = comparison(), comparison(settings={"sh_degree": 0, "supersample": 1}, supersample=3)
     view = plain.views[0]
-    with PathRenderers(plain) as first, PathRenderers(changed) as second:
+    with TierRenderers(plain) as first, TierRenderers(changed) as second:
         for tier in ("dedicated", "standard"):
             a, b = first.shoot(tier, view.camera).image, second.shoot(tier, view.camera).image
             assert a is not None
@@ -77,15 +77,15 @@ def test_settings_and_samples_reach_their_tiers() -> None:
 def test_the_methods_own_samples_are_not_the_standard_tiers() -> None:
     plain, changed = comparison(), comparison(settings={"supersample": 2})
     view = plain.views[0]
-    with PathRenderers(plain) as first, PathRenderers(changed) as second:
+    with TierRenderers(plain) as first, TierRenderers(changed) as second:
         images = [each.shoot("standard", view.camera).image for each in (first, second)]
     assert images[0] is not None
     assert (images[0] == images[1]).all()
 
 
 def test_a_path_without_a_picture_says_why() -> None:
-    scene = comparison(missing={"standard": "it has no static colour"}, paths=ALL)
-    with PathRenderers(scene) as renderers:
+    scene = comparison(missing={"standard": "it has no static colour"}, tiers=ALL)
+    with TierRenderers(scene) as renderers:
         view = scene.views[0]
         assert renderers.shoot("standard", view.camera, view).why == "it has no static colour"
         assert "no photograph" in renderers.shoot("truth", view.camera, view).why
@@ -97,7 +97,7 @@ def test_a_damaged_photograph_is_an_error(tmp_path: Path) -> None:
     assert views[0].photograph is not None
     views[0].photograph.write_bytes(views[0].photograph.read_bytes()[:60])
     scene = comparison(views, ("truth",))
-    with PathRenderers(scene) as renderers, pytest.raises(MetricError, match="METRIC_IMAGE_FILE"):
+    with TierRenderers(scene) as renderers, pytest.raises(MetricError, match="METRIC_IMAGE_FILE"):
         renderers.shoot("truth", views[0].camera, views[0])
 
 
@@ -113,9 +113,9 @@ def test_side_by_side_shows_each_path_in_its_place(tmp_path: Path) -> None:
     state = CompareState.first(comparison(photographs(tmp_path, [(0, 0, 0)]), ALL))
     composed = Composer().compose(state, flat_shots(ALL), (1280, 800))
     assert list(composed.pictures) == list(ALL)
-    for path, box in composed.pictures.items():
-        assert middle(composed.image, box) == FLAT[path]
-        assert middle(composed.image, box, 0.01, 0.01) == FLAT[path]
+    for tier, box in composed.pictures.items():
+        assert middle(composed.image, box) == FLAT[tier]
+        assert middle(composed.image, box, 0.01, 0.01) == FLAT[tier]
         assert box.width / box.height == pytest.approx(WIDTH / HEIGHT, rel=0.02)
         below = composed.image[box.bottom + 2 : box.bottom + 60, box.left : box.right].astype(int)
         assert (np.abs(below - BACKGROUND).max(axis=2) > 100).sum() > 100  # a caption
@@ -186,7 +186,7 @@ def test_what_is_missing_is_said_in_its_place() -> None:
 def test_windows_of_any_shape_are_no_error(layout: str, size: tuple[int, int]) -> None:
     state = CompareState.first(comparison(), layout=layout)  # type: ignore[arg-type]
     for state.help, state.captions in ((False, True), (True, False)):
-        composed = Composer().compose(state, flat_shots(state.comparison.paths), size)
+        composed = Composer().compose(state, flat_shots(state.comparison.tiers), size)
         assert composed.image.shape == (size[1], size[0], 3)
 
 
@@ -196,7 +196,7 @@ def test_long_names_are_shortened() -> None:
     scene = replace(comparison(), name="a very long name of an asset " * 20)
     state = CompareState.first(scene)
     state.message = "word " * 300
-    image = Composer().compose(state, flat_shots(scene.paths), (800, 500)).image
+    image = Composer().compose(state, flat_shots(scene.tiers), (800, 500)).image
     assert (image[:, -3:] == BACKGROUND).all()
 
 
@@ -215,7 +215,7 @@ def test_captions_tell_time_memory_size_and_place() -> None:
 def test_a_composer_forgets() -> None:
     state, composer = CompareState.first(comparison()), Composer()
     for number in range(60):
-        shots = {path: flat_shot(path, (number, 0, 0)) for path in state.comparison.paths}
+        shots = {tier: flat_shot(tier, (number, 0, 0)) for tier in state.comparison.tiers}
         composed = composer.compose(state, shots, (600, 400))
         assert middle(composed.image, composed.pictures["standard"]) == (number, 0, 0)
     assert len(composer._kept) <= 40

@@ -12,7 +12,7 @@ import pytest
 from msb.errors import DeviceError
 from msb_viewers.camera import Pose
 from msb_viewers.deployment.painter import Order, Painter
-from msb_viewers.deployment.shots import PathRenderers, Shot
+from msb_viewers.deployment.shots import Shot, TierRenderers
 from msb_viewers.deployment.solver import ReferenceSolver
 from msb_viewers.deployment.state import CompareState
 from tests.viewers.compare import (
@@ -58,7 +58,7 @@ def free_state(**more: Any) -> CompareState:
 
 
 def test_the_window_shows_the_composed_picture(opened: Any) -> None:
-    viewer = opened(CompareState.first(comparison(paths=FAST)))
+    viewer = opened(CompareState.first(comparison(tiers=FAST)))
     assert viewer.settled
     assert set(viewer.shots) == set(FAST)
     assert viewer.shots["dedicated"].image.shape == (HEIGHT, WIDTH, 3)
@@ -89,9 +89,9 @@ def test_dragging_turns_the_asset_in_every_path(opened: Any, monkeypatch: pytest
     assert (viewer.pose.eye == angle.eye).all()  # VTK's style does not go on by itself
     interactor.InvokeEvent("LeftButtonReleaseEvent")
     viewer.settle(60)
-    for path in FAST:
-        assert viewer.shots[path].image.shape == full
-        assert (viewer.shots[path].image != before[path].image).any()
+    for tier in FAST:
+        assert viewer.shots[tier].image.shape == full
+        assert (viewer.shots[tier].image != before[tier].image).any()
     around = viewer.state.around
     assert np.linalg.norm(viewer.state.free.center - around.center) == pytest.approx(
         around.first_pose().distance, rel=1e-3
@@ -190,7 +190,7 @@ def test_every_key_of_the_help_does_something(
     opened: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    viewer = opened(CompareState.first(comparison(paths=FAST)), (400, 300))
+    viewer = opened(CompareState.first(comparison(tiers=FAST)), (400, 300))
     names = [*"123abnprgl", "plus", "minus", "Left", "Right", "s", "Home", "h", "Escape", "KP_Add"]
     for name in names:
         assert viewer.controls.key(name), name
@@ -219,7 +219,7 @@ def test_the_window_does_not_wait_for_the_reference(opened: Any) -> None:
 # The thread and the process alone ------------------------------------------------------------------------
 
 
-class Slow(PathRenderers):
+class Slow(TierRenderers):
     """Paths that draw nothing, in a time that is told."""
 
     def __init__(self, seconds: dict[str, float]) -> None:
@@ -227,17 +227,17 @@ class Slow(PathRenderers):
         self.seconds = seconds
         self.threads: set[int] = set()
 
-    def shoot(self, path: str, camera: Any, view: Any = None, background: Any = None) -> Shot:
+    def shoot(self, tier: str, camera: Any, view: Any = None, background: Any = None) -> Shot:
         self.threads.add(threading.get_ident())
-        time.sleep(self.seconds[path])
-        if path == "standard" and camera.width > 1000:
+        time.sleep(self.seconds[tier])
+        if tier == "standard" and camera.width > 1000:
             raise DeviceError("DEVICE_MEMORY", "it does not fit")
-        return flat_shot(path, (0, 0, 0), (camera.width, camera.height))
+        return flat_shot(tier, (0, 0, 0), (camera.width, camera.height))
 
 
-def order(number: int, paths: tuple[str, ...] = FAST, *, moving: bool = False, width: int = 64) -> Order:
+def order(number: int, tiers: tuple[str, ...] = FAST, *, moving: bool = False, width: int = 64) -> Order:
     camera = small_cameras(1)[0].resized(width, width)
-    return Order(number, camera, None, paths, (0.0, 0.0, 0.0), moving)
+    return Order(number, camera, None, tiers, (0.0, 0.0, 0.0), moving)
 
 
 def wait(painter: Painter, seconds: float = 20.0) -> list[tuple[Order, Shot]]:
@@ -273,7 +273,7 @@ def test_while_moving_paths_come_together_and_slow_ones_are_left_out() -> None:
             assert numbers == {number}
             widths = {shot.image.shape[1] for _, shot in found if shot.image is not None}
             assert len(widths) == 1
-        assert [shot.path for _, shot in found] == ["standard"]
+        assert [shot.tier for _, shot in found] == ["standard"]
         assert painter.skips("dedicated")
         renderers.seconds["dedicated"] = 0.0
         painter.ask(order(6))
@@ -287,7 +287,7 @@ def test_an_error_is_said_in_its_panel_and_the_rest_goes_on() -> None:
     painter = Painter(Slow({"dedicated": 0.0, "standard": 0.0}))
     try:
         painter.ask(order(1, width=1100))
-        shots = {shot.path: shot for _, shot in wait(painter)}
+        shots = {shot.tier: shot for _, shot in wait(painter)}
         assert shots["dedicated"].image is not None
         assert shots["standard"].image is None
         assert shots["standard"].why == "DEVICE_MEMORY: it does not fit"
@@ -318,7 +318,7 @@ def test_the_reference_comes_from_a_child_first_small_then_whole() -> None:
             (150, 200, 3),
         ]
         scene = comparison(settings={"sh_degree": 0, "supersample": 1})
-        with PathRenderers(scene) as renderers:
+        with TierRenderers(scene) as renderers:
             wanted = renderers.shoot("reference", camera, None, (1.0, 0.0, 1.0)).image
         assert shots[-1].image is not None
         assert (shots[-1].image == wanted).all()

@@ -42,8 +42,11 @@ def test_the_guide_names_every_layer_key_and_option() -> None:
         assert f"| {style.key} | `{kind}` |" in text
     for key, _ in (*HELP, *COMPARE_HELP):
         assert f"| {key} |" in text, key
-    help_page = _command("view").get_help(typer.Context(_command("view")))
-    known = set(re.findall(r"--[a-z]+", help_page))
+    known = {
+        option
+        for name in ("view", "compare")
+        for option in re.findall(r"--[a-z]+", _command(name).get_help(typer.Context(_command(name))))
+    }
     told = set(re.findall(r"--[a-z]+", text)) - {"--view"}  # of msb-audit
     assert told <= known
     shared = {"--force", "--quiet", "--verbose", "--log", "--color", "--debug", "--help"}  # docs/cli.md

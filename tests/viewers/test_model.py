@@ -10,7 +10,7 @@ import pytest
 from msb_viewers.detail import cluster
 from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE
 from msb_viewers.palette import NEUTRAL, STYLES
-from msb_viewers.source import Colors, read_source
+from msb_viewers.viewed_mesh import Colors, read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import GREEN, RED, model_of
 
@@ -125,12 +125,12 @@ def test_colours_of_an_asset_are_the_standard_tiers(demo_asset: Path) -> None:
     import msb
     from msb.meshes.assets import mesh_from_asset
 
-    source = read_source(demo_asset)
+    mesh = read_viewed_mesh(demo_asset)
     wanted = mesh_from_asset(msb.load(demo_asset)).vertex_colors
-    assert source.colors is not None
+    assert mesh.colors is not None
     assert wanted is not None
-    assert source.colors.domain == "vertex"
-    assert np.abs(source.colors.values / 255 - wanted).max() <= 0.5 / 255 + 1e-6
+    assert mesh.colors.domain == "vertex"
+    assert np.abs(mesh.colors.values / 255 - wanted).max() <= 0.5 / 255 + 1e-6
 
 
 def test_a_stand_in_is_coarse_and_keeps_its_place(demo: ViewModel) -> None:

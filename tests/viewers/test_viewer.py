@@ -9,7 +9,7 @@ import pytest
 
 from msb_viewers.camera import Pose
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, STYLES
-from msb_viewers.source import Colors
+from msb_viewers.viewed_mesh import Colors
 from tests.conftest import TETRAHEDRON
 from tests.viewers.conftest import GREEN, RED, model_of, square
 

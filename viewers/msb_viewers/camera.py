@@ -1,4 +1,4 @@
-"""Where to look from: the first view of a mesh, and a clear view of one element. Plain arrays."""
+"""Cameras: the first view of a mesh, and a clear view of one element. They are plain arrays."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 FOV_Y = math.radians(30)
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-"""Of the first view: three sides of a thing are seen, none of them edge-on."""
+"""Angles of the first view, in radians: it shows three sides of a thing, none of them edge-on."""
 _MARGIN = 1.04
 _NEIGHBOURHOOD = 4.5
-"""Distance from an element in radii of the faces around it: they then fill about half of the window."""
+"""Distance from an element, in radii of the faces around it, which then fill about half of the window."""
 
 Vector = "NDArray[np.float64]"
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A camera: its place, what it looks at, and what is up, (3,) float64 each, in drawn units."""
+    """A camera: its place, the point it looks at and its up vector, (3,) float64 each, in drawn units."""
 
     eye: NDArray[np.float64]
     target: NDArray[np.float64]
@@ -34,7 +34,7 @@ class Pose:
 
     @property
     def distance(self) -> float:
-        """From the eye to the target."""
+        """Distance from the eye to the target."""
         return float(np.linalg.norm(self.eye - self.target))
 
 
@@ -82,7 +82,7 @@ def scene_camera(pose: Pose, like: Camera) -> Camera:
 
 
 def pose_of(camera: Camera, distance: float) -> Pose:
-    """Return where the package's camera is; it looks at what is `distance` in front of it."""
+    """Return the pose of the package's camera; its target lies `distance` in front of it."""
     right_down_forward = camera.world_to_camera[:3, :3]
     eye = np.array(camera.center)
     return Pose(eye, eye + distance * right_down_forward[2], -right_down_forward[1])
@@ -94,9 +94,9 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     Parameters
     ----------
     vertices : (k,) integers
-        Of the element.
+        The element's vertices.
     current : Pose
-        Directions near the present one are preferred.
+        The present view; directions near its own are preferred.
 
     Returns
     -------

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from msb_viewers.viewer import TopologyViewer
 
 _BOX = 1.02
-"""Size of the clipping box at first, in radii of what the first view frames."""
+"""First size of the clipping box, in radii of what the first view frames."""
 
 
 class Controls:
-    """What the user does, done to a viewer. `key` and `click` are the same on a window and without one."""
+    """Keys and clicks as actions on a viewer. `key` and `click` also work without a window."""
 
     def __init__(self, viewer: TopologyViewer) -> None:
         self.viewer = viewer
@@ -192,7 +192,7 @@ class Controls:
         return False
 
     def _rested(self) -> None:
-        """The style's turn or move has ended; one without a way was a click."""
+        """End a turn or move of VTK's style; if the mouse did not move, it was a click."""
         self.moving(False)
         self._clicked()
 

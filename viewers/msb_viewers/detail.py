@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_FACES, LEAST_FACES = 300_000, 30_000
-"""Of a stand-in; a mesh of fewer than the least needs none."""
+"""The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""
 FLUID_SECONDS = 0.05
-"""A picture that takes no longer is drawn in full also while the view moves."""
+"""A picture that takes at most this many seconds is drawn in full while the view moves, too."""
 
 
 def budget(faces: int, seconds: float) -> int | None:
@@ -48,8 +48,8 @@ def cluster(
     Notes
     -----
     Vertex clustering (J. Rossignac and P. Borrel, Multi-resolution 3D approximations for rendering complex
-    scenes, 1993). Sampled first where there are far more faces than wanted, so time stays O(V + F) with one
-    sort of the sample.
+    scenes, 1993). Where there are far more faces than wanted they are sampled first, so time stays O(V + F)
+    with one sort of the sample.
     """
     sample = np.arange(len(faces))
     if len(faces) > 4 * target:

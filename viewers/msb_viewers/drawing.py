@@ -36,7 +36,7 @@ _RING = """//VTK::Light::Impl
   if (reach > 1.0 || reach < {inner}) discard;
 """
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
-"""Towards the viewer, in units of depth resolution: marks lie on the surface they belong to."""
+"""Shift of marks towards the viewer, in units of depth resolution: they lie on their surface."""
 
 
 def quiet() -> None:

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
 
 _APART = 0.6
-"""How far a fan is moved at least, in radii of the faces at the vertex."""
+"""The least distance by which a fan is moved, in radii of the faces at the vertex."""
 _ROOM = 0.9
-"""Of the circle's length for each fan, in the same radii."""
+"""The length of the circle that each fan gets, in the same radii."""
 _MOST_FANS = 12
-"""Drawn; more would only cover each other. The text counts all."""
+"""At most this many fans are drawn; more would cover each other. The text counts all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Fan:
     Attributes
     ----------
     number : int
-        From 1.
+        Its number, from 1.
     faces : (n,) integers
         Face numbers.
     triangles : (n, 3, 3) float64
@@ -39,7 +39,7 @@ class Fan:
     closed : bool
         Whether the faces go all the way around.
     boundary, crowded : (k, 2, 3) float64
-        Its edges at the vertex that have one face, and more than two.
+        Its edges at the vertex that have one face, and those that have more than two.
     """
 
     number: int
@@ -53,7 +53,7 @@ class Fan:
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """All fans at a vertex, and what the audit says of it."""
+    """All fans at a vertex, and what the audit says about the vertex."""
 
     vertex: int
     fans: tuple[Fan, ...]

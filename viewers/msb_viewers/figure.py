@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import UsageError
+from msb.extras import need_extra
 from msb_viewers.camera import Pose, element_pose
 from msb_viewers.palette import NEUTRAL, STYLES, unit
 
@@ -24,12 +25,12 @@ if TYPE_CHECKING:
 
 FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
 _SIDE = 640
-"""Of one view, in pixels: 3.2 inches of paper at 200 dots per inch."""
+"""Side of one view in pixels: 3.2 inches of paper at 200 dots per inch."""
 _CLOSER = 0.9
-"""A close-up's distance, as part of the one the viewer flies to."""
+"""Distance of a close-up, relative to that which the viewer flies to."""
 _DPI = 130
 _BOOST = 1.4
-"""A view is shown at about 400 pixels: marks must survive that."""
+"""Factor by which marks are enlarged, because a view is shown at about 400 pixels."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ PANELS = (
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a name whose suffix is none a figure can have.
+    """Refuse a name with a suffix that a figure cannot have.
 
     Raises
     ------
@@ -67,19 +68,31 @@ def check_suffix(path: Path) -> None:
         raise UsageError("USAGE", f'--figure: "{path.name}" must end in {", ".join(FIGURE_SUFFIXES)}')
 
 
+def need_matplotlib() -> None:
+    """Refuse to make a figure without matplotlib.
+
+    Raises
+    ------
+    UsageError
+        `EXTRA_MISSING`.
+    """
+    need_extra("view", "matplotlib", what="a figure")
+
+
 def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: int = _DPI) -> None:
     """Write the figure: each diagnosis on the whole mesh, and one place of it close up.
 
     Raises
     ------
     UsageError
-        `USAGE` for another suffix than .png, .svg or .pdf.
+        `USAGE` for another suffix than .png, .svg or .pdf; `EXTRA_MISSING`.
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
     from msb.atomic import new_file
 
     check_suffix(path)
+    need_matplotlib()
     buffer = io.BytesIO()
     kind = path.suffix.lower()[1:]
     # No date in the file: the same mesh gives the same bytes.
@@ -123,7 +136,7 @@ def _views(viewer: TopologyViewer, panel: Panel) -> tuple[NDArray[np.uint8], NDA
 
 
 def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
-    """Return a view of an example: of the largest component, as near to the eye as there is one."""
+    """Return a view of an example: an element of the largest component, as near to the eye as possible."""
     model = viewer.model
     if panel.kinds:
         shown = [kind for kind in panel.kinds if kind in viewer.state.visible]
@@ -151,6 +164,7 @@ def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
 def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
     """Return the matplotlib figure of four columns with titles, counts and legends."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
+    need_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

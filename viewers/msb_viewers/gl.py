@@ -1,4 +1,4 @@
-"""Is there something to draw with? Asked in a child process: without a GL stack VTK ends the process."""
+"""Whether VTK can draw. A child process finds out, because without a GL stack VTK ends the process."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 from msb.errors import UsageError
+from msb.extras import need_extra
 
 PROBE = """
 from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
@@ -28,7 +28,6 @@ picture.Update()
 pixels = picture.GetOutput().GetPointData().GetScalars()
 print("drawn" if pixels.GetTuple3(0) == (255.0, 0.0, 255.0) else "black")
 """
-INSTALL = 'pip install "meshsplatbench[view]"'
 NO_GL = (
     "VTK found no way to draw: neither a display, nor EGL, nor OSMesa. Install one of them: on Debian and "
     "Ubuntu apt install libegl1 libgl1-mesa-dri (or libosmesa6), on Fedora dnf install mesa-libEGL "
@@ -39,12 +38,12 @@ NO_DISPLAY = (
     "--figure FILE.png draw without one"
 )
 _SECONDS = 60
-"""A software GL on a loaded machine takes a few; a driver that hangs must not hang us."""
+"""Seconds to wait. A software GL on a loaded machine takes a few; a hanging driver must not hang us."""
 
 
 @dataclass
 class GlProbe:
-    """The question under way; other work can go on until `check` is called."""
+    """A question to a child process; other work can go on until `check` is called."""
 
     process: subprocess.Popen[str] | None
 
@@ -57,10 +56,8 @@ class GlProbe:
         UsageError
             `EXTRA_MISSING` if pyvista is not installed.
         """
-        if find_spec("pyvista") is None or find_spec("vtkmodules") is None:
-            text = f"the viewer needs pyvista; {INSTALL} installs it. Pages (--html) need none, "
-            text += "nor do pictures of --compare"
-            raise UsageError("EXTRA_MISSING", text)
+        instead = "pages (--html) and pictures of msb compare need none"
+        need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead=instead)
         if sys.platform in ("win32", "darwin"):
             return cls(None)  # both bring a GL stack
         command = [sys.executable, "-c", PROBE]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _MOST_LINES = 8
-"""Of text; the drawing has the other fans too."""
+"""The most lines of text; the drawing shows the other fans, too."""
 
 
 class Inset:

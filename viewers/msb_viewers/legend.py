@@ -30,10 +30,8 @@ def _legend(sheet: Sheet, state: ViewState) -> None:
     counts = model.audit.counts
     method = f"{model.method}: " if model.method else ""
     sheet.paragraph(f"{method}{counts.vertices:,} vertices, {counts.faces:,} faces", 12, FAINT)
-    verdict = judge(model.audit)
-    word = {"good": "OK", "limited": "LIMITED", "bad": "BAD"}[verdict.level]
     sheet.y += sheet.px(4)
-    sheet.paragraph(f"{word}: {verdict.sentence}.", 11.5)
+    sheet.paragraph(str(judge(model.audit)), 11.5)
     for note in model.notes:
         sheet.y += sheet.px(4)
         sheet.paragraph(note, 11.5, bold=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
-    from msb_viewers.source import Colors, Source
+    from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
 SOUP_NOTE = (
     "Triangle soup: no two faces share a vertex, so every edge is a boundary. They are not drawn; 1 does."
@@ -33,7 +33,7 @@ _WORST_FIRST = (
 _SHOWN_AT_FIRST = 12_000
 _FRAMING_SAMPLE = 100_000
 _FAR_OUT = 4.0
-"""A bounding sphere this many times as wide as that of 95 % of the vertices is not what one wants to see."""
+"""The first view ignores far vertices if they make the sphere this many times as wide as 95 % of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Layer:
     ----------
     style : Style
     numbers : (n,) integers
-        Of the elements in the audit; an edge's is its place in the order of vertex pairs.
+        The elements' numbers in the audit; an edge's is its place in the order of vertex pairs.
     vertices : (n, 1 | 2 | 3) integers
     total : int
         How many elements of this sort the mesh has, offending or not.
@@ -60,7 +60,7 @@ class Layer:
 
     @property
     def share(self) -> float | None:
-        """Part of all elements of its sort; None of none."""
+        """Its share of all elements of its sort; None if there are none."""
         return len(self) / self.total if self.total else None
 
 
@@ -77,7 +77,7 @@ class SizeClass:
 
 @dataclass(frozen=True, eq=False)
 class ViewModel:
-    """A mesh with all that can be shown of it.
+    """A mesh and everything that can be shown of it.
 
     Positions are moved and scaled so that what the first view frames is the unit sphere: float32 is then
     precise enough for any georeferenced mesh, and nothing overflows.
@@ -85,7 +85,7 @@ class ViewModel:
     Attributes
     ----------
     name, method, up, notes
-        As in `Source`; `notes` has more.
+        The same as in `ViewedMesh`; `notes` has more.
     audit, analysis : Audit, Analysis
     points : (V, 3) float32
         In drawn units; rows that are not finite are at the origin, and no drawn face uses them.
@@ -93,7 +93,7 @@ class ViewModel:
         A stored position is ``center + scale * point``.
     faces : (F, 3) integers
     drawn : (F,) bool
-        Faces with finite corners only.
+        Whether all corners of a face are finite.
     colors : Colors or None
     layers : dict of str to Layer
         By kind, in the legend's order.
@@ -121,7 +121,7 @@ class ViewModel:
 
     @property
     def soup(self) -> bool:
-        """No vertex is used by two faces, and there are at least two."""
+        """Whether no vertex is used by two faces, and there are at least two faces."""
         return self.audit.topology == "triangle_soup" and len(self.faces) > 1
 
     @property
@@ -140,7 +140,7 @@ class ViewModel:
     def shown_by_default(self) -> set[str]:
         """Return the kinds that are on at first: the worst, as many as one can tell apart from afar.
 
-        Never the boundary of a soup, where every edge is one.
+        The boundary of a soup, where every edge is one, is never among them.
         """
         shown: set[str] = set()
         total = 0
@@ -225,12 +225,12 @@ class ViewModel:
         return sum(array.nbytes for array in arrays)
 
 
-def build_model(source: Source, audit: Audit, analysis: Analysis) -> ViewModel:
-    """Return what is to be shown of `source`.
+def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel:
+    """Return what is to be shown of `mesh`.
 
     Parameters
     ----------
-    source : Source
+    mesh : ViewedMesh
     audit, analysis : Audit, Analysis
         What `msb.topology.audit_arrays` made of its vertices and faces.
 
@@ -252,9 +252,9 @@ def build_model(source: Source, audit: Audit, analysis: Analysis) -> ViewModel:
     sizes = np.sort(analysis.components.sizes)[::-1]
     layers = _layers(analysis, {group.kind: group for group in elements.groups})
     model = ViewModel(
-        name=source.name,
-        method=source.method,
-        up=source.up if source.up != "unknown" else "+y" if source.method in (None, "mesh") else "-y",
+        name=mesh.name,
+        method=mesh.method,
+        up=mesh.up if mesh.up != "unknown" else "+y" if mesh.method in (None, "mesh") else "-y",
         audit=audit,
         analysis=analysis,
         points=points,
@@ -262,12 +262,12 @@ def build_model(source: Source, audit: Audit, analysis: Analysis) -> ViewModel:
         scale=scale,
         faces=faces,
         drawn=finite[faces].all(axis=1) if len(faces) else np.zeros(0, bool),
-        colors=source.colors,
+        colors=mesh.colors,
         layers=layers,
         face_component=elements.face_component,
         sizes=sizes,
     )
-    notes = (*source.notes, *_notes(model), *([cropped] if cropped else []))
+    notes = (*mesh.notes, *_notes(model), *([cropped] if cropped else []))
     object.__setattr__(model, "notes", notes)
     return model
 
@@ -291,8 +291,8 @@ def framing(vertices: NDArray[Any], use: NDArray[np.bool_]) -> tuple[NDArray[np.
     """Return centre and radius of the sphere to look at, and what to say if it is not all of the mesh.
 
     Only the rows of `vertices` (V, 3) where `use` (V,) is true count; their centre is in their own units.
-    It is the bounding sphere of the box, unless a few far vertices make it many times as wide as where
-    nearly all of the mesh is: outdoor scenes have such backgrounds.
+    It is the bounding sphere of the box, unless a few far vertices, such as outdoor backgrounds, make it many
+    times as wide as the part that holds nearly all of the mesh.
     """
     rows = np.flatnonzero(use)
     if len(rows) == 0:
@@ -324,15 +324,13 @@ def _largest_distance(points: NDArray[np.float64], center: NDArray[np.float64]) 
 
 
 def _notes(model: ViewModel) -> list[str]:
-    from msb.topology.verdict import judge
-
     notes = []
     hidden = int(np.count_nonzero(~model.drawn))
     if len(model.faces) == 0 or not model.drawn.any():
         notes.append(EMPTY_NOTE)
     elif model.soup:
         notes.append(SOUP_NOTE)
-    elif judge(model.audit).level == "good":
+    elif model.audit.verdict == "ok":
         notes.append(CLEAN_NOTE)
     if hidden:
         faces = "face" if hidden == 1 else "faces"

@@ -1,4 +1,4 @@
-"""`--html`: the viewer as one file that a browser with WebGL 2 opens offline; made without pyvista."""
+"""`--html`: the viewer as one file for browsers with WebGL 2, offline; it is made without pyvista."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
 
 LARGE = 2_000_000
-"""Faces from which a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads."""
+"""With more faces a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads."""
 
 
 def write_page(
@@ -35,9 +35,9 @@ def write_page(
     model : ViewModel
     path : Path
     state : ViewState, optional
-        What is on at first.
+        What is switched on at first.
     up : str, optional
-        "+y" and the like instead of the model's own.
+        The axis that is up, such as "+y", instead of the model's own.
 
     Raises
     ------
@@ -101,8 +101,6 @@ def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
     from msb_viewers.stage import mean_edge
 
     counts = model.audit.counts
-    verdict = judge(model.audit)
-    word = {"good": "OK", "limited": "LIMITED", "bad": "BAD"}[verdict.level]
     method = f"{model.method}: " if model.method else ""
     pose = default_pose(up, 1.0)
     sizes = {(group.low, group.high): group.components for group in model.size_classes()}
@@ -114,7 +112,7 @@ def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
     return {
         "name": model.name,
         "subtitle": f"{method}{counts.vertices:,} vertices, {counts.faces:,} faces",
-        "verdict": f"{word}: {verdict.sentence}.",
+        "verdict": str(judge(model.audit)),
         "notes": list(model.notes),
         "colored": model.colors is not None,
         "domain": None if model.colors is None else model.colors.domain,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Color = tuple[int, int, int]
-"""sRGB bytes."""
+"""Red, green and blue, sRGB bytes."""
 Marker = Literal["disc", "diamond", "cross", "square", "ring"]
 Line = Literal["solid", "dashed"]
 
@@ -27,11 +27,11 @@ PURPLE: Color = (204, 121, 167)
 
 BACKGROUND: Color = (246, 246, 244)
 NEUTRAL: Color = (205, 205, 205)
-"""A mesh without colours of its own, and the largest component."""
+"""The colour of a mesh without colours, and of the largest component."""
 HIGHLIGHT: Color = (200, 0, 110)
-"""The ring around the chosen element, which no layer's colour is near."""
+"""The colour of the ring around the chosen element; no layer's colour is near it."""
 FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
-"""Fans of one vertex; each also carries its number."""
+"""The colours of the fans of a vertex; each fan also carries its number."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Style:
     color : Color
     of : {"vertex", "edge", "face"}
     width : float
-        Of lines, in pixels at the finest zoom; 0 draws none.
+        Width of lines in pixels at the finest zoom; 0 draws none.
     line : {"solid", "dashed"}
     marker : str or None
     size : float
-        Of markers, in pixels at the finest zoom.
+        Size of markers in pixels at the finest zoom.
     """
 
     kind: str

@@ -37,7 +37,7 @@ def pick(
     allowed : (F,) bool
         Faces that are drawn.
     eye, direction : (3,) float
-        Of the ray; the direction is a unit vector.
+        The ray's origin and direction, a unit vector.
     box : (3, 2) float, optional
         Where the ray meets a face outside of this box, the face is clipped away there.
 

@@ -23,7 +23,7 @@ FAINT: Color = (120, 122, 128)
 PAPER = (255, 255, 255, 246)
 EDGE = (190, 192, 196, 255)
 LEGEND_WIDTH, ROW, PAD = 322, 25, 12
-"""Width of a legend, height of a row, free border: pixels at scale 1."""
+"""Width of a legend, height of a row and width of the free border, in pixels at scale 1."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from msb_viewers.state import ViewState
 
 _MARKS = 5
-"""Faces drawn while moving for each element of a layer that is."""
+"""While the view moves, a layer shows at most one element for this many faces of the stand-in."""
 _FULL_SIZE = 40.0
-"""Pixels a mean edge must have on the screen for lines and markers to be drawn at full size."""
+"""Lines and markers have their full size where a mean edge takes at least this many pixels."""
 _LEAST = 0.2
 _SHADE_GREY, _SHADE_COMPONENTS = 0.55, 0.25
-"""Grey has no meaning and may be shaded for shape; the lightness of components says their size."""
+"""How much grey, and components, are shaded for shape: the lightness of components means their size."""
 
 
 class Stage:
@@ -33,7 +33,7 @@ class Stage:
     moving : bool
         Whether the view moves, and stand-ins are drawn if they are needed.
     seconds : float
-        What the last picture at rest took.
+        The time that the last picture at rest took.
     box : (3, 2) float or None
         The clipping box.
     boost : float

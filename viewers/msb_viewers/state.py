@@ -1,4 +1,4 @@
-"""What is switched on, chosen and isolated, and what each key does to it. No window needed."""
+"""What is switched on, chosen and isolated, and what each key does to it. It needs no window."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages as one file: a template, what it shows as JSON, and its script; nothing else is asked for."""
+"""Pages of one file: a template, its data as JSON, and its script. A page loads nothing else."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def filled(template: str, script: str, meta: Mapping[str, Any], data: bytes = b"
     Parameters
     ----------
     template, script : str
-        Files of this package. In the template @META@, @DATA@, @SCRIPT@ and @STYLE@ are replaced; by what is
-        not looked at again, since what a file is called may look like a mark.
+        Files of this package. In the template @META@, @DATA@, @SCRIPT@ and @STYLE@ are replaced. The text
+        in their place is not searched again, because a file name may look like a mark.
     meta : mapping
         What the script reads as `meta`.
     data : bytes

@@ -32,7 +32,7 @@ _FLIGHT_FRAMES = 14
 
 
 class TopologyViewer:
-    """A mesh with its offending elements, on a window or off-screen.
+    """A mesh with its offending elements, in a window or off-screen.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ class TopologyViewer:
     off_screen : bool
         Draw without a window; everything else works the same.
     up : str, optional
-        "+y" and the like instead of the model's own.
+        The axis that is up, such as "+y", instead of the model's own.
     state : ViewState, optional
-        What is on at first.
+        What is switched on at first.
 
     Raises
     ------
@@ -102,7 +102,7 @@ class TopologyViewer:
 
     @property
     def scale(self) -> float:
-        """Of all text, by the window's size."""
+        """The scale of all text, from the window's size."""
         return text_scale(self.size)
 
     def refresh(self) -> None:

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 GAP = 12
-"""Between panels and the window's border, in pixels at scale 1."""
+"""Distance between panels and the window's border, in pixels at scale 1."""
 CLICK = 4
-"""Pixels the mouse may move between press and release for a click."""
+"""A click may move the mouse by at most this many pixels between press and release."""
 _SMALLEST, _LARGEST = 0.62, 2.0
-"""Scales of text: below the first it cannot be read."""
+"""The least and the greatest scale of text; smaller text cannot be read."""
 _FIRST = 10.0
-"""Priority before VTK's own interactor style, which has uses of its own for most keys."""
+"""Priority of our handlers; VTK's own interactor style, which uses most keys, comes later."""
 _NAMES = {"[": "bracketleft", "]": "bracketright", "+": "plus", "-": "minus", "question": "h", "f1": "h"}
 
 

@@ -9,8 +9,8 @@ from msb.adapters.checkpoint.archive import read_archive
 from msb.adapters.checkpoint.legacy import is_legacy, read_legacy
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.structure import check_structure
-from msb.asset.paths import map_file
 from msb.errors import CheckpointError, json_safe
+from msb.files import map_file
 
 if TYPE_CHECKING:
     import os
@@ -43,7 +43,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Any:
         `FILE_NOT_FOUND` or `FILE_UNREADABLE`.
     """
     path = Path(path)
-    data, _ = map_file(path, asset=path)
+    data = map_file(path)
     try:
         value = _read(memoryview(data))
         check_structure(value)

@@ -10,7 +10,7 @@
 // Everything is counted in integers and everything listed is ordered by number, so results do not depend on how many
 // work-items there are or which takes which part. Areas are added in the order in which NumPy adds them.
 
-#include "zbuffer_lanes.cl"
+#include "lanes.cl"
 #include "audit_types.cl"
 #include "audit_partition.cl"
 #include "audit_pairs.cl"

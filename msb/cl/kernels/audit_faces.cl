@@ -79,10 +79,11 @@ __kernel void measure_faces(__global const COORDINATE *restrict points, __global
 }
 
 // The component with most faces; of several, the one with the largest area, then with the lowest face: its faces, the
-// components of one face, and its area. By one work-item, so that areas are added in the order of the faces.
+// components of one face, its area and that of all faces. By one work-item, so that areas are added in the order of the
+// faces: rounding is monotone, so a sum over some of them is then never above that over all.
 __kernel void sum_largest(__global const double *restrict areas, __global const uint *restrict parents,
     __global const uint *restrict sizes, __global double *restrict sums, __global uint *restrict counts,
-    __global double *restrict area, uint face_count)
+    __global double *restrict added, uint face_count)
 {
     uint most = 0, alone = 0, candidates = 0, largest = NOBODY;
     for (uint f = 0; f < face_count; f++) {
@@ -91,17 +92,20 @@ __kernel void sum_largest(__global const double *restrict areas, __global const 
     }
     for (uint f = 0; f < face_count; f++)
         candidates += sizes[f] == most;
-    volatile double best = 0; // volatile, or Intel's compiler adds in an order of its own
+    volatile double best = 0, total = 0; // volatile, or Intel's compiler adds in an order of its own
     if (most > 0 && candidates == 1) { // as on most meshes: then nothing must be looked up
         for (uint f = 0; f < face_count; f++)
             largest = sizes[f] == most ? f : largest;
-        for (uint f = 0; f < face_count; f++)
+        for (uint f = 0; f < face_count; f++) {
             best += parents[f] == largest ? areas[f] : 0.0;
+            total += areas[f];
+        }
     } else if (most > 0) {
         for (uint f = 0; f < face_count; f++) {
             uint root = parents[f];
             if (sizes[root] == most)
                 sums[root] = (root == f ? 0 : sums[root]) + areas[f];
+            total += areas[f];
         }
         for (uint f = 0; f < face_count; f++)
             if (sizes[f] == most && sums[f] > best)
@@ -109,5 +113,6 @@ __kernel void sum_largest(__global const double *restrict areas, __global const 
     }
     counts[0] = most;
     counts[1] = alone;
-    area[0] = best;
+    added[0] = best;
+    added[1] = total;
 }

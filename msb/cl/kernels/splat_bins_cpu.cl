@@ -1,6 +1,6 @@
 // Tile lists, CPU style: a counting sort by tile; each work-item takes a contiguous chunk of the depth order.
 
-#include "zbuffer_lanes.cl"
+#include "lanes.cl"
 #include "splat_compact.cl"
 
 #define AHEAD 32 // primitives whose tiles are on their way: they lie scattered in memory

@@ -141,7 +141,7 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
             vstore8(state[h][r].ny, 0, out + 6 * plane);
             vstore8(state[h][r].nz, 0, out + 7 * plane);
             vstore8(state[h][r].median, 0, out + 8 * plane);
-            vstore8(as_float8(state[h][r].id), 0, out + 9 * plane);
+            vstore8(state[h][r].id, 0, (__global int *)(out + 9 * plane));
 #endif
         }
 }

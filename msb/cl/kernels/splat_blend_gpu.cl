@@ -98,6 +98,6 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
     out[6 * plane] = normal.y;
     out[7 * plane] = normal.z;
     out[8 * plane] = median;
-    out[9 * plane] = as_float(id);
+    ((__global int *)out)[9 * plane] = id;
 #endif
 }

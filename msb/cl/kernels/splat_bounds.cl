@@ -7,10 +7,12 @@
 
 #if LANES == 8
 #define HERE(p) (*(__global loose_float8 *)(p)) // of consecutive faces
+#define WORD_HERE(p) (*(__global loose_int8 *)(p))
 #define AS_WORD as_int8
 #define AS_REAL as_float8
 #else
 #define HERE(p) (*(p))
+#define WORD_HERE(p) (*(__global int *)(p))
 #define AS_WORD as_int
 #define AS_REAL as_float
 #endif
@@ -40,7 +42,7 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
     HERE(bounds + stride) = center.y;
     HERE(bounds + 2 * (size_t)stride) = center.z;
     mask low = upper_half(inradius) >> 16;
-    HERE(bounds + 3 * (size_t)stride) = AS_REAL(upper_half(radius) | (low & 0xffff));
+    WORD_HERE(bounds + 3 * (size_t)stride) = upper_half(radius) | (low & 0xffff);
 }
 
 #if LANES == 8
@@ -75,7 +77,7 @@ __kernel void bound_groups(__global const float *bounds, __global float *groups,
     }
     for (int k = 0; k < 3; k++)
         groups[g + k * (size_t)group_stride] = center[k];
-    groups[g + 3 * (size_t)group_stride] = as_float(upper_half((real)radius).s0 | (int)inradius);
+    ((__global int *)groups)[g + 3 * (size_t)group_stride] = upper_half((real)radius).s0 | (int)inradius;
 }
 #endif
 
@@ -91,7 +93,7 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
     real x = MAD(cx, (real)m[0], MAD(cy, (real)m[1], MAD(cz, (real)m[2], (real)m[3])));
     real y = MAD(cx, (real)m[4], MAD(cy, (real)m[5], MAD(cz, (real)m[6], (real)m[7])));
     real z = MAD(cx, (real)m[8], MAD(cy, (real)m[9], MAD(cz, (real)m[10], (real)m[11])));
-    mask radii = AS_WORD(HERE(bounds + 3 * (size_t)stride));
+    mask radii = WORD_HERE(bounds + 3 * (size_t)stride);
     real radius = AS_REAL(radii & (int)0xffff0000) + limits->rounding, growth = radius * limits->growth;
     mask beside = (x + growth < z * sides[0]) | (x - growth > z * sides[1]) |
                   (y + growth < z * sides[2]) | (y - growth > z * sides[3]);

@@ -19,26 +19,27 @@ typedef struct {
     float focal;        // samples
 } Limits;
 
-// Every member has four bytes: the layout is that of VIEW in msb/render/splat_view.py.
+// Every member has four bytes: the layout is that of VIEW in msb/render/splat/view.py.
 typedef struct {
     float world_to_camera[12]; // rows of W, for column vectors
     float full[16];            // P W
     float center[3];           // of the camera, world
     float tan_fov[2];
     float shift[2];            // of the principal point from the middle of the raster, samples
-    float power;               // 2DTS: 2 gamma
-    float sigma;               // MeshSplatting
     uint width, height;        // of the raster, samples
     uint columns, rows;        // of tiles
     uint degree;               // of the spherical harmonics to evaluate
     uint rest_stride;          // floats of f_rest a row; red, green, blue of coefficient 1, then of 2, ...
-    uint back_culling;
-    uint broadcast_z;
     uint tile_rule;            // which tiles list a face: one of
 #define TILES_REACHED 0        //   those it reaches
 #define TILES_BOTH 1           //   its official ones that it reaches: nothing else is seen officially
 #define TILES_OFFICIAL 2       //   its official ones
     Limits limits;
+#ifdef OWN_MEMBERS
+    struct {
+        OWN_MEMBERS // of the method: what its module `look` says in `own` (msb/render/splat/model.py)
+    } own;
+#endif
 } View;
 
 // The model. Soups have corners as rows of `positions` and do not read `indices`.
@@ -52,7 +53,7 @@ typedef struct {
 // ---- lanes: 8 faces, or 8 samples of a row, on a CPU; one on a GPU. Never 16: docs/opencl.md.
 
 #if LANES == 8
-#include "zbuffer_lanes.cl"
+#include "lanes.cl"
 typedef float8 real;
 typedef int8 mask;
 #define ANY(m) any8(m)

@@ -37,5 +37,5 @@ __kernel void order_keys(__global const float *bounds, __global ulong *keys, uin
     ulong z = spread(cell_of(bounds[i + 2 * (size_t)stride], low_z, cells_per_unit));
     keys[i] = x | y << 1 | z << 2;
     if (by_size) // the power of two of the inradius
-        keys[i] |= (ulong)((as_uint(bounds[i + 3 * (size_t)stride]) & 0xffff) >> 7) << 3 * AXIS_BITS;
+        keys[i] |= (ulong)((((__global const uint *)bounds)[i + 3 * (size_t)stride] & 0xffff) >> 7) << 3 * AXIS_BITS;
 }

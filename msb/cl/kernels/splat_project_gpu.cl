@@ -28,7 +28,7 @@ __kernel void project(__constant View *view, __global const float *bounds, __glo
     listed[i] = 1;
     keys[i] = as_uint(depth);
     tiles[i] = (Tiles)(t.x0, t.y0, t.x1, t.y1);
-    __global float *words = (__global float *)(faces + i);
+    __global uint *words = (__global uint *)(faces + i);
     for (uint w = 0; w < FACE_WORDS; w++)
         words[w] = made.words[w];
 }

@@ -64,5 +64,6 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
             out, normal);
     median[out] = mean_of(planes + 8 * plane, b, x, y);
     uint middle = b.scale / 2;
-    face[out] = as_int(planes[9 * plane + (size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle]);
+    __global const int *faces = (__global const int *)(planes + 9 * plane);
+    face[out] = faces[(size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle];
 }

@@ -21,17 +21,23 @@
 //   SMALL_IS_DROPPED                    1: a face with an inradius below one sample never is
 //
 // The host says how wide rows of `coverage` are, COVERAGE: activated opacity first, then what opacity and
-// falloff decide whatever the view (msb/render/splat_methods.py).
+// falloff decide whatever the view (msb/render/splat/model.py).
 
 // Tiles a primitive is listed in: low inclusive, high exclusive.
 typedef ushort4 Tiles;
 
 typedef char face_has_the_size_the_host_allocates[sizeof(Face) == 4 * FACE_WORDS ? 1 : -1];
 
-// Through mere pointers to words a compiler need not see what was written as numbers.
+// Through mere pointers to words a compiler need not see what was written as numbers. A GPU moves them as
+// integers, which arrive whatever it does with subnormal floats.
+#if LANES == 8
+typedef real word;
+#else
+typedef uint word;
+#endif
 typedef union {
     Faces faces;
-    real words[FACE_WORDS];
+    word words[FACE_WORDS];
 } FaceLanes;
 
 #include "splat_bounds.cl"
@@ -61,12 +67,14 @@ __kernel void shade_vertices(__constant View *view, __global const float *positi
 }
 #endif
 
-// Returns which faces are listed, and in which tiles; kept are those that the official culling keeps.
+// Returns which faces are listed, and in which tiles, if any is; kept are those that the official culling keeps.
 mask project_seen(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *t,
                   real *depth, mask *kept)
 {
     Box official;
     *kept = project_faces(rows, source, view, f, &official, depth);
+    if (!ANY(*kept)) // then neither tiles nor reach need have been set
+        return (mask)0;
     mask seen = *kept;
     *t = official;
     if (view->tile_rule != TILES_OFFICIAL) {

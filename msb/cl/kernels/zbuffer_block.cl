@@ -1,7 +1,7 @@
 // The opaque z-buffer on a CPU, within a tile: eight triangles at once into depths and slots.
 
-#define TINY (7 * UNIT)    // extent up to which int32 holds the edge functions
-#define MEDIUM (64 * UNIT) // and up to which it holds them divided by UNIT
+#define TINY (7 * UNIT)     // extent up to which int32 holds the edge functions
+#define MEDIUM SMALL_EXTENT // and up to which it holds them divided by UNIT
 #define COARSE_X 5         // the farthest depth is known for blocks of 32 x 16 pixels,
 #define COARSE_Y 4
 #define COARSE_ROW 8  // 8 x 8 of them in the largest tile, 256 x 128
@@ -19,7 +19,7 @@ typedef struct {
     __global const float *triangles;
 } Tile;
 
-int face_of(const Tile *t, int slot) { return as_int(t->triangles[(size_t)slot * WORDS + FACE_WORD]); }
+int face_of(const Tile *t, int slot) { return INTEGERS(t->triangles)[(size_t)slot * WORDS + FACE_WORD]; }
 
 // Whether nothing at least this far can be seen in a box of pixels of the image, ends included.
 int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
@@ -120,6 +120,9 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             float row = MAD(o.b, v, o.reference);
             for (int x = (int)first; x <= (int)last; x += 8) {
                 float8 depth = MAD(o.a, TO_FLOAT(((x + lane) << SUBPIXEL_BITS) + u), row);
+                if (o.wide)
+                    for (int l = 0; l < 8; l++)
+                        ((float *)&depth)[l] = wide_depth(&o, s.x0 + x + l, y, view);
                 depth = min8(max8(depth, (float8)o.low), (float8)o.high);
                 depth = x + lane > (int)last ? (float8)MASKED : depth;
                 if (any8(keep(t, at + x, depth, slot)))
@@ -244,6 +247,12 @@ void draw_block(Tile *t, int block, __constant float *view)
 
     DEPTH_PLANE(float8, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, unused)
     float8 low = min8(min8(q0, q1), q2), high = max8(max8(q0, q1), q2);
+    int8 deep = DEEP(low, high) & ((covered != 0) | medium);
+    if (any8(deep)) {
+        covered &= ~deep;
+        medium &= ~deep;
+        large |= deep;
+    }
     int8 ru = HALF - U0, rv = HALF - V0;
     int8 base = (y0 - t->y0) * t->stride + (x0 - t->x0);
     while (any8(covered)) { // the first pixel of each triangle, then the second

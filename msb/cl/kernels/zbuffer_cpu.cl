@@ -2,7 +2,7 @@
 // eight triangles or eight pixels at once; no atomics but the counter of tiles. docs/standard.md has the why
 // and the figures.
 //
-// The host says how large things are (msb/render/standard.py):
+// The host says how large things are (msb/render/standard/renderer.py):
 //   CLUSTER   blocks of eight triangles that are culled together
 //   GROUP     clusters of a group
 //   LIST      clusters sorted by depth at a time
@@ -10,7 +10,7 @@
 //   PAD_ROWS  rows past it, for 4 x 4 pixels that do
 #define LANES 8
 #include "zbuffer_math.cl"
-#include "zbuffer_lanes.cl"
+#include "lanes.cl"
 #include "zbuffer_block.cl"
 
 #define BUCKETS 16      // depths that clusters are told apart by: more would only scatter the reads
@@ -126,6 +126,16 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
                 TRANSPOSE(c0, c1, c2, c3, c4, c5, c6, c7)
                 float8 px = (float)x + lane + 0.5f - view[OPTICAL];
                 WEIGHTS(float8, view, c0, c1, c2, c3, c4, c5, c6, c7, d0, px, py, w0, w1, w2)
+                int8 reaches_far = as_int8(d5) & hit;
+                for (int l = 0; l < 8 && any8(reaches_far); l++) {
+                    float exact[3];
+                    if (!PICK(reaches_far, l)
+                        || !wide_weights(t->triangles + (size_t)PICK(slot, l) * WORDS, view, PICK_F(px, l), py, exact))
+                        continue;
+                    ((float *)&w0)[l] = exact[0];
+                    ((float *)&w1)[l] = exact[1];
+                    ((float *)&w2)[l] = exact[2];
+                }
 #if COLORS == BYTES_OF_CORNERS
                 int8 k0 = as_int8(d1), k1 = as_int8(d2), k2 = as_int8(d3);
 #define BYTE(k, shift) TO_FLOAT((k >> shift) & 255)

@@ -26,7 +26,8 @@ void hit(const Target *t, int x, int y, float depth, uint slot)
 #if KEYS
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
-    if (key > *place) // most hidden pixels end here
+    // Keys only grow, so one read earlier that is larger says enough: most hidden pixels end here.
+    if (key > *(volatile __global ulong *)place)
         atom_max(place, key);
 #else
     if (t->pass == 0)
@@ -37,7 +38,8 @@ void hit(const Target *t, int x, int y, float depth, uint slot)
 }
 
 // Draw every `step`-th pixel of the triangle's box in every `row_step`-th row.
-void fill(const Target *t, const Outline *o, const Edges *s, uint slot, int start, int step, int row, int row_step)
+void fill(const Target *t, const Outline *o, const Edges *s, uint slot, __constant float *view, int start, int step,
+    int row, int row_step)
 {
     for (int y = s->y0 + row; y <= s->y1; y += row_step) {
         long down = y - s->y0;
@@ -51,6 +53,8 @@ void fill(const Target *t, const Outline *o, const Edges *s, uint slot, int star
             if ((e0 | e1 | e2) < 0)
                 continue;
             float depth = MAD(o->a, (float)((x << SUBPIXEL_BITS) + HALF - o->u_reference), along);
+            if (o->wide)
+                depth = wide_depth(o, x, y, view);
             depth = depth > o->low ? depth : o->low;
             depth = depth < o->high ? depth : o->high;
             hit(t, x, y, depth, slot);
@@ -85,7 +89,7 @@ __kernel void triangles(__global const float *records, __constant float *view, _
         box = (long)(s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1);
     if (o.n == 3 && box <= SMALL) {
         if (box)
-            fill(&t, &o, &s, (uint)slot, 0, 1, 0, 1);
+            fill(&t, &o, &s, (uint)slot, view, 0, 1, 0, 1);
     } else if (pass == 0) {
         if (o.n == 3 && box <= MEDIUM)
             list[atomic_inc(listed)] = (uint)slot;
@@ -105,7 +109,7 @@ __kernel void listed_triangles(__global const float *records, __constant float *
         Outline o = make_outline(records + (size_t)slot * WORDS, view);
         for (int k = 1; k + 1 < o.n; k++) {
             Edges s = make_edges(&o, k, 0, 0, width, height);
-            fill(&t, &o, &s, slot, get_local_id(0), get_local_size(0), get_global_id(1), get_global_size(1));
+            fill(&t, &o, &s, slot, view, get_local_id(0), get_local_size(0), get_global_id(1), get_global_size(1));
         }
     }
 }
@@ -125,7 +129,7 @@ __kernel void shade(__global const float *records, __global const float *colors,
         size_t slot = ~pixels[2 * pixel];
         __global const float *c = records + slot * WORDS;
         z = 1.0f / as_float(bits);
-        face = as_int(c[FACE_WORD]);
+        face = INTEGERS(c)[FACE_WORD];
 #if COLORS == FLOATS_OF_FACE
         r = c[9];
         g = c[10];
@@ -133,8 +137,14 @@ __kernel void shade(__global const float *records, __global const float *colors,
 #else
         float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
         WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
+        float exact[3];
+        if (INTEGERS(c)[LONG_WORD] && wide_weights(c, view, px, py, exact)) {
+            w0 = exact[0];
+            w1 = exact[1];
+            w2 = exact[2];
+        }
 #if COLORS == BYTES_OF_CORNERS
-        int k0 = as_int(c[9]), k1 = as_int(c[10]), k2 = as_int(c[11]);
+        int k0 = INTEGERS(c)[9], k1 = INTEGERS(c)[10], k2 = INTEGERS(c)[11];
 #define BYTE(k, shift) (float)((k >> shift) & 255)
         w0 *= 1.0f / 255.0f;
         w1 *= 1.0f / 255.0f;

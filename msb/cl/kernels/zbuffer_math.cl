@@ -8,22 +8,40 @@
 #define SUBPIXEL_BITS 12
 #define UNIT (1 << SUBPIXEL_BITS) // of screen coordinates: 1/4096 pixel
 #define HALF (UNIT / 2)
+#define SMALL_EXTENT (64 * UNIT) // up to here a CPU draws eight triangles at once,
+#define DEEP(low, high) ((high) > 1024.0f * (low)) // unless 1 / z varies as much: float32 has seven digits
 #define NEAR 0.01f
 #define GUARD (1 << 29)           // units; a triangle that reaches further is clipped
 #define GUARD_PLANE 402653184.0f  // units; where it is clipped, inside GUARD with room for rounding
+
+// What reaches very far is computed in double, where the device has that: float32 places a corner a million away
+// to 0.06 only, and a plane or an edge that passes nearby is then anywhere.
+#define FAR 1024.0f       // scene units from the camera, along any axis
+#define UNCERTAIN 1024.0f // how much larger than a determinant what is subtracted in it may be
+#ifdef cl_khr_fp64
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double real;
+#else
+typedef float real;
+#endif
 
 // A triangle is 16 words, one cache line:
 //   0..8   its three corners
 //   9..11  three RGBA8 colours, or one RGB colour in floats (COLORS)
 //   12     its face
+//   13     1 if it is longer than FAR / 2, else 0
 #define WORDS 16
 #define FACE_WORD 12
+#define LONG_WORD 13
+// What is no float goes in and out as an integer: as a float it may be subnormal or NaN, which a device need
+// not keep when it moves one.
+#define INTEGERS(record) ((__global int *)(record))
 #define BYTES_OF_CORNERS 0 // COLORS: RGBA8 for each corner, in the record
 #define FLOATS_OF_FACE 1   // RGB for the face, in the record
 #define FLOATS_OF_CORNERS 2 // RGB for each corner, nine floats in a buffer of their own
 #define NO_FACE (-1)
 
-// The camera, VIEW in msb/render/standard_view.py. Its rotation R has rows r0, r1, r2.
+// The camera, VIEW in msb/render/standard/view.py. Its rotation R has rows r0, r1, r2.
 #define ROTATION 0   // 9: fx UNIT r0, fy UNIT r1, r2
 #define CENTER 9     // 3: of the camera, rounded
 #define SHIFT 12     // 3: what the rounding left, turned and scaled by the rows above, negated
@@ -32,6 +50,9 @@
 #define REST 19      // 3: what the rounding of the centre left
 #define RAY 22       // 9: r0 / fx, r1 / fy, r2: direction = (u - cx) r0 / fx + (v - cy) r1 / fy + r2
 #define OPTICAL 31   // 2: cx, cy
+#define ROTATION_LOW 33 // 9: what the rounding of ROTATION left
+#define RAY_LOW 42      // 9: and of RAY
+#define EXACT_RAY(view, i) ((real)view[RAY + (i)] + (real)view[RAY_LOW + (i)])
 
 #if LANES == 8 // fused by default where the processor can: vectors and scalars alike
 #pragma OPENCL FP_CONTRACT ON
@@ -45,6 +66,7 @@
 
 #define MIN(a, b) ((a) < (b) ? (a) : (b))
 #define MAX(a, b) ((a) > (b) ? (a) : (b))
+#define LENGTH(a) ((a) < 0.0f ? -(a) : (a))
 
 // Products that must not be fused stand in statements of their own.
 #define CROSS(REAL, x, y, z, ax, ay, az, bx, by, bz)                                                            \
@@ -86,12 +108,61 @@
         C = nz * scale;                                                                                         \
     }
 
+// A corner in double: from the camera, in the world's axes.
+void from_center(__global const float *corner, __constant float *view, real *p)
+{
+    for (int axis = 0; axis < 3; axis++)
+        p[axis] = (real)corner[axis] - (real)view[CENTER + axis] - (real)view[REST + axis];
+}
+
+// World to camera in double.
+void to_camera(__global const float *corner, __constant float *view, real *to)
+{
+    real p[3];
+    from_center(corner, view, p);
+    for (int row = 0; row < 3; row++) {
+        real turned[3];
+        for (int axis = 0; axis < 3; axis++)
+            turned[axis] = (real)view[3 * row + axis] + (real)view[ROTATION_LOW + 3 * row + axis];
+        real last = p[2] * turned[2];
+        to[row] = MAD(p[0], turned[0], MAD(p[1], turned[1], last));
+    }
+}
+
+// The corner of three that is nearest to the camera, as the arms of another may be nearly parallel; from there the
+// arms to the next and to the one after, which as differences of floats are exact in double.
+int from_nearest(__global const float *record, __constant float *view, real *origin, real *next, real *last)
+{
+    int nearest = 0;
+    float least = 3e38f;
+    for (int k = 0; k < 3; k++) {
+        float away = 0.0f;
+        for (int axis = 0; axis < 3; axis++) {
+            float along = record[3 * k + axis] - view[CENTER + axis];
+            away = MAX(away, LENGTH(along));
+        }
+        nearest = away < least ? k : nearest;
+        least = MIN(least, away);
+    }
+    __global const float *o = record + 3 * nearest;
+    __global const float *a = record + (nearest < 2 ? 3 * nearest + 3 : 0);
+    __global const float *b = record + (nearest > 0 ? 3 * nearest - 3 : 6);
+    from_center(o, view, origin);
+    for (int axis = 0; axis < 3; axis++) {
+        next[axis] = (real)a[axis] - (real)o[axis];
+        last[axis] = (real)b[axis] - (real)o[axis];
+    }
+    return nearest;
+}
+
 // A triangle that the lanes do not draw: large, or to be clipped. Everything in scalars.
 typedef struct {
     int n, u[8], v[8];         // its outline on the screen, units; n < 3: nothing is left
     float a, b, reference;     // 1 / z = a (u - u_reference) + (b (v - v_reference) + reference) ...
     int u_reference, v_reference;
     float low, high;           // ... but never beyond the corners'
+    int wide;                  // whether 1 / z is this instead: plane . (u, v, 1) from the principal point
+    real plane[3];
 } Outline;
 
 float plane_distance(int plane, float x, float y, float z, __constant float *view)
@@ -103,31 +174,69 @@ float plane_distance(int plane, float x, float y, float z, __constant float *vie
     return MAD(side, along, MAD(side, principal, GUARD_PLANE) * z);
 }
 
+real wide_distance(int plane, const real *p, __constant float *view)
+{
+    if (plane == 0)
+        return p[2] - NEAR;
+    real side = plane & 1 ? 1.0f : -1.0f, along = p[plane < 3 ? 0 : 1];
+    real principal = view[PRINCIPAL + (plane < 3 ? 0 : 1)], band = MAD(side, principal, (real)GUARD_PLANE);
+    return MAD(side, along, band * p[2]);
+}
+
+// Whether a point is so far that it is known well enough in double only.
+int is_far(float x, float y, float z, __constant float *view)
+{
+    return LENGTH(z) > FAR || LENGTH(x) > FAR * view[SCALE] || LENGTH(y) > FAR * view[SCALE + 1];
+}
+
 // Clip to the near plane and to the guard band (Sutherland and Hodgman 1974). A crossing is computed from the
-// end that is inside to the one that is not, so both faces of an edge find the same point: no cracks.
-int clip(float *x, float *y, float *z, __constant float *view)
+// end that is inside to the one that is not, so both faces of an edge find the same point: no cracks. If an end
+// is far that is done in double; whether it is depends on the ends alone. `wide` has the corners in double.
+int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 {
     int n = 3;
     for (int plane = 0; plane < 5 && n > 0; plane++) {
         float px[8], py[8], pz[8];
+        real exact[8][3];
         int kept = 0;
         for (int i = 0; i < n; i++) {
             int j = i + 1 < n ? i + 1 : 0;
-            float d = plane_distance(plane, x[i], y[i], z[i], view);
-            float e = plane_distance(plane, x[j], y[j], z[j], view);
+            int far = is_far(x[i], y[i], z[i], view), far_next = is_far(x[j], y[j], z[j], view);
+            real exact_d = wide_distance(plane, wide[i], view), exact_e = wide_distance(plane, wide[j], view);
+            float d = far ? (float)exact_d : plane_distance(plane, x[i], y[i], z[i], view);
+            float e = far_next ? (float)exact_e : plane_distance(plane, x[j], y[j], z[j], view);
             // At most one corner more for each plane; rounding must not make it more.
             if (d >= 0.0f && kept < 8) {
                 px[kept] = x[i];
                 py[kept] = y[i];
-                pz[kept++] = z[i];
+                pz[kept] = z[i];
+                for (int axis = 0; axis < 3; axis++)
+                    exact[kept][axis] = wide[i][axis];
+                kept++;
             }
             if ((d >= 0.0f) != (e >= 0.0f) && kept < 8) {
                 int in = d >= 0.0f ? i : j, out = d >= 0.0f ? j : i;
+                if (far || far_next) {
+                    real inner = d >= 0.0f ? exact_d : exact_e, outer = d >= 0.0f ? exact_e : exact_d;
+                    real t = inner > 0.0f && outer < 0.0f ? inner / (inner - outer) : (real)0.0f;
+                    for (int axis = 0; axis < 3; axis++)
+                        exact[kept][axis] = MAD(t, wide[out][axis] - wide[in][axis], wide[in][axis]);
+                    exact[kept][2] = MAX(exact[kept][2], (real)NEAR);
+                    px[kept] = (float)exact[kept][0];
+                    py[kept] = (float)exact[kept][1];
+                    pz[kept] = (float)exact[kept][2];
+                    kept++;
+                    continue;
+                }
                 float t = d >= 0.0f ? d / (d - e) : e / (e - d);
                 px[kept] = MAD(t, x[out] - x[in], x[in]);
                 py[kept] = MAD(t, y[out] - y[in], y[in]);
                 float depth = MAD(t, z[out] - z[in], z[in]);
-                pz[kept++] = MAX(depth, NEAR);
+                pz[kept] = MAX(depth, NEAR);
+                exact[kept][0] = px[kept];
+                exact[kept][1] = py[kept];
+                exact[kept][2] = pz[kept];
+                kept++;
             }
         }
         n = kept;
@@ -135,18 +244,47 @@ int clip(float *x, float *y, float *z, __constant float *view)
             x[i] = px[i];
             y[i] = py[i];
             z[i] = pz[i];
+            for (int axis = 0; axis < 3; axis++)
+                wide[i][axis] = exact[i][axis];
         }
     }
     return n;
 }
 
+// Whether float32 may be wrong about the plane of a triangle with a corner `far` away; `plane` then gets it. In the
+// world's axes, where differences of corners are exact.
+int is_wide(__global const float *record, float far, __constant float *view, real *plane)
+{
+    real o[3], a[3], b[3], size = 0.0f;
+    from_nearest(record, view, o, a, b);
+    for (int axis = 0; axis < 3; axis++)
+        size = MAX(size, MAX(LENGTH(a[axis]), LENGTH(b[axis])));
+    CROSS(real, nx, ny, nz, a[0], a[1], a[2], b[0], b[1], b[2])
+    DOT(real, determinant, nx, ny, nz, o[0], o[1], o[2])
+    for (int row = 0; row < 3; row++) { // per unit, per unit, and at the principal point
+        real dx = EXACT_RAY(view, 3 * row), dy = EXACT_RAY(view, 3 * row + 1), dz = EXACT_RAY(view, 3 * row + 2);
+        DOT(real, along, nx, ny, nz, dx, dy, dz)
+        plane[row] = along / determinant * (row < 2 ? 1.0f / UNIT : 1.0f);
+    }
+    return !((real)far * (real)far * size <= UNCERTAIN * LENGTH(determinant));
+}
+
+// 1 / z of an outline that is wide.
+float wide_depth(const Outline *o, int x, int y, __constant float *view)
+{
+    real u = (real)((x << SUBPIXEL_BITS) + HALF) - ((real)view[PRINCIPAL] - 0.5f);
+    real v = (real)((y << SUBPIXEL_BITS) + HALF) - ((real)view[PRINCIPAL + 1] - 0.5f);
+    return (float)MAD(o->plane[0], u, MAD(o->plane[1], v, o->plane[2]));
+}
+
 Outline make_outline(__global const float *record, __constant float *view)
 {
     Outline o;
-    float x[8], y[8], z[8];
+    float x[8], y[8], z[8], far = 0.0f;
     for (int k = 0; k < 3; k++) {
         float a = record[3 * k], b = record[3 * k + 1], c = record[3 * k + 2];
         TO_CAMERA(view, a, b, c, x[k], y[k], z[k])
+        far = MAX(far, MAX(MAX(LENGTH(a), LENGTH(b)), LENGTH(c)));
     }
     DEPTH_PLANE(float, x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2], A, B, C)
     o.a = A;
@@ -157,6 +295,7 @@ Outline make_outline(__global const float *record, __constant float *view)
     o.low = 1.0f / z_max;
     o.high = 1.0f / (clipped ? NEAR : z_min);
     float reference = 1.0f / z[0];
+    int u_low = GUARD, u_high = -GUARD, v_low = GUARD, v_high = -GUARD;
     o.n = 3;
     for (i = 0; i < 3 && !clipped; i++) {
         float q = 1.0f / z[i];
@@ -167,7 +306,14 @@ Outline make_outline(__global const float *record, __constant float *view)
         }
         o.u[i] = (int)u;
         o.v[i] = (int)v;
+        u_low = MIN(u_low, o.u[i]);
+        u_high = MAX(u_high, o.u[i]);
+        v_low = MIN(v_low, o.v[i]);
+        v_high = MAX(v_high, o.v[i]);
     }
+    // As zbuffer_block.cl decides: there all is float32.
+    int small = !clipped && u_high - u_low < SMALL_EXTENT && v_high - v_low < SMALL_EXTENT && !DEEP(o.low, o.high);
+    o.wide = !small && far > FAR && is_wide(record, far, view, o.plane);
     o.u_reference = o.u[0];
     o.v_reference = o.v[0];
     o.reference = reference;
@@ -178,7 +324,13 @@ Outline make_outline(__global const float *record, __constant float *view)
     o.u_reference = (int)(cu > -(float)GUARD ? (cu < (float)GUARD ? cu : (float)GUARD) : -(float)GUARD);
     o.v_reference = (int)(cv > -(float)GUARD ? (cv < (float)GUARD ? cv : (float)GUARD) : -(float)GUARD);
     o.reference = MAD(A, (float)o.u_reference - cu, MAD(B, (float)o.v_reference - cv, C));
-    o.n = z_max >= NEAR ? clip(x, y, z, view) : 0;
+    o.n = 0;
+    if (z_max >= NEAR) {
+        real wide[8][3];
+        for (int k = 0; k < 3; k++)
+            to_camera(record + 3 * k, view, wide[k]);
+        o.n = clip(x, y, z, wide, view);
+    }
     for (i = 0; i < o.n; i++) {
         float q = 1.0f / z[i];
         o.u[i] = (int)MAD(x[i], q, view[PRINCIPAL]);
@@ -269,3 +421,37 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
         REAL last = (v) * (c);                                                                                  \
         to = MAD(w, a, MAD(u, b, last));                                                                        \
     }
+
+// The same in double and from the corner nearest to the camera, for a long triangle of which float32 is uncertain: it
+// is nearly parallel to the ray, or its sides to each other. Return whether it is.
+int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)
+{
+    real o[3], a[3], b[3], away = 0.0f, size = 0.0f;
+    int nearest = from_nearest(record, view, o, a, b);
+    for (int axis = 0; axis < 3; axis++) {
+        float first = record[axis] - view[CENTER + axis];
+        away = MAX(away, LENGTH(first));
+        size = MAX(size, MAX(LENGTH(a[axis]), LENGTH(b[axis])));
+    }
+    real d[3];
+    for (int axis = 0; axis < 3; axis++) {
+        real down = MAD(py, EXACT_RAY(view, 3 + axis), EXACT_RAY(view, 6 + axis));
+        d[axis] = MAD(px, EXACT_RAY(view, axis), down);
+    }
+    CROSS(real, qx, qy, qz, d[0], d[1], d[2], b[0], b[1], b[2])
+    CROSS(real, rx, ry, rz, a[0], a[1], a[2], o[0], o[1], o[2])
+    DOT(real, det, a[0], a[1], a[2], qx, qy, qz)
+    if (size * (away + size) <= UNCERTAIN * LENGTH(det))
+        return 0;
+    DOT(real, along_u, o[0], o[1], o[2], qx, qy, qz)
+    DOT(real, along_v, d[0], d[1], d[2], rx, ry, rz)
+    real u = det > 0.0f ? -along_u : along_u, v = det > 0.0f ? along_v : -along_v, w = LENGTH(det) - u - v;
+    u = MAX(u, 0.0f);
+    v = MAX(v, 0.0f);
+    w = MAX(w, 0.0f);
+    real sum = u + v + w;
+    weights[nearest] = sum > 0.0f ? (float)(w / sum) : 1.0f;
+    weights[nearest < 2 ? nearest + 1 : 0] = sum > 0.0f ? (float)(u / sum) : 0.0f;
+    weights[nearest > 0 ? nearest - 1 : 2] = sum > 0.0f ? (float)(v / sum) : 0.0f;
+    return 1;
+}

@@ -44,6 +44,17 @@ int before(const float *a, const float *b)
     return 0;
 }
 
+// Whether a triangle may reach so far that weights of its corners need double precision.
+int is_long(__global const float *corners)
+{
+    float size = 0.0f;
+    for (int axis = 0; axis < 3; axis++) {
+        float a = corners[3 + axis] - corners[axis], b = corners[6 + axis] - corners[axis];
+        size = MAX(size, MAX(LENGTH(a), LENGTH(b)));
+    }
+    return size > FAR / 2;
+}
+
 // Write the records. Corners are put in an order that depends on their places alone, so that faces in the same
 // place have equal depths to the last bit, whatever corner each starts with. Slots from `count` on, up to a whole
 // block, get triangles without area.
@@ -86,7 +97,7 @@ __kernel void records(__global const float *positions, __global const uint *indi
     for (int k = 0; k < 3; k++) {
 #if COLORS == BYTES_OF_CORNERS
         __global const uchar *c = colors + (size_t)row[k] * CHANNELS;
-        record[9 + k] = as_float((int)c[0] | (int)c[1] << 8 | (int)c[2] << 16);
+        INTEGERS(record)[9 + k] = (int)c[0] | (int)c[1] << 8 | (int)c[2] << 16;
 #elif COLORS == FLOATS_OF_FACE
         record[9 + k] = colors[face * CHANNELS + k];
 #else
@@ -94,8 +105,9 @@ __kernel void records(__global const float *positions, __global const uint *indi
             corner_colors[slot * 9 + 3 * k + channel] = colors[(size_t)row[k] * CHANNELS + channel];
 #endif
     }
-    record[FACE_WORD] = as_float((int)face);
-    for (int k = FACE_WORD + 1; k < WORDS; k++)
+    INTEGERS(record)[FACE_WORD] = (int)face;
+    INTEGERS(record)[LONG_WORD] = is_long(record);
+    for (int k = LONG_WORD + 1; k < WORDS; k++)
         record[k] = 0.0f;
 }
 

@@ -1,4 +1,4 @@
-"""Every table of the report, each from numbers alone (spec: Tables)."""
+"""Every table of the report, each made from numbers alone."""
 
 from __future__ import annotations
 

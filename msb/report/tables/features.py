@@ -1,4 +1,4 @@
-"""The two feature matrices, printed from `msb.methods` and never typed in."""
+"""The two feature matrices, made from `msb.methods`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 if TYPE_CHECKING:
     from msb.methods import Method, Tier
 
-DEPTH_TEST = "depth test"
-"""DiffSoup's faces are opaque where they are at all: the depth test orders them, nothing is sorted."""
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
 _SHOWN: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
 }
-"""What of `Retained` each tier's columns are: an opaque fallback keeps only its appearance."""
+"""Tier -> the fields of `Retained` it has columns for: an opaque fallback keeps only appearance."""
 TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
 
 
@@ -43,7 +41,7 @@ def deployment_features(*, label: str = "feature_mapping") -> Table:
     rows = [
         Row((method.title,), tuple(_kept(method, tier, name) for tier in _SHOWN for name in _SHOWN[tier]))
         for method in METHODS.values()
-        if method.paper_name
+        if method.paper_name or method.retained
     ]
     return Table(
         label,
@@ -58,9 +56,11 @@ def deployment_features(*, label: str = "feature_mapping") -> Table:
 def _kept(method: Method, tier: Tier, name: str) -> Cell:
     kept = method.retained.get(tier)
     if kept is None:
-        return Cell(NOT_SUPPORTED, reason=f"{method.title}: {method.unsupported[tier]}")
-    depth_test = name == "depth_sort" and method.native is not None and method.native.binary_opacity
-    return _cell(getattr(kept, name), (DEPTH_TEST,) if depth_test else ())
+        return Cell(
+            NOT_SUPPORTED,
+            reason=f"{method.title}: {method.unsupported.get(tier, 'it does not say what it keeps')}",
+        )
+    return _cell(getattr(kept, name), (kept.notes[name],) if name in kept.notes else ())
 
 
 def _cell(value: bool | str | None, notes: tuple[str, ...] = ()) -> Cell:

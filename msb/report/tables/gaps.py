@@ -7,9 +7,18 @@ from typing import TYPE_CHECKING
 from msb.bench.gaps import PAIRS
 from msb.bench.records import CONDITIONS
 from msb.report.layout import PAPER_ROW
-from msb.report.names import slug
-from msb.report.numbers import MEAN, QUALITY, GapKey, Key, RatioKey, column_title, dataset_title, method_title
-from msb.report.shown import SHOWN, title
+from msb.report.metric_format import SHOWN, title
+from msb.report.numbers import (
+    MEAN,
+    QUALITY,
+    GapKey,
+    Key,
+    RatioKey,
+    condition_title,
+    dataset_title,
+    method_title,
+)
+from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
 if TYPE_CHECKING:
@@ -19,13 +28,13 @@ if TYPE_CHECKING:
 
 REASONS = {
     "failed": "a run failed",
-    "missing": "one of the two paths was not run",
-    "not_measured": "one of the two paths has no such number",
-    "camera_mismatch": "the two paths were not rendered from the same cameras at the same sizes",
-    "setup_mismatch": "the two paths have another background or ground truth",
-    "metric_mismatch": "the two paths were measured with different definitions of the metric",
-    "asset_mismatch": "the two paths drew different assets",
-    "device_mismatch": "the two paths ran on different devices",
+    "missing": "one of the two conditions was not run",
+    "not_measured": "one of the two conditions has no such number",
+    "camera_mismatch": "the two conditions were not rendered from the same cameras at the same sizes",
+    "setup_mismatch": "the two conditions have another background or ground truth",
+    "metric_mismatch": "the two conditions were measured with different definitions of the metric",
+    "asset_mismatch": "the two conditions drew different assets",
+    "device_mismatch": "the two conditions ran on different devices",
 }
 """`Gap.reason` in words; "unsupported" prints N/A."""
 _GAPS: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
@@ -46,8 +55,8 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 
 
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the gaps of every method and metric of a dataset, engines in the place of Standard included."""
-    engines = [column for column in numbers.columns(dataset) if column not in CONDITIONS]
+    """Return the gaps of every method and metric of a dataset; engines take the place of Standard."""
+    engines = [condition for condition in numbers.conditions(dataset) if condition not in CONDITIONS]
     rows: list[Row] = []
     for metric in QUALITY:
         for standard in ("standard", *engines):
@@ -78,7 +87,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
     )
     columns = tuple(_COLUMNS[number] for number in shown)
     notes = (NOTES[0], NOTES[2])
-    table = Table("gaps", "What is lost from path to path.", ("Metric",), columns, rows, notes)
+    table = Table("gaps", "What is lost from condition to condition.", ("Metric",), columns, rows, notes)
     return table.with_common_notes()
 
 
@@ -97,7 +106,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
                 cells = _ratio_cells(paper, dataset, method)
                 rows.append(Row((labels[0], PAPER_ROW), cells, paper=True))
     columns = tuple(
-        Column(of, (f"{column_title(above)} / {column_title(below)}",))
+        Column(of, (f"{condition_title(above)} / {condition_title(below)}",))
         for above, below in _RATIOS
         for of in ("Means", "Scenes")
     )
@@ -137,7 +146,7 @@ def _cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
 
 
 def _shape(gaps: Gaps | None, metric: str, absent: list[Cell]) -> tuple[Cell, Cell]:
-    """Return whether the gaps add up, and by how much they do not."""
+    """Return whether the gaps add up, and if they do not, their excess."""
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
         other = Cell(NOT_THERE, reason="the gaps are not over the same scenes")
         cell = min(absent, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
@@ -150,13 +159,13 @@ def _shape(gaps: Gaps | None, metric: str, absent: list[Cell]) -> tuple[Cell, Ce
 
 
 def _ends(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
-    """Return the two numbers a gap is between."""
-    columns = [key.standard if end == "standard" else end for end in PAIRS[name]]
-    return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in columns]
+    """Return the two numbers whose difference a gap is."""
+    conditions = [key.standard if end == "standard" else end for end in PAIRS[name]]
+    return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in conditions]
 
 
 def _why_absent(numbers: Numbers, key: GapKey, name: GapName, gap: Gap | None) -> Cell:
-    """Return the cell of a gap that is not there: N/A where one of its ends is."""
+    """Return the cell of a missing gap: N/A if one of its two numbers is N/A."""
     return _absent(_ends(numbers, key, name), "missing" if gap is None else gap.reason, key.metric)
 
 
@@ -165,7 +174,7 @@ def _ratio_cells(numbers: Numbers, dataset: str, method: str) -> tuple[Cell, ...
     for pair in _RATIOS:
         ratio = numbers.ratios.get(RatioKey(dataset, method, *pair))
         if ratio is None or ratio.value is None:
-            ends = [numbers.number(Key(dataset, MEAN, method, column, "fps")) for column in pair]
+            ends = [numbers.number(Key(dataset, MEAN, method, condition, "fps")) for condition in pair]
             cells += [_absent(ends, "missing" if ratio is None else ratio.reason, "fps")] * 2
             continue
         rates = ratio.per_scene.values()
@@ -180,7 +189,7 @@ def _ratio_cells(numbers: Numbers, dataset: str, method: str) -> tuple[Cell, ...
 
 
 def _absent(ends: list[Number], reason: str | None, metric: str) -> Cell:
-    """Return the cell of what is not there: N/A where one of the numbers it is made of is."""
+    """Return the cell of a missing value: N/A if a number that it is made of is N/A."""
     unit = SHOWN[metric].unit
     for end in ends:
         if end.value is None and end.absent == NOT_SUPPORTED:

@@ -1,13 +1,13 @@
-"""Tables of image quality: the research renderers, and what the engines make of the same models."""
+"""Tables of image quality: with the research renderers, and with tiers and engines."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, Line, make_table
-from msb.report.names import slug
-from msb.report.numbers import MEAN, QUALITY, Key, column_title, dataset_title, method_title, scene_title
-from msb.report.shown import title
+from msb.report.metric_format import title
+from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title, scene_title
+from msb.report.safe_names import slug
 from msb.report.table import Column
 from msb.report.tables.scenes import scene_lines
 
@@ -22,7 +22,7 @@ _DEPLOYED = (*QUALITY, "fps")
 
 
 def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str = "native_summary") -> Table:
-    """Return what the methods reach with their own renderers: dataset x method. Best of a dataset bold."""
+    """Return what the methods reach with their own renderers; the best method of a dataset is bold."""
     lines = [
         Line(
             (dataset_title(dataset), method_title(method)),
@@ -49,21 +49,21 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str
 def renderer_comparison(
     numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
 ) -> Table:
-    """Return column x metric of a dataset, a table column per method. Best of a method's renderers bold."""
-    methods = numbers.methods(dataset, *numbers.columns(dataset))
+    """Return a row per condition and metric, a column per method; each method's best condition is bold."""
+    methods = numbers.methods(dataset, *numbers.conditions(dataset))
     lines = [
         Line(
-            (column_title(column), title(metric)),
-            tuple(Key(dataset, MEAN, method, column, metric) for method in methods),
+            (condition_title(condition), title(metric)),
+            tuple(Key(dataset, MEAN, method, condition, metric) for method in methods),
         )
-        for column in numbers.columns(dataset)
+        for condition in numbers.conditions(dataset)
         for metric in _DEPLOYED
     ]
     return make_table(
         Layout(
             label or f"renderer_comparison-{slug(dataset)}",
             f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
-            "scenes. Bold: a method's best path.",
+            "scenes. Bold: a method's best condition.",
             ("Path", "Metric"),
             tuple(Column(method_title(method)) for method in methods),
             tuple(lines),
@@ -77,23 +77,23 @@ def renderer_comparison(
 def scene_comparison(
     numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
 ) -> Table:
-    """Return deployed column x method of a dataset of few scenes, a block per scene.
+    """Return deployed condition x method of a dataset of few scenes, a block per scene.
 
-    Best of a method's deployments in a scene bold.
+    In each scene the best of a method's deployments is bold.
     """
     scenes = [*numbers.scenes(dataset), MEAN]
-    columns = [column for column in numbers.columns(dataset) if column != "non_engine"]
+    conditions = [condition for condition in numbers.conditions(dataset) if condition != "non_engine"]
 
     def rival(key: Key) -> Hashable:
         return key.method, key.scene
 
     lines = [
         Line(
-            (column_title(column), method_title(method)),
-            tuple(Key(dataset, scene, method, column, metric) for scene in scenes for metric in _DEPLOYED),
+            (condition_title(condition), method_title(method)),
+            tuple(Key(dataset, scene, method, condition, metric) for scene in scenes for metric in _DEPLOYED),
         )
-        for column in columns
-        for method in numbers.methods(dataset, *columns)
+        for condition in conditions
+        for method in numbers.methods(dataset, *conditions)
     ]
     return make_table(
         Layout(
@@ -110,21 +110,21 @@ def scene_comparison(
     )
 
 
-def per_scene(numbers: Numbers, dataset: str, column: str) -> Table:
-    """Return every scene of a dataset in one column, a block per method. Best of the methods bold."""
-    methods = numbers.methods(dataset, column)
-    metrics = (*_DEPLOYED, "chamfer") if (dataset, column) == ("dtu", "non_engine") else _DEPLOYED
+def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
+    """Return every scene of a dataset in one condition, a block per method; the best method is bold."""
+    methods = numbers.methods(dataset, condition)
+    metrics = (*_DEPLOYED, "chamfer") if (dataset, condition) == ("dtu", "non_engine") else _DEPLOYED
     return make_table(
         Layout(
-            f"scenes-{slug(dataset)}-{slug(column)}",
-            f"{dataset_title(dataset)}, {column_title(column)}: every scene. Bold: the best method.",
+            f"scenes-{slug(dataset)}-{slug(condition)}",
+            f"{dataset_title(dataset)}, {condition_title(condition)}: every scene. Bold: the best method.",
             ("Scene",),
             tuple(Column(title(metric), (method_title(method),)) for method in methods for metric in metrics),
             scene_lines(
                 numbers,
                 dataset,
                 lambda scene: [
-                    Key(dataset, scene, method, column, metric) for method in methods for metric in metrics
+                    Key(dataset, scene, method, condition, metric) for method in methods for metric in metrics
                 ],
             ),
             best_of=lambda key: key.scene,

@@ -6,18 +6,18 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.report.layout import Layout, Line, make_table
+from msb.report.metric_format import SHOWN, title
 from msb.report.numbers import (
     MEAN,
     MEANS,
     QUALITY,
     Key,
     Numbers,
-    column_title,
+    condition_title,
     dataset_title,
     method_title,
     scene_title,
 )
-from msb.report.shown import SHOWN, title
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 
 if TYPE_CHECKING:
@@ -28,16 +28,16 @@ SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBen
 
 
 class Pair(NamedTuple):
-    """One number of ours and the published one, in the records' unit."""
+    """A number of ours and the published one, both in the records' unit."""
 
     key: Key
-    """Of ours; its `source` says what is compared with."""
+    """The key of our number; its `source` says what the number is compared with."""
     ours: float
     published: float
 
     @property
     def difference(self) -> float:
-        """Ours - published."""
+        """Our number minus the published one."""
         return self.ours - self.published
 
 
@@ -48,7 +48,7 @@ def reproducibility(
     label: str = "reproducibility",
     sources: tuple[str, ...] = tuple(SOURCES),
 ) -> Table:
-    """Return dataset x method, a block per source. Best method of a dataset in a source bold."""
+    """Return a row per dataset and method, a block per source; in it a dataset's best is bold."""
     both = numbers if paper is None else _with_published(numbers, paper)
     known = {(key.dataset, key.method) for key in both.values if key.source}
     lines = [
@@ -131,7 +131,7 @@ def _statistics_row(source: str, means: bool, metric: str, own: list[Pair]) -> R
     key = worst.key
     where = [method_title(key.method), dataset_title(key.dataset)]
     where += [] if key.scene == MEAN else [scene_title(key.scene)]
-    where += [] if key.column == "non_engine" else [column_title(key.column)]
+    where += [] if key.condition == "non_engine" else [condition_title(key.condition)]
     unit, decimals = SHOWN[metric].unit, SHOWN[metric].decimals + 1
     cells = (
         Cell(str(len(own)), float(len(own))),

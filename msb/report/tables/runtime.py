@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, Line, make_table
-from msb.report.names import slug
-from msb.report.numbers import MEAN, Key, column_title, dataset_title, method_title, scene_title
-from msb.report.shown import SHOWN
+from msb.report.metric_format import SHOWN
+from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method_title, scene_title
+from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED, Column
 from msb.report.tables.scenes import scene_lines
 
@@ -35,16 +35,16 @@ def latency(
             caption,
             ("Scene",),
             tuple(
-                Column(SHOWN[metric].title, (f"{column_title(column)} (ms ↓)", method_title(method)))
-                for column, method in pairs
+                Column(SHOWN[metric].title, (f"{condition_title(condition)} (ms ↓)", method_title(method)))
+                for condition, method in pairs
                 for metric in _TIMES
             ),
             scene_lines(
                 numbers,
                 dataset,
                 lambda scene: [
-                    Key(dataset, scene, method, column, metric)
-                    for column, method in pairs
+                    Key(dataset, scene, method, condition, metric)
+                    for condition, method in pairs
                     for metric in _TIMES
                 ],
             ),
@@ -67,12 +67,15 @@ def memory(
             f"{dataset_title(dataset)}: device memory per scene, MiB; lower is better.",
             ("Scene",),
             tuple(
-                Column(method_title(method), (f"{column_title(column)} (MiB ↓)",)) for column, method in pairs
+                Column(method_title(method), (f"{condition_title(condition)} (MiB ↓)",))
+                for condition, method in pairs
             ),
             scene_lines(
                 numbers,
                 dataset,
-                lambda scene: [Key(dataset, scene, method, column, "memory") for column, method in pairs],
+                lambda scene: [
+                    Key(dataset, scene, method, condition, "memory") for condition, method in pairs
+                ],
             ),
             definitions=(MEMORY_NOTE,),
             notes=omitted,
@@ -87,7 +90,7 @@ def runtime_resources(
 ) -> Table:
     """Return device time, memory and asset size of a dataset of few scenes, side by side."""
     scenes = [*numbers.scenes(dataset), MEAN]
-    columns = [column for column in numbers.columns(dataset) if column != "non_engine"]
+    conditions = [condition for condition in numbers.conditions(dataset) if condition != "non_engine"]
     blocks: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
         ("Device time of a frame (ms ↓)", _TIMES, {}),
         ("Memory (MiB ↓)", ("memory", "asset_size"), {"memory": "Render"}),
@@ -95,11 +98,11 @@ def runtime_resources(
     places = [(scene, metric) for _, metrics, _ in blocks for scene in scenes for metric in metrics]
     lines = [
         Line(
-            (column_title(column), method_title(method)),
-            tuple(Key(dataset, scene, method, column, metric) for scene, metric in places),
+            (condition_title(condition), method_title(method)),
+            tuple(Key(dataset, scene, method, condition, metric) for scene, metric in places),
         )
-        for column in columns
-        for method in numbers.methods(dataset, *columns)
+        for condition in conditions
+        for method in numbers.methods(dataset, *conditions)
     ]
     return make_table(
         Layout(
@@ -126,16 +129,16 @@ def runtime_resources(
 def _deployments(
     numbers: Numbers, dataset: str, metric: str
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (column, method) pairs shown, and a note on each that nothing can be shown of."""
+    """Return the (condition, method) pairs shown, and a note on each that nothing can be shown of."""
     pairs, omitted = [], []
-    for column in numbers.columns(dataset):
-        if column == "non_engine":
+    for condition in numbers.conditions(dataset):
+        if condition == "non_engine":
             continue
-        for method in numbers.methods(dataset, column):
-            number = numbers.number(Key(dataset, MEAN, method, column, metric))
+        for method in numbers.methods(dataset, condition):
+            number = numbers.number(Key(dataset, MEAN, method, condition, metric))
             if number.value is None and number.absent == NOT_SUPPORTED:
                 why = f": {number.reason}" if number.reason else ""
-                omitted.append(f"{method_title(method)} is N/A under {column_title(column)}{why}")
+                omitted.append(f"{method_title(method)} is N/A under {condition_title(condition)}{why}")
             else:
-                pairs.append((column, method))
+                pairs.append((condition, method))
     return pairs, tuple(omitted)

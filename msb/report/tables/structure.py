@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, make_table
-from msb.report.names import slug
+from msb.report.metric_format import title
 from msb.report.numbers import Key, dataset_title, method_title
-from msb.report.shown import title
+from msb.report.safe_names import slug
 from msb.report.table import Column
 from msb.report.tables.scenes import OUTDOOR_FIRST, scene_lines
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from msb.scenes.colors import WHITE
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-Color = tuple[float, float, float]
-WHITE: Color = (1.0, 1.0, 1.0)
-BLACK: Color = (0.0, 0.0, 0.0)
+    from msb.scenes.colors import Color
+
 CUSTOM = "custom"
 """What a capture is called that belongs to none of `DATASETS` and was given no name."""
 

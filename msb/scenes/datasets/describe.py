@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import Finding, MsbError, error_finding, finding
+from msb.files import is_file
 from msb.scenes.colmap import find_model, read_points
+from msb.scenes.colors import NAMED
 from msb.scenes.datasets.catalog import DATASETS, guess_dataset
 from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
 from msb.scenes.datasets.masks import MASKS
@@ -15,7 +17,6 @@ from msb.scenes.datasets.neus import MATRICES
 from msb.scenes.datasets.read import read_scene
 from msb.scenes.datasets.rules import OURS, RULES
 from msb.scenes.image_size import image_size
-from msb.scenes.source import is_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -232,5 +233,5 @@ def _lens(camera: Camera) -> tuple[float, ...]:
 
 def color_name(color: tuple[float, float, float]) -> str:
     """Return "white", "black", or the three numbers."""
-    names = {(1.0, 1.0, 1.0): "white", (0.0, 0.0, 0.0): "black"}
+    names = {value: name for name, value in NAMED.items()}
     return names.get(color, "(" + ", ".join(f"{value:g}" for value in color) + ")")

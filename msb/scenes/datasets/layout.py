@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from msb.errors import InputError, SceneError
+from msb.files import is_file, is_folder
 from msb.scenes.colmap import find_model
 from msb.scenes.datasets.neus import MATRICES, read_neus
 from msb.scenes.image_size import IMAGE_SUFFIXES
 from msb.scenes.read import read_cameras
 from msb.scenes.sets import split_every_8th, stem
-from msb.scenes.source import is_file, is_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from msb.errors import SceneError, finding, shorten
+from msb.files import is_file, is_folder
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.layout import folders, images_in
 from msb.scenes.image_size import image_size
-from msb.scenes.source import is_file, is_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

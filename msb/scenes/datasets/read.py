@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.errors import InputError, SceneError, finding, shorten
+from msb.files import is_folder
+from msb.paths import SpelledFiles, given_path
 from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.masks import find_masks
@@ -15,14 +17,14 @@ from msb.scenes.datasets.photographs import choose_photographs, photograph_sizes
 from msb.scenes.datasets.rules import CONVENTIONS, OURS, RULES, evaluation_background
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.datasets.sizes import ROUNDINGS, check_resolution
-from msb.scenes.source import is_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from msb.errors import Finding
     from msb.scenes.camera import Camera
-    from msb.scenes.datasets.catalog import Color, Layout
+    from msb.scenes.colors import Color
+    from msb.scenes.datasets.catalog import Layout
     from msb.scenes.datasets.rules import Convention, Rules
 
 MAX_SHIFT = 0.5
@@ -76,7 +78,7 @@ def read_scene(
     SceneError
         One of the SCENE_, CAMERA_ and COLMAP_ codes.
     """
-    root = Path(path)
+    root = given_path(path)
     layout = _layout(root)
     by = _rules(rules)
     place = Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
@@ -86,8 +88,9 @@ def read_scene(
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
     chosen = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
+    files = SpelledFiles(root / chosen.folder)
     views = [
-        replace(view, image_path=root / chosen.folder / str(view.name))
+        replace(view, image_path=files.find(str(view.name)))
         for view in read_views(root, layout, by, chosen.folder)
     ]
     native = photograph_sizes(root, views, warnings)

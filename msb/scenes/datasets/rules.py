@@ -1,20 +1,20 @@
 """Plain data: which photographs each loader takes, at which size, through which camera, over which colour.
 
-"ours" is the benchmark's one rule for all methods; the others are what the methods' official code does, so
-that a deviation can be shown, and undone where official numbers are to be reproduced. docs/datasets.md prints
-this as a table.
+"ours" is the benchmark's one rule for all methods; the others are what the methods' official code does, as
+each declares it (`msb.methods`), so that a deviation can be shown, and undone where official numbers are to
+be reproduced. docs/datasets.md prints this as a table.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from msb.scenes.datasets.catalog import BLACK, CUSTOM, DATASETS, WHITE, Color
+from msb.methods import METHODS
+from msb.scenes.colors import BLACK, Color
+from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.sizes import AS_IS, Rounding
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Convention = Literal["gs_fov", "full_K"]
 CONVENTIONS: tuple[Convention, ...] = ("gs_fov", "full_K")
@@ -90,7 +90,7 @@ class Rules:
         return self.backgrounds.get(dataset, self.backgrounds[""])
 
 
-_FAMILY = {
+FAMILY: Mapping[str, Photographs] = {
     "mipnerf360/outdoor": Photographs("images_4"),
     "mipnerf360/indoor": Photographs("images_2"),
     "tanksandtemples": Photographs(),
@@ -98,73 +98,43 @@ _FAMILY = {
     "dtu": Photographs(resolution=2),
     CUSTOM: Photographs(),
 }
+"""What the code that comes from 3DGS takes."""
 
 OURS = "ours"
-RULES: dict[str, Rules] = {
-    OURS: Rules(
-        "MeshSplatBench",
-        "docs/datasets.md",
-        rounding="half_even",
-        photographs={
-            "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
-            "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
-            "tanksandtemples": Photographs(),
-            "nerf_synthetic": Photographs(".", 2, "before_resize"),
-            "dtu": Photographs(resolution=2, compositing="after_resize"),
-            CUSTOM: Photographs(compositing="before_resize"),
-        },
-    ),
-    "two_dts": Rules(
-        "2DTS",
-        "GaodeRender/triangle-splatting: src, config/*_VanillaTS.yaml",
-        rounding="floor",
-        resampling="bilinear",
-        quantized=False,
-        photographs={
-            "mipnerf360/outdoor": Photographs(resolution=4),
-            "mipnerf360/indoor": Photographs(resolution=2),
-            "tanksandtemples": Photographs(resolution=1),
-            "nerf_synthetic": Photographs(".", 1, "after_resize"),
-            CUSTOM: Photographs(),
-        },
-        backgrounds={"": WHITE, "tanksandtemples": BLACK},
-    ),
-    "triangle_splatting": Rules(
-        "Triangle-Splatting",
-        "trianglesplatting/triangle-splatting: full_eval.py, utils/camera_utils.py",
-        photographs=_FAMILY,
-    ),
-    "mesh_splatting": Rules(
-        "MeshSplatting",
-        "meshsplatting/mesh-splatting: utils/camera_utils.py",
-        photographs=_FAMILY,
-    ),
-    "diffsoup": Rules(
-        "DiffSoup",
-        "kenji-tojo/diffsoup: examples/01_mip360.py, 02_synthetic.py",
-        convention="full_K",
-        first_lens=True,
-        order="name",
-        quantized=False,
-        photographs={
-            "mipnerf360": Photographs("images_4"),
-            "nerf_synthetic": Photographs(".", compositing="before_resize"),
-            CUSTOM: Photographs("images_4"),
-        },
-        backgrounds={"": BLACK, "nerf_synthetic": WHITE},
-    ),
-    "two_dgs": Rules(
-        "2DGS",
-        "hbb1/2d-gaussian-splatting: scripts, utils/camera_utils.py",
-        photographs=_FAMILY,
-    ),
-    "three_dgs": Rules(
-        "3DGS",
-        "graphdeco-inria/gaussian-splatting: full_eval.py, utils/camera_utils.py",
-        photographs={key: rule for key, rule in _FAMILY.items() if key != "dtu"},
-    ),
-}
-"""Name -> rules: "ours", and the methods by their names in `msb.methods`."""
+_OURS = Rules(
+    "MeshSplatBench",
+    "docs/datasets.md",
+    rounding="half_even",
+    photographs={
+        "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
+        "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
+        "tanksandtemples": Photographs(),
+        "nerf_synthetic": Photographs(".", 2, "before_resize"),
+        "dtu": Photographs(resolution=2, compositing="after_resize"),
+        CUSTOM: Photographs(compositing="before_resize"),
+    },
+)
+
+
+class _EveryRules(Mapping[str, Rules]):
+    """Looked up when asked for: a method's package takes `Rules` from here."""
+
+    def __getitem__(self, name: str) -> Rules:
+        found = _OURS if name == OURS else METHODS[name].rules
+        if found is None:
+            raise KeyError(name)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        yield OURS
+        yield from (name for name, method in METHODS.items() if method.rules is not None)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+RULES: Mapping[str, Rules] = _EveryRules()
+"""Name -> rules: "ours", and what the methods declare, by their names in `msb.methods`."""
 
 
 def evaluation_background(dataset: str, method: str | None = None) -> Color:

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
     from msb.errors import Finding
     from msb.scenes.camera import Camera
-    from msb.scenes.datasets.catalog import Color, Layout
+    from msb.scenes.colors import Color
+    from msb.scenes.datasets.catalog import Layout
     from msb.scenes.datasets.rules import Compositing, Convention
 
 MaskSource = Literal["png_alpha", "mask_folder"]

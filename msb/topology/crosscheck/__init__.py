@@ -8,10 +8,9 @@ definitions what they should say; here the two are compared.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
-from msb.errors import UsageError
+from msb.extras import install, is_installed, need_extra
 from msb.topology.arrays import mesh_arrays
 from msb.topology.crosscheck.children import Reply, ask_peers
 from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts
@@ -29,9 +28,8 @@ __all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 PATIENCE = 60.0
 """Seconds a peer is given, and as many again for each million faces; libigl needs 12 for one."""
-WITH_THE_CORE = {"trimesh", "NetworkX"}
-"""Peers that are there without the extra: a core dependency, and one of scikit-image's."""
-INSTALL = 'pip install "meshsplatbench[crosscheck]"'
+ANYWAY = {"trimesh", "NetworkX"}
+"""Peers that may be there without the extra: a core dependency, and one of scikit-image's (extra bench)."""
 
 
 @dataclass(frozen=True)
@@ -103,16 +101,16 @@ def cross_check(
     Raises
     ------
     UsageError
-        `EXTRA_MISSING` if no peer is installed but those that the core brings along.
+        `EXTRA_MISSING` if no peer is installed but those that come without the extra.
     MeshError
         As `audit_arrays`: peers read out of bounds where an index is out of range, so none is asked then.
     """
     points, triangles = mesh_arrays(vertices, faces)
-    found = [peer for peer in PEERS if find_spec(PEERS[peer].module)]
-    if not set(found) - WITH_THE_CORE:
-        text = f"the extra crosscheck is not installed; {INSTALL} installs {', '.join(PEERS)}"
-        raise UsageError("EXTRA_MISSING", text)
-    skipped = {peer: f"it is not installed; {INSTALL}" for peer in PEERS if peer not in found}
+    found = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
+    if not set(found) - ANYWAY:
+        wanted = (PEERS[peer].module for peer in PEERS if peer not in ANYWAY)
+        need_extra("crosscheck", *wanted, what="a cross-check")
+    skipped = {peer: f"it is not installed; {install('crosscheck')}" for peer in PEERS if peer not in found}
     asked = []
     for peer in found:
         most = PEERS[peer].max_faces

@@ -154,7 +154,8 @@ METRICS = (
         formula="LCC_area / total_area",
         definition=(
             "Area of the component that lcc_face_ratio is about, over the area of all faces: the "
-            "component with most faces, even where another has more area."
+            "component with most faces, even where another has more area. Both are added in the order of the "
+            "faces, so it is never above 1, and is 1 where the other components have no area."
         ),
         matters="Beside lcc_face_ratio it tells whether the fragments are tiny or cover real surface.",
         source=(

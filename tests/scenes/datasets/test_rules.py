@@ -10,8 +10,9 @@ import pytest
 from docs.make_datasets import PAGE, page
 from msb.errors import SceneError
 from msb.methods import METHODS
+from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets import DATASETS, RULES, evaluation_background
-from msb.scenes.datasets.catalog import BLACK, WHITE, guess_dataset
+from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.sizes import check_resolution, floor, half_even, half_up
 from tests.conftest import ROOT
 

@@ -1,4 +1,4 @@
-"""Where each picture goes in a window: boxes of whole pixels, from the layout alone."""
+"""The place of each picture in a window, in boxes of whole pixels, from the layout alone."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import Layout
 
 _GAP, _HEAD, _FOOT, _CAPTION, _BAR = 10, 72, 30, 64, 48
-"""Free room, title, status line, a picture's caption and the scale of differences: pixels at scale 1."""
+"""Heights of gaps, title, status line, captions and the scale of differences, in pixels at scale 1."""
 _LEAST = 16
-"""Pixels a picture has each way however small the window is."""
+"""The least width and height of a picture in pixels, however small the window is."""
 _THUMBNAIL = 0.3
-"""Part of the width that A and B take beside their difference."""
+"""The part of the width that A and B take beside their difference."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class Box:
 
     @property
     def right(self) -> int:
-        """First column to the right of it."""
+        """The first column of pixels to the right of it."""
         return self.left + self.width
 
     @property
     def bottom(self) -> int:
-        """First row below it."""
+        """The first row of pixels below it."""
         return self.top + self.height
 
     def holds(self, x: float, y: float) -> bool:
@@ -55,9 +55,9 @@ class Cell:
     Attributes
     ----------
     kind : str
-        A path, "wipe" or "difference".
+        A tier, "wipe" or "difference".
     box : Box
-        Of the picture, before it is fitted.
+        The picture's box, before the picture is fitted into it.
     caption : Box
     """
 
@@ -68,7 +68,7 @@ class Cell:
 
 def arrange(
     layout: Layout,
-    paths: Sequence[str],
+    tiers: Sequence[str],
     pair: tuple[str, str],
     size: tuple[int, int],
     scale: float,
@@ -80,10 +80,10 @@ def arrange(
 
     Parameters
     ----------
-    paths : sequence of str
-        Those of the layout "side".
+    tiers : sequence of str
+        The tiers that the layout "side" shows.
     scale : float
-        Of text.
+        The scale of text.
     aspect : float, optional
         Width over height of the pictures; None if they take any shape.
     """
@@ -91,7 +91,7 @@ def arrange(
     top = round(_HEAD * scale) if captions else gap
     area = Box(gap, top, size[0] - 2 * gap, size[1] - top - round(_FOOT * scale))
     if layout == "side":
-        return _grid(paths, area, gap, caption, aspect)
+        return _grid(tiers, area, gap, caption, aspect)
     if layout == "wipe":
         return [_cell("wipe", area, caption)]
     bar = round(_BAR * scale)
@@ -106,16 +106,16 @@ def arrange(
     ]
 
 
-def _grid(paths: Sequence[str], area: Box, gap: int, caption: int, aspect: float | None) -> list[Cell]:
+def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float | None) -> list[Cell]:
     """Return cells in the number of columns that makes pictures largest."""
     best: tuple[float, list[Cell]] = (-1.0, [])
-    for columns in range(1, len(paths) + 1):
-        rows = -(-len(paths) // columns)
+    for columns in range(1, len(tiers) + 1):
+        rows = -(-len(tiers) // columns)
         width = (area.width - (columns - 1) * gap) // columns
         height = (area.height - (rows - 1) * gap) // rows
         cells = [
             _cell(
-                path,
+                tier,
                 Box(
                     area.left + (index % columns) * (width + gap),
                     area.top + (index // columns) * (height + gap),
@@ -124,7 +124,7 @@ def _grid(paths: Sequence[str], area: Box, gap: int, caption: int, aspect: float
                 ),
                 caption,
             )
-            for index, path in enumerate(paths)
+            for index, tier in enumerate(tiers)
         ]
         box = cells[0].box
         worth = float(min(box.width, box.height)) if aspect is None else min(box.width / aspect, box.height)

@@ -1,4 +1,4 @@
-"""One picture of what the window shows: panels, captions, divider, scale. No VTK, no display."""
+"""What the window shows as one picture: panels, captions, divider, scale. It needs no VTK or display."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import CompareState
 
 _KEPT = 32
-"""Resized pictures and comparisons that are kept for the next composition."""
+"""The number of resized pictures and comparisons that are kept for the next composition."""
 _LEAST_CAPTION = 300
-"""Width of a caption below a narrower picture, in pixels at scale 1, as far as there is room."""
+"""The least width of a caption, in pixels at scale 1, if there is room below a narrower picture."""
 _LINE = 18
-"""Between lines of a caption, in pixels at scale 1."""
+"""Distance between lines of a caption, in pixels at scale 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Composition:
     ----------
     image : (H, W, 3) uint8
     pictures : dict of str to Box
-        Path, "wipe" or "difference" -> where its pixels are.
+        Tier, "wipe" or "difference" -> where its pixels are.
     divider : Box or None
         What the mouse takes hold of to move the wipe.
     """
@@ -79,9 +79,9 @@ class Composer:
         Parameters
         ----------
         shots : mapping of str to Shot
-            By path; those not there yet are left empty.
+            Tier -> its shot; the places of tiers without one are left empty.
         busy : mapping of str to str
-            Path -> what is being computed for it.
+            Tier -> what is being computed for it.
         """
         sheet = _Sheet(self, state, shots, busy or {}, Canvas(size, text_scale(size)))
         return sheet.draw()
@@ -106,7 +106,7 @@ class Composer:
 
 @dataclass(eq=False)
 class _Sheet:
-    """One composition on its way."""
+    """A composition that is being drawn."""
 
     composer: Composer
     state: CompareState
@@ -141,22 +141,22 @@ class _Sheet:
             write(Box(across.left, box.bottom, across.width, cell.caption.height))
         return box
 
-    def panel(self, path: str, cell: Box) -> Box:
-        image = self.image(path)
+    def panel(self, tier: str, cell: Box) -> Box:
+        image = self.image(tier)
         if image is None:
-            return self.empty(cell, *self.absence(path))
+            return self.empty(cell, *self.absence(tier))
         box = cell.fitting(image.shape[1], image.shape[0])
-        self.canvas.paste(self.fitted(path, box), box)
+        self.canvas.paste(self.fitted(tier, box), box)
         return box
 
     def pair_captions(self, box: Box) -> None:
         gap = self.canvas.px(20)
         half = (box.width - gap) // 2
-        for index, path in enumerate(self.state.pair):
-            self.caption(path, Box(box.left + index * (half + gap), box.top, half, box.height))
+        for index, tier in enumerate(self.state.pair):
+            self.caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
     def wipe(self, cell: Box) -> Box:
-        absent = [path for path in self.state.pair if self.image(path) is None]
+        absent = [tier for tier in self.state.pair if self.image(tier) is None]
         if absent:
             return self.empty(cell, *self.absence(absent[0]))
         a, b = self.state.pair
@@ -176,7 +176,7 @@ class _Sheet:
 
     def difference(self, cell: Box) -> Box:
         a, b = self.state.pair
-        absent = [path for path in (a, b) if self.image(path) is None]
+        absent = [tier for tier in (a, b) if self.image(tier) is None]
         found = self.composer.decibels(self.shots.get(a), self.shots.get(b))
         if absent or found is None:
             title, text = self.absence(absent[0]) if absent else ("", "the two are not of one size yet")
@@ -195,10 +195,10 @@ class _Sheet:
     def scale(self, box: Box) -> None:
         """Draw the figure, and what the colours mean."""
         canvas, px, top = self.canvas, self.canvas.px, self.state.top
-        found = self.composer.decibels(*(self.shots.get(path) for path in self.state.pair))
+        found = self.composer.decibels(*(self.shots.get(tier) for tier in self.state.pair))
         if found is None:
             return
-        a, b = (LABELS[path].lower() for path in self.state.pair)
+        a, b = (LABELS[tier].lower() for tier in self.state.pair)
         y = box.top + px(18)
         width = canvas.write(box.left, y, decibel_text(found), 20, bold=True, anchor="lm")
         left = box.left + width + px(12)
@@ -222,18 +222,18 @@ class _Sheet:
         words = "difference at a pixel: root mean square over red, green and blue; black to white is 1"
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
-    def caption(self, path: str, box: Box) -> None:
+    def caption(self, tier: str, box: Box) -> None:
         canvas, px, pair = self.canvas, self.canvas.px, self.state.pair
         x, y = float(box.left), box.top + px(14)
-        if path in pair and pair[0] != pair[1]:
-            x += canvas.badge("AB"[pair.index(path)], x, y)
-        found = self.composer.decibels(self.shots.get(pair[0]), self.shots.get(path))
+        if tier in pair and pair[0] != pair[1]:
+            x += canvas.badge("AB"[pair.index(tier)], x, y)
+        found = self.composer.decibels(self.shots.get(pair[0]), self.shots.get(tier))
         room = box.right - x
         if found is not None:
             text = f"{decibel_text(found)} to A"
             room -= canvas.write(box.right, y, text, 13, bold=True, anchor="rm") + px(8)
-        canvas.write(x, y, LABELS[path], 14, bold=True, anchor="lm", room=room)
-        for row, line in enumerate(caption_lines(self.shots.get(path), self.busy.get(path))):
+        canvas.write(x, y, LABELS[tier], 14, bold=True, anchor="lm", room=room)
+        for row, line in enumerate(caption_lines(self.shots.get(tier), self.busy.get(tier))):
             place = y + px(_LINE * (row + 1))
             canvas.write(box.left, place, line, 12, FAINT, anchor="lm", room=box.width)
 
@@ -259,25 +259,25 @@ class _Sheet:
         canvas.write(px(12), y, self.state.message, 13, anchor="lm", room=canvas.size[0] - px(40) - hint)
 
     def empty(self, cell: Box, title: str, text: str) -> Box:
-        """Say in the place of a picture why there is none."""
+        """Write in the place of a picture why there is none."""
         aspect = self.state.aspect
         box = cell if aspect is None else cell.fitting(round(1000 * aspect), 1000)
         self.canvas.placeholder(box, title, text)
         return box
 
-    def image(self, path: str) -> NDArray[np.uint8] | None:
-        shot = self.shots.get(path)
+    def image(self, tier: str) -> NDArray[np.uint8] | None:
+        shot = self.shots.get(tier)
         return None if shot is None else shot.image
 
-    def absence(self, path: str) -> tuple[str, str]:
-        """Return title and text for a path without a picture."""
-        shot = self.shots.get(path)
+    def absence(self, tier: str) -> tuple[str, str]:
+        """Return title and text for a tier without a picture."""
+        shot = self.shots.get(tier)
         if shot is None:
-            return "", self.busy.get(path, f"{LABELS[path].lower()}: waiting")
+            return "", self.busy.get(tier, f"{LABELS[tier].lower()}: waiting")
         return "N/A", shot.why
 
-    def fitted(self, path: str, box: Box) -> NDArray[np.uint8]:
-        shot, size = self.shots[path], (box.width, box.height)
+    def fitted(self, tier: str, box: Box) -> NDArray[np.uint8]:
+        shot, size = self.shots[tier], (box.width, box.height)
         image = shot.image
         assert image is not None
         return np.asarray(self.composer.once(("fitted", shot, size), lambda: fitted(image, *size)))
@@ -293,7 +293,7 @@ def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
 
 
 def caption_lines(shot: Shot | None, busy: str | None) -> list[str]:
-    """Return what is said below a path's picture: how long it took, what it holds, and where."""
+    """Return what is said below a tier's picture: how long it took, what it holds, and where."""
     if shot is None or shot.image is None:
         return [busy] if busy else []
     parts = []

@@ -19,7 +19,7 @@ _ARROWS, _WEST_EAST = 0, 8
 
 
 class CompareControls:
-    """What the user does, done to a viewer; the same on a window and without one."""
+    """Keys and mouse as actions on a viewer, with and without a window."""
 
     def __init__(self, viewer: CompareViewer) -> None:
         self.viewer = viewer
@@ -29,8 +29,8 @@ class CompareControls:
         state = viewer.state
         self.keys: dict[str, Callable[[], object]] = {
             **{str(i): self._asking(self._layout(layout)) for i, layout in enumerate(LAYOUTS, 1)},
-            "a": self._asking(lambda: state.next_path(0)),
-            "b": self._asking(lambda: state.next_path(1)),
+            "a": self._asking(lambda: state.next_tier(0)),
+            "b": self._asking(lambda: state.next_tier(1)),
             "n": lambda: self._step(1),
             "p": lambda: self._step(-1),
             "r": self._asking(state.toggle_reference),

@@ -16,11 +16,11 @@ ERROR_SCALE = (
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
     (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
 )  # fmt: skip
-"""From no difference to the largest shown, evenly spaced, linear in between: the magma scale of matplotlib to
-within 3 / 255 (S. van der Walt and N. Smith, 2015). Perceptually uniform, and ordered by lightness alone, so
-that it is read the same under every kind of colour blindness."""
+"""Colours from no difference to the largest shown, evenly spaced and linear in between. They are the magma
+scale of matplotlib to within 3 / 255 (S. van der Walt and N. Smith, 2015), which is perceptually uniform and
+ordered by lightness alone, so that it is read the same under every kind of colour blindness."""
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-"""Differences that the brightest colour can stand for."""
+"""The differences for which the brightest colour can stand."""
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:

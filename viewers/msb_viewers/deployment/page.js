@@ -1,16 +1,16 @@
 // The deployment viewer's page.
 const state = { layout: meta.layout, pair: meta.pair.slice(), at: 0, divider: 0.5, top: meta.top };
 const LAYOUTS = [["side", "Side by side"], ["wipe", "Wipe"], ["difference", "Difference"]];
-const label = (path) => meta.paths.find((p) => p.path === path).label;
-const shot = (path, at = state.at) => meta.views[at].shots[path];
-const drawable = meta.paths.filter((p) => p.drawable).map((p) => p.path);
+const label = (tier) => meta.tiers.find((p) => p.tier === tier).label;
+const shot = (tier, at = state.at) => meta.views[at].shots[tier];
+const drawable = meta.tiers.filter((p) => p.drawable).map((p) => p.tier);
 
-// PSNR in dB between two paths: a number, "identical", or undefined where one has no picture.
+// PSNR in dB between two tiers: a number, "identical", or undefined where one has no picture.
 const decibels = (a, b, at = state.at) => meta.views[at].decibels[a < b ? `${a} ${b}` : `${b} ${a}`];
 const inWords = (value) => (typeof value === "number" ? `${value.toFixed(2)} dB` : value);
 
-function picture(path, eager) {
-  const { image, why } = shot(path), view = meta.views[state.at];
+function picture(tier, eager) {
+  const { image, why } = shot(tier), view = meta.views[state.at];
   if (!image) {
     const box = make("div", undefined, "none");
     box.style.aspectRatio = `${view.width} / ${view.height}`;
@@ -18,25 +18,25 @@ function picture(path, eager) {
     return box;
   }
   const img = make("img");
-  Object.assign(img, { alt: `${label(path)}, ${view.name}`, width: view.width, height: view.height, draggable: false });
+  Object.assign(img, { alt: `${label(tier)}, ${view.name}`, width: view.width, height: view.height, draggable: false });
   img.style.height = "auto";
   img.onload = () => img.classList.toggle("large", img.clientWidth > view.width);
   img.src = image;
   if (eager) img.decoding = "sync";
   return img;
 }
-function caption(path) {
-  const box = make("figcaption"), top = make("div", undefined, "top"), at = state.pair.indexOf(path);
+function caption(tier) {
+  const box = make("figcaption"), top = make("div", undefined, "top"), at = state.pair.indexOf(tier);
   if (at >= 0 && state.pair[0] !== state.pair[1]) top.append(make("span", "AB"[at], "badge"));
-  top.append(make("b", label(path)));
-  const found = path === state.pair[0] ? undefined : decibels(state.pair[0], path);
+  top.append(make("b", label(tier)));
+  const found = tier === state.pair[0] ? undefined : decibels(state.pair[0], tier);
   if (found !== undefined) top.append(make("b", `${inWords(found)} to A`, "found"));
-  box.append(top, ...shot(path).lines.map((line) => make("div", line, "faint")));
+  box.append(top, ...shot(tier).lines.map((line) => make("div", line, "faint")));
   return box;
 }
-function figureOf(path) {
+function figureOf(tier) {
   const figure = make("figure");
-  figure.append(picture(path), caption(path));
+  figure.append(picture(tier), caption(tier));
   return figure;
 }
 function pairFigures() {
@@ -45,7 +45,7 @@ function pairFigures() {
   box.append(...state.pair.map(figureOf));
   return box;
 }
-const absent = () => state.pair.find((path) => !shot(path).image);
+const absent = () => state.pair.find((tier) => !shot(tier).image);
 
 function drawWipe() {
   const box = byId("wipe"), missing = absent();
@@ -56,10 +56,10 @@ function drawWipe() {
   const [left, right] = [picture(a, true), picture(b, true)], line = make("div", undefined, "line"), across = make("input");
   Object.assign(across, { type: "range", min: 0, max: 1000, id: "across" });
   across.setAttribute("aria-label", `Divider: left of it ${label(a)}, right of it ${label(b)}`);
-  const chips = [["A", a, "left"], ["B", b, "right"]].map(([letter, path, side]) => {
+  const chips = [["A", a, "left"], ["B", b, "right"]].map(([letter, tier, side]) => {
     const chip = make("span", undefined, "chip");
     chip.style[side] = "6px";
-    chip.append(make("span", letter, "badge"), ` ${label(path)}`);
+    chip.append(make("span", letter, "badge"), ` ${label(tier)}`);
     return chip;
   });
   const place = () => {
@@ -89,9 +89,9 @@ const colorOf = (place) => {
   return meta.scale[low].map((x, i) => Math.round(x + (at - low) * (meta.scale[low + 1][i] - x)));
 };
 const ramp = Array.from({ length: 256 }, (_, i) => colorOf(i / 255));
-async function pixels(path) {
+async function pixels(tier) {
   const img = new Image();
-  img.src = shot(path).image;
+  img.src = shot(tier).image;
   await img.decode();
   const canvas = make("canvas");
   Object.assign(canvas, { width: img.naturalWidth, height: img.naturalHeight });
@@ -132,7 +132,7 @@ async function drawMap() {
 }
 
 function scores() {
-  const box = byId("scores"), others = drawable.filter((path) => path !== state.pair[0]);
+  const box = byId("scores"), others = drawable.filter((tier) => tier !== state.pair[0]);
   if (!others.length) { box.replaceChildren(); return; }
   const table = make("table"), head = table.createTHead().insertRow(), body = table.createTBody(), foot = table.createTFoot().insertRow();
   table.createCaption().textContent = `PSNR in dB to A, ${label(state.pair[0]).toLowerCase()}`;
@@ -143,14 +143,14 @@ function scores() {
     row.className = at === state.at ? "shown" : "";
     row.onclick = () => { state.at = at; draw(); };
     header(row, view.name);
-    for (const path of others) {
-      const value = decibels(state.pair[0], path, at);
+    for (const tier of others) {
+      const value = decibels(state.pair[0], tier, at);
       row.insertCell().textContent = value === undefined ? "N/A" : typeof value === "number" ? value.toFixed(2) : value;
     }
   });
   header(foot, `mean of ${meta.views.length}`);
-  for (const path of others) {
-    const values = meta.views.map((_, at) => decibels(state.pair[0], path, at));
+  for (const tier of others) {
+    const values = meta.views.map((_, at) => decibels(state.pair[0], tier, at));
     // Identical pictures count as much as msb.metrics lets them.
     const known = values.filter((v) => v !== undefined).map((v) => (v === "identical" ? meta.cap : v));
     foot.insertCell().textContent = known.length === values.length ? (known.reduce((x, y) => x + y, 0) / known.length).toFixed(2) : "N/A";
@@ -181,8 +181,8 @@ function controls() {
   });
   const parts = [layouts];
   if (drawable.length > 1) {
-    const options = drawable.map((path) => [path, label(path)]);
-    [0, 1].forEach((side) => parts.push(choice("AB"[side], options, state.pair[side], (path) => put(side, path))));
+    const options = drawable.map((tier) => [tier, label(tier)]);
+    [0, 1].forEach((side) => parts.push(choice("AB"[side], options, state.pair[side], (tier) => put(side, tier))));
   }
   if (meta.views.length > 1) {
     const steps = make("span", undefined, "group");
@@ -200,7 +200,7 @@ function draw() {
   byId("side").hidden = state.layout !== "side";
   byId("wipe").hidden = state.layout !== "wipe";
   byId("map").hidden = state.layout !== "difference";
-  if (state.layout === "side") byId("side").replaceChildren(...meta.paths.map((p) => figureOf(p.path)));
+  if (state.layout === "side") byId("side").replaceChildren(...meta.tiers.map((p) => figureOf(p.tier)));
   if (state.layout === "wipe") drawWipe();
   if (state.layout === "difference") drawMap();
   scores();
@@ -208,16 +208,16 @@ function draw() {
   [...byId("controls").querySelectorAll("button, select")].find((node) => had && node.textContent === had)?.focus();
 }
 const setLayout = (layout) => { if (layout === "side" || drawable.length > 1) { state.layout = layout; draw(); } };
-function put(side, path) {
-  if (path === state.pair[1 - side]) state.pair.reverse();
-  else state.pair[side] = path;
+function put(side, tier) {
+  if (tier === state.pair[1 - side]) state.pair.reverse();
+  else state.pair[side] = tier;
 }
 function next(side) {
-  const choices = drawable.filter((path) => path !== state.pair[1 - side]);
+  const choices = drawable.filter((tier) => tier !== state.pair[1 - side]);
   if (choices.length) state.pair[side] = choices[(choices.indexOf(state.pair[side]) + 1) % choices.length];
 }
 const step = (by) => { state.at = (state.at + by + meta.views.length) % meta.views.length; draw(); };
-const help = () => showKeys([["1 / 2 / 3", "side by side, wipe, difference"], ["A / B", "next path for picture A, for picture B"],
+const help = () => showKeys([["1 / 2 / 3", "side by side, wipe, difference"], ["A / B", "next tier for picture A, for picture B"],
   ["N / P", "next / previous camera"], ["+ / -", "brighten / darken the difference"], ["← / →", "move the wipe's divider; or drag it"], ["H", "this help"]]);
 onkeydown = (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || ["SELECT", "INPUT"].includes(event.target.tagName)) return;
@@ -229,7 +229,7 @@ onkeydown = (event) => {
   const action = actions[event.key.toLowerCase()];
   if (action) { event.preventDefault(); action(); }
 };
-document.title = `${meta.name} - msb view`;
+document.title = `${meta.name} - msb compare`;
 byId("head").append(make("h1", meta.name), make("p", meta.subtitle), make("p", meta.settings, "faint"));
 // #view=3&layout=wipe in the address opens the page there.
 const wanted = new URLSearchParams(location.hash.slice(1));

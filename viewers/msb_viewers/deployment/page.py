@@ -1,4 +1,4 @@
-"""`--compare --html`: pictures of every path from every camera as one page, for any browser, offline."""
+"""`msb compare --html`: pictures of every tier from every camera as one page, for any browser, offline."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from msb_viewers.deployment.shots import PathRenderers, Shot
+    from msb_viewers.deployment.shots import Shot, TierRenderers
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
 
 
 def write_page(
     state: CompareState,
-    renderers: PathRenderers,
+    renderers: TierRenderers,
     views: list[View],
     path: Path,
     *,
@@ -37,7 +37,7 @@ def write_page(
     Raises
     ------
     OutputError
-        `OUTPUT_UNWRITABLE`; and what `PathRenderers.shoot` raises.
+        `OUTPUT_UNWRITABLE`; and what `TierRenderers.shoot` raises.
     """
     from msb.atomic import new_file
 
@@ -65,8 +65,8 @@ def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
         "tops": TOPS,
         "scale": ERROR_SCALE,
         "cap": PSNR_CAP,
-        "paths": [
-            {"path": path, "label": LABELS[path], "drawable": path in scene.drawable} for path in scene.paths
+        "tiers": [
+            {"tier": tier, "label": LABELS[tier], "drawable": tier in scene.drawable} for tier in scene.tiers
         ],
         "views": rows,
     }
@@ -88,12 +88,12 @@ def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
         "height": view.camera.height,
         "decibels": found,
         "shots": {
-            path: {
+            tier: {
                 "image": None if shot.image is None else _data(shot.image),
                 "why": shot.why,
                 "lines": caption_lines(shot, None),
             }
-            for path, shot in shots.items()
+            for tier, shot in shots.items()
         },
     }
 

@@ -1,4 +1,4 @@
-"""Pictures drawn beside the window's own thread: the newest order counts, and the window never waits."""
+"""A thread that draws beside the window: the newest order counts, and the window never waits."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from msb_viewers.deployment.shots import TRUTH, Shot
 
 if TYPE_CHECKING:
     from msb.scenes import Camera
-    from msb_viewers.deployment.shots import PathRenderers
+    from msb_viewers.deployment.shots import TierRenderers
     from msb_viewers.deployment.views import View
 
 FLUID_SECONDS = 0.06
-"""What the pictures of one moment of a movement may take together."""
+"""Seconds that the pictures of one moment of a movement may take together."""
 STEPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.125)
-"""Sizes while moving, relative to those at rest: few, so that buffers are used again."""
+"""Sizes of pictures while moving, relative to those at rest; they are few, so that buffers are reused."""
 TOO_SLOW = 0.25
-"""Seconds at the smallest size from which, the second time, a path is drawn only when the view rests."""
+"""A tier that twice takes more seconds at the smallest size is drawn only when the view rests."""
 _PATIENCE = 20.0
-"""Seconds that closing waits for a picture on its way."""
+"""Seconds that closing waits for a picture that is being drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +35,19 @@ class Order:
     number : int
         Later orders have higher ones.
     camera : Camera
-        At full size.
+        The camera at full size.
     view : View or None
-        Whose camera it is.
-    paths : tuple of str
+        The view that the camera belongs to.
+    tiers : tuple of str
     background : (float, float, float)
     moving : bool
-        The view moves: all paths together as soon as possible, at a size that allows that.
+        Whether the view moves: all tiers are then drawn together, at once, at a size that allows it.
     """
 
     number: int
     camera: Camera
     view: View | None
-    paths: tuple[str, ...]
+    tiers: tuple[str, ...]
     background: tuple[float, float, float]
     moving: bool
 
@@ -59,7 +59,7 @@ class Painter:
     the pictures of one order are handed over together, so that what is compared is of one camera.
     """
 
-    def __init__(self, renderers: PathRenderers) -> None:
+    def __init__(self, renderers: TierRenderers) -> None:
         self._renderers = renderers
         self._wanted: Order | None = None
         self._done: deque[tuple[Order, Shot]] = deque()
@@ -67,7 +67,7 @@ class Painter:
         self._stop = False
         self.scale = 1.0
         self.working: str | None = None
-        """The path whose picture is on its way."""
+        """The tier that is being drawn."""
         self._slow: dict[str, int] = {}
         self._thread = threading.Thread(target=self._run, name="painter", daemon=True)
         self._thread.start()
@@ -91,9 +91,9 @@ class Painter:
         with self._changed:
             return self._wanted is None and self.working is None
 
-    def skips(self, path: str) -> bool:
-        """Return whether a path is too slow to be drawn while the view moves."""
-        return self._slow.get(path, 0) > 1
+    def skips(self, tier: str) -> bool:
+        """Return whether a tier is too slow to be drawn while the view moves."""
+        return self._slow.get(tier, 0) > 1
 
     def close(self) -> None:
         """Stop, and release the renderers in the thread that made them."""
@@ -112,47 +112,47 @@ class Painter:
                         return
                     order, self._wanted = self._wanted, None
                     assert order is not None
-                    self.working = order.paths[0] if order.paths else None
+                    self.working = order.tiers[0] if order.tiers else None
                 (self._moving if order.moving else self._resting)(order)
 
     def _resting(self, order: Order) -> None:
         spent = 0.0
-        for path in order.paths:
+        for tier in order.tiers:
             if self._stop or self._wanted is not None:
                 return
-            shot, seconds = self._shoot(path, order, order.camera)
+            shot, seconds = self._shoot(tier, order, order.camera)
             spent += seconds
             if seconds <= TOO_SLOW:
-                self._slow.pop(path, None)
+                self._slow.pop(tier, None)
             self._done.append((order, shot))
         self.scale = moving_scale(1.0, spent)
 
     def _moving(self, order: Order) -> None:
         camera = order.camera.scaled(self.scale)
         shots, spent = [], 0.0
-        for path in order.paths:
-            if self.skips(path):
+        for tier in order.tiers:
+            if self.skips(tier):
                 continue
-            shot, seconds = self._shoot(path, order, camera)
+            shot, seconds = self._shoot(tier, order, camera)
             shots.append(shot)
             spent += seconds
             if self.scale == STEPS[-1] and seconds > TOO_SLOW:
-                self._slow[path] = self._slow.get(path, 0) + 1
+                self._slow[tier] = self._slow.get(tier, 0) + 1
         self._done.extend((order, shot) for shot in shots)
         self.scale = moving_scale(self.scale, spent)
 
-    def _shoot(self, path: str, order: Order, camera: Camera) -> tuple[Shot, float]:
-        self.working = path
+    def _shoot(self, tier: str, order: Order, camera: Camera) -> tuple[Shot, float]:
+        self.working = tier
         start = time.perf_counter()
         try:
-            view = order.view if path == TRUTH else None
-            shot = self._renderers.shoot(path, camera, view, order.background)
+            view = order.view if tier == TRUTH else None
+            shot = self._renderers.shoot(tier, camera, view, order.background)
         except MsbError as error:
-            shot = Shot(path, why=str(error))
+            shot = Shot(tier, why=str(error))
         except MemoryError:
-            shot = Shot(path, why="there is too little memory for a picture of this size")
+            shot = Shot(tier, why="there is too little memory for a picture of this size")
         except Exception as error:  # a broken driver must not leave a window that waits for ever
-            shot = Shot(path, why=f"{type(error).__name__}: {error}")
+            shot = Shot(tier, why=f"{type(error).__name__}: {error}")
         return shot, time.perf_counter() - start
 
 

@@ -1,4 +1,4 @@
-"""The paths a picture can come by, and the pictures: what each path makes of one camera, or why it cannot."""
+"""What is compared, and the pictures: what each tier makes of one camera, or why it makes nothing."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ LABELS = {
     "dedicated": "Dedicated",
     "standard": "Standard",
 }
-"""Path -> its title, in the order in which they are shown; all but the truth are tiers."""
+"""Tier -> its title, in the order they are shown. The truth, a photograph, stands beside the tiers."""
 MOST_REFERENCE_FACES = 200_000
-"""Of an asset whose reference is drawn without being asked for: NumPy takes minutes for more."""
+"""An asset of more faces gets its reference only when asked for: NumPy takes minutes for it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What a path made of a camera.
+    """What a tier made of a camera.
 
     Attributes
     ----------
-    path : str
+    tier : str
         A key of `LABELS`.
     image : (H, W, 3) uint8 or None
-        As `msb render` writes it: clamped, rounded half up.
+        The picture as `msb render` writes it: clamped, rounded half up.
     why : str
         Why there is no image.
     milliseconds : float or None
-        Time of the device's commands without reading back, or of NumPy; None of a photograph.
+        Time of the device's commands without reading back, or of NumPy; None for a photograph.
     nbytes : int or None
-        Bytes the path holds on the device.
+        Bytes the tier holds on the device.
     where : str
         What computed it.
     """
 
-    path: str
+    tier: str
     image: NDArray[np.uint8] | None = None
     why: str = ""
     milliseconds: float | None = None
@@ -69,25 +69,25 @@ class Comparison:
     name : str
         What the window is called.
     asset : Asset
-    paths : tuple of str
-        Those shown, in the order of `LABELS`.
+    tiers : tuple of str
+        The tiers shown, in the order of `LABELS`.
     missing : mapping of str to str
-        Path -> why the method does not have it.
+        Tier -> why the method does not have it.
     views : tuple of View
-        A dataset's; empty: free views only.
+        The views of a dataset; without any there are free views only.
     settings : mapping
         Overrides of the asset's.
     supersample : int
         Samples along each side of a pixel on the standard tier.
     background : (float, float, float)
-        In [0, 1].
+        Red, green and blue in [0, 1].
     device : str or None
-        As for `msb.Renderer`.
+        The same as for `msb.Renderer`.
     """
 
     name: str
     asset: Asset
-    paths: tuple[str, ...]
+    tiers: tuple[str, ...]
     missing: Mapping[str, str]
     views: tuple[View, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -97,8 +97,8 @@ class Comparison:
 
     @property
     def drawable(self) -> tuple[str, ...]:
-        """The paths that can give a picture."""
-        return tuple(path for path in self.paths if path not in self.missing)
+        """The tiers that can give a picture."""
+        return tuple(tier for tier in self.tiers if tier not in self.missing)
 
     def settings_text(self) -> str:
         """Return the settings in force, with a star at those overridden, and the background."""
@@ -116,61 +116,61 @@ class Comparison:
         return ", ".join([*parts, f"background {color}"])
 
 
-def choose_paths(
+def choose_tiers(
     asset: Asset, views: Sequence[View], wanted: Iterable[str] | None, *, headless: bool
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the paths to show, and why some of them have no picture.
+    """Return the tiers to show, and why some of them have no picture.
 
     Parameters
     ----------
     wanted : iterable of str or None
-        Those asked for; None means all tiers, and the truth where there is a photograph.
+        The tiers asked for; None means all, and the truth if there is a photograph.
     headless : bool
-        Every picture is waited for: a reference that would take minutes is then left out unless asked for.
+        Whether every picture is waited for: a reference of minutes is then left out unless asked for.
 
     Raises
     ------
     UsageError
-        `VIEW_PATH`: an unknown path, or truth without a photograph.
+        `VIEW_TIER`: an unknown tier, or truth without a photograph.
     Unsupported
-        The method has none of the paths.
+        The method has none of the tiers.
     """
-    from msb.render.protocol import check_supported
+    from msb.render.backend import check_supported
 
     photographs = any(view.photograph is not None for view in views)
     if wanted is None:
         slow = headless and asset.manifest.face_count > MOST_REFERENCE_FACES
         left_out = {TRUTH} if not photographs else set()
         left_out |= {REFERENCE} if slow else set()
-        chosen = tuple(path for path in LABELS if path not in left_out)
+        chosen = tuple(tier for tier in LABELS if tier not in left_out)
     else:
         names = [name for text in wanted for name in text.replace(" ", "").split(",") if name]
         for name in names:
             if name not in LABELS:
-                text = f'there is no path "{shorten(name, 40)}"; there are {", ".join(LABELS)}'
-                raise UsageError("VIEW_PATH", text, value=name)
+                text = f'there is no tier "{shorten(name, 40)}"; there are {", ".join(LABELS)}'
+                raise UsageError("VIEW_TIER", text, value=name)
         if TRUTH in names and not photographs:
             text = "there is no ground truth: no camera has a photograph; --cameras and --images name them"
-            raise UsageError("VIEW_PATH", text, value=TRUTH)
-        chosen = tuple(path for path in LABELS if path in names)
+            raise UsageError("VIEW_TIER", text, value=TRUTH)
+        chosen = tuple(tier for tier in LABELS if tier in names)
     missing: dict[str, str] = {}
     first: Unsupported | None = None
-    for path in chosen:
+    for tier in chosen:
         try:
-            if path != TRUTH:
-                check_supported(asset, path)
+            if tier != TRUTH:
+                check_supported(asset, tier)
         except Unsupported as error:
             first = first or error
-            missing[path] = error.message
-    if first is not None and all(path in missing or path == TRUTH for path in chosen):
+            missing[tier] = error.message
+    if first is not None and all(tier in missing or tier == TRUTH for tier in chosen):
         raise first
     return chosen, missing
 
 
-class PathRenderers:
-    """Draws what a comparison shows, each path's renderer made when it is first needed.
+class TierRenderers:
+    """Draws what a comparison shows. A tier's renderer is made when it is first needed.
 
-    To be used from one thread. `close` it, or use it in a ``with`` block.
+    It must be used from one thread. `close` it, or use it in a ``with`` block.
     """
 
     def __init__(self, comparison: Comparison) -> None:
@@ -181,51 +181,49 @@ class PathRenderers:
 
     def shoot(
         self,
-        path: str,
+        tier: str,
         camera: Camera,
         view: View | None = None,
         background: tuple[float, float, float] | None = None,
     ) -> Shot:
-        """Return what `path` makes of `camera`.
+        """Return what `tier` makes of `camera`.
 
         Parameters
         ----------
         view : View, optional
-            Whose camera it is, for its photograph.
+            The view that the camera belongs to, for its photograph.
         background : (float, float, float), optional
-            Instead of the comparison's.
+            A colour instead of the comparison's.
 
         Raises
         ------
         MsbError
-            The renderer's own, but `Unsupported`: that becomes a shot that says why.
+            Errors of the renderer, except `Unsupported`, which becomes a shot that says why.
         """
-        if path in self.comparison.missing:
-            return Shot(path, why=self.comparison.missing[path])
+        if tier in self.comparison.missing:
+            return Shot(tier, why=self.comparison.missing[tier])
         color = background or self.comparison.background
-        if path == TRUTH:
+        if tier == TRUTH:
             return self._truth(view, color)
         from msb.render.images import to_bytes
 
-        renderer = self._renderer(path)
+        renderer = self._renderer(tier)
         frame = renderer.render(camera, color)
         spent = sum(time for stage, time in frame.timings.items() if stage != "read")
         nbytes = sum(renderer.memory().values()) or None
-        return Shot(path, to_bytes(frame.image), "", spent, nbytes, self._where(path))
+        return Shot(tier, to_bytes(frame.image), "", spent, nbytes, self._where(tier))
 
-    def shoot_all(self, view: View, paths: Iterable[str] | None = None) -> dict[str, Shot]:
-        """Return a shot of each path shown, or of `paths`, from one view. Raises as `shoot`."""
-        chosen = self.comparison.paths if paths is None else paths
-        return {path: self.shoot(path, view.camera, view) for path in chosen}
+    def shoot_all(self, view: View, tiers: Iterable[str] | None = None) -> dict[str, Shot]:
+        """Return a shot of each tier shown, or of `tiers`, from one view. Raises as `shoot`."""
+        chosen = self.comparison.tiers if tiers is None else tiers
+        return {tier: self.shoot(tier, view.camera, view) for tier in chosen}
 
     def close(self) -> None:
         """Release all renderers. Twice is harmless."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers.clear()
-        if self._device is not None:
-            self._device.close()
-            self._device = None
+        self._device = None
 
     def __enter__(self) -> Self:
         return self
@@ -233,25 +231,26 @@ class PathRenderers:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _renderer(self, path: str) -> Renderer:
-        if path not in self._renderers:
-            from msb.cl import open_device
+    def _renderer(self, tier: str) -> Renderer:
+        if tier not in self._renderers:
+            from msb.cl import shared_device
             from msb.render import Renderer
-            from msb.render.protocol import lean_options
+            from msb.render.backend import lean_options
 
             scene = self.comparison
             settings = dict(scene.settings)
-            if path == "standard":  # its own, whatever the method's setting of that name
+            if tier == "standard":  # its own, whatever the method's setting of that name
                 settings["supersample"] = scene.supersample
-            if path != REFERENCE and self._device is None:
-                self._device = open_device(scene.device)
-            device = None if path == REFERENCE else self._device
-            tier: Any = path
-            self._renderers[path] = Renderer(scene.asset, tier, device, settings, **lean_options(tier, None))
-        return self._renderers[path]
+            if tier != REFERENCE and self._device is None:
+                self._device = shared_device(scene.device)
+            device = None if tier == REFERENCE else self._device
+            drawn: Any = tier
+            options = lean_options(drawn, None)
+            self._renderers[tier] = Renderer(scene.asset, drawn, device, settings, **options)
+        return self._renderers[tier]
 
-    def _where(self, path: str) -> str:
-        if path == REFERENCE or self._device is None:
+    def _where(self, tier: str) -> str:
+        if tier == REFERENCE or self._device is None:
             return "NumPy"
         return f"OpenCL on {self._device.record.name}"
 

@@ -1,4 +1,4 @@
-"""The reference, computed by a child process: NumPy would hold up the window, and cannot be interrupted."""
+"""The reference in a child process, because NumPy would hold up the window and cannot be interrupted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 _PREVIEW = 160
-"""Pixels of the longer side of what is shown first."""
+"""The longer side of the preview, in pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class ReferenceSolver:
     Parameters
     ----------
     asset : Asset
-        One without a file of its own is written to a temporary one, which the child maps.
+        An asset without a file is written to a temporary one, which the child maps.
     settings : mapping
         Overrides of the asset's.
     """
@@ -66,7 +66,7 @@ class ReferenceSolver:
         self._since = time.monotonic()
 
     def collect(self) -> Shot | None:
-        """Return a picture that has become ready: the preview, then the whole; or why there is none."""
+        """Return a picture that has become ready: first the preview, then the whole picture; or why not."""
         if not self._waiting or self._link is None:
             return None
         try:
@@ -89,7 +89,7 @@ class ReferenceSolver:
         return f"computing {self._size} in NumPy: {time.monotonic() - self._since:.0f} s"
 
     def cancel(self) -> None:
-        """Stop computing. An idle child is kept."""
+        """Stop computing; an idle child process is kept."""
         if self._waiting:
             self._end()
 
@@ -110,8 +110,7 @@ class ReferenceSolver:
         theirs.close()
 
     def _asset_file(self) -> Path:
-        from msb.asset import save
-        from msb.cli.inputs import is_asset
+        from msb.asset import is_asset, save
 
         if self._asset.path is not None and is_asset(Path(self._asset.path)):
             return Path(self._asset.path)

@@ -1,4 +1,4 @@
-"""What the deployment viewer shows and what each key does to it. No window needed."""
+"""What the deployment viewer shows and what each key does to it. It needs no window."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ Layout = Literal["side", "wipe", "difference"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 LAYOUT_LABELS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
 _STEP = 0.02
-"""Of the divider, in parts of the picture, for a press of an arrow key."""
+"""How far an arrow key moves the divider, in parts of the picture's width."""
 
 HELP: tuple[tuple[str, str], ...] = (
     ("1 / 2 / 3", "side by side, wipe, difference"),
-    ("A / B", "next path for picture A, for picture B"),
+    ("A / B", "next tier for picture A, for picture B"),
     ("N / P", "next / previous camera of the dataset"),
     ("R", "compute the reference now, or stop it"),
     ("+ / -", "brighten / darken the difference"),
@@ -52,17 +52,17 @@ class CompareState:
     comparison : Comparison
     layout : {"side", "wipe", "difference"}
     pair : (str, str)
-        Paths A and B, which wipe and difference show; PSNRs are against A. Equal if there is only one.
+        Tiers A and B, which wipe and difference show; PSNRs are against A. They are equal if only one exists.
     around : Surroundings
         What a free camera turns around.
     at : int or None
-        The dataset's view shown last.
+        The number of the dataset's view that was shown last.
     free : Camera or None
         The user's own camera, at any size; None while a dataset's is shown.
     divider : float
-        Place of the wipe's divider, in parts of the picture.
+        Place of the wipe's divider, in parts of the picture's width.
     top : float
-        Difference that the brightest colour stands for.
+        The difference that the brightest colour stands for.
     reference : bool
         Whether the reference is to be computed when the view rests.
     """
@@ -79,7 +79,7 @@ class CompareState:
     reference: bool = True
     help: bool = False
     captions: bool = True
-    message: str = "1: side by side   2: wipe   3: difference   A / B: paths   N / P: cameras"
+    message: str = "1: side by side   2: wipe   3: difference   A / B: tiers   N / P: cameras"
 
     @classmethod
     def first(
@@ -95,7 +95,7 @@ class CompareState:
         Raises
         ------
         UsageError
-            `VIEW_PATH`.
+            `VIEW_TIER`.
         """
         chosen = _default_pair(comparison) if pair is None else _parse_pair(comparison, pair)
         at = 0 if comparison.views else None
@@ -104,8 +104,8 @@ class CompareState:
         state = cls(comparison, chosen, around, layout, at, background=comparison.background, reference=few)
         state.home()
         if layout != "side" and chosen[0] == chosen[1]:
-            text = f"--layout {layout} takes two paths; only {chosen[0]} has a picture"
-            raise UsageError("VIEW_PATH", text, value=chosen[0])
+            text = f"--layout {layout} takes two tiers; only {chosen[0]} has a picture"
+            raise UsageError("VIEW_TIER", text, value=chosen[0])
         return state
 
     @property
@@ -128,8 +128,8 @@ class CompareState:
     def picture_camera(self, size: tuple[int, int]) -> Camera:
         """Return the camera to draw for a window of `size` pixels.
 
-        A dataset's has the dataset's size, so that figures are those of the protocol; a free one has the size
-        at which it is shown.
+        A dataset's camera has the dataset's size, so that its PSNRs are those of the protocol; a free camera
+        has the size at which it is shown.
         """
         if self.view is not None:
             return self.view.camera
@@ -142,29 +142,29 @@ class CompareState:
 
     def cells(self, size: tuple[int, int]) -> list[Cell]:
         """Return where pictures go in a window of `size` pixels."""
-        paths, scale = self.comparison.paths, text_scale(size)
-        return arrange(self.layout, paths, self.pair, size, scale, captions=self.captions, aspect=self.aspect)
+        tiers, scale = self.comparison.tiers, text_scale(size)
+        return arrange(self.layout, tiers, self.pair, size, scale, captions=self.captions, aspect=self.aspect)
 
     def set_layout(self, layout: Layout) -> None:
-        """Show paths side by side, with a wipe, or their difference."""
+        """Show tiers side by side, with a wipe, or their difference."""
         if layout != "side" and self.pair[0] == self.pair[1]:
             self.message = f"there is only one picture, {LABELS[self.pair[0]].lower()}: nothing to compare"
             return
         self.layout = layout
-        a, b = (LABELS[path].lower() for path in self.pair)
+        a, b = (LABELS[tier].lower() for tier in self.pair)
         self.message = {
             "side": "side by side",
             "wipe": f"wipe: A {a}, B {b}",
             "difference": f"difference of A {a} and B {b}",
         }[layout]
 
-    def next_path(self, side: int) -> None:
-        """Put the next path on side 0 (A) or 1 (B); what the other side shows is left out."""
-        paths = self.comparison.drawable
+    def next_tier(self, side: int) -> None:
+        """Put the next tier on side 0 (A) or 1 (B); what the other side shows is left out."""
+        tiers = self.comparison.drawable
         other = self.pair[1 - side]
-        choices = [path for path in paths if path != other]
+        choices = [tier for tier in tiers if tier != other]
         if not choices:
-            self.message = "there is no other path to compare with"
+            self.message = "there is no other tier to compare with"
             return
         now = self.pair[side]
         chosen = choices[(choices.index(now) + 1) % len(choices)] if now in choices else choices[0]
@@ -195,7 +195,7 @@ class CompareState:
     def toggle_reference(self) -> None:
         """Let the reference be computed when the view rests, or not."""
         if REFERENCE not in self.comparison.drawable:
-            why = self.comparison.missing.get(REFERENCE, "it is not among the paths shown")
+            why = self.comparison.missing.get(REFERENCE, "it is not among the tiers shown")
             self.message = f"no reference: {why}"
             return
         self.reference = not self.reference
@@ -207,18 +207,18 @@ class CompareState:
         self.background = choices[(choices.index(self.background) + 1) % len(choices)]
         self.message = "background: " + ", ".join(f"{value:g}" for value in self.background)
 
-    def wanted_paths(self) -> tuple[str, ...]:
-        """Return the paths whose pictures the layout shows."""
+    def wanted_tiers(self) -> tuple[str, ...]:
+        """Return the tiers whose pictures the layout shows."""
         if self.layout == "side":
-            return self.comparison.paths
-        return tuple(path for path in self.comparison.paths if path in self.pair)
+            return self.comparison.tiers
+        return tuple(tier for tier in self.comparison.tiers if tier in self.pair)
 
 
 def _default_pair(comparison: Comparison) -> tuple[str, str]:
-    """Return the truth or the method's own look, and what is furthest from it."""
-    paths = comparison.drawable
-    first = next(path for path in (TRUTH, "dedicated", REFERENCE, "standard") if path in paths)
-    rest = [path for path in ("standard", "dedicated", REFERENCE) if path in paths and path != first]
+    """Return the truth, or else the method's own look, and the tier that is furthest from it."""
+    tiers = comparison.drawable
+    first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard") if tier in tiers)
+    rest = [tier for tier in ("standard", "dedicated", REFERENCE) if tier in tiers and tier != first]
     return first, rest[0] if rest else first
 
 
@@ -227,11 +227,11 @@ def _parse_pair(comparison: Comparison, text: str) -> tuple[str, str]:
     known = comparison.drawable
     if len(names) != 2 or names[0] == names[1]:
         shown = shorten(text, 40)
-        raise UsageError("VIEW_PATH", f'--pair is "{shown}"; it must be two paths, like dedicated,standard')
+        raise UsageError("VIEW_TIER", f'--pair is "{shown}"; it must be two tiers, like dedicated,standard')
     for name in names:
         if name not in known:
             why = comparison.missing.get(name)
             shown = shorten(name, 40)
             text = f'--pair: "{shown}" has no picture here' + (f": {why}" if why else "")
-            raise UsageError("VIEW_PATH", f"{text}; there are {', '.join(known)}", value=name)
+            raise UsageError("VIEW_TIER", f"{text}; there are {', '.join(known)}", value=name)
     return names[0], names[1]

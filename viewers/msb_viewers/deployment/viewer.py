@@ -14,7 +14,7 @@ from msb_viewers.camera import Pose, pose_of, scene_camera
 from msb_viewers.deployment.compose import Composer
 from msb_viewers.deployment.controls import CompareControls
 from msb_viewers.deployment.painter import Order, Painter
-from msb_viewers.deployment.shots import LABELS, REFERENCE, PathRenderers, Shot
+from msb_viewers.deployment.shots import LABELS, REFERENCE, Shot, TierRenderers
 from msb_viewers.deployment.solver import ReferenceSolver
 from msb_viewers.window import open_plotter, write_png
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import CompareState
 
 _REST_SECONDS = 0.4
-"""How long the view must rest before the reference is begun."""
+"""Seconds that the view must rest before the reference is begun."""
 _TOLD_SECONDS = 0.5
-"""Between two changes of a text that says how long something has taken."""
+"""Seconds between two changes of a text that says how long something has taken."""
 
 
 class CompareViewer:
-    """The paths of a comparison on a window, or off-screen.
+    """The pictures of a comparison in a window, or off-screen.
 
     The view is VTK's camera, so that the mouse turns it as in the topology viewer; VTK draws nothing but the
     composed picture. Renderers run in a thread and a process of their own: see `painter`, `solver`.
@@ -56,7 +56,7 @@ class CompareViewer:
         self, state: CompareState, *, size: tuple[int, int] = (1280, 800), off_screen: bool = False
     ) -> None:
         self.state, self.off_screen = state, off_screen
-        self.title = f"{state.comparison.name} - msb view"
+        self.title = f"{state.comparison.name} - msb compare"
         self.plotter = open_plotter(self.title, size, off_screen=off_screen)
         self.window = self.plotter.ren_win
         self.window.SetMultiSamples(0)  # a picture has no rims to smooth
@@ -72,7 +72,7 @@ class CompareViewer:
         self._rested_since = 0.0
         self._told = 0.0
         self._begun = False
-        self._painter = Painter(PathRenderers(state.comparison))
+        self._painter = Painter(TierRenderers(state.comparison))
         self._solver = ReferenceSolver(state.comparison.asset, state.comparison.settings)
         self.controls = CompareControls(self)
         self.aim()
@@ -142,26 +142,26 @@ class CompareViewer:
         self._rested_since, self._begun = time.monotonic(), False
         self._solver.cancel()
         self.shots.pop(REFERENCE, None)
-        paths = tuple(path for path in self.state.wanted_paths() if not self._is_solved(path))
+        tiers = tuple(tier for tier in self.state.wanted_tiers() if not self._is_solved(tier))
         # What is of another camera must not be taken for this one's.
-        self.shots = {path: shot for path, shot in self.shots.items() if self._stays(path)}
+        self.shots = {tier: shot for tier, shot in self.shots.items() if self._stays(tier)}
         self._painter.ask(
             Order(
                 self._number,
                 self.state.picture_camera(self.size),
                 self.state.view,
-                paths,
+                tiers,
                 self.state.background,
                 self._moving,
             )
         )
 
-    def _is_solved(self, path: str) -> bool:
-        return path == REFERENCE and path not in self.state.comparison.missing
+    def _is_solved(self, tier: str) -> bool:
+        return tier == REFERENCE and tier not in self.state.comparison.missing
 
-    def _stays(self, path: str) -> bool:
-        """Return whether a shot may be seen until the next is there: the last moment of a movement may."""
-        return self.state.view is None and not (self._moving and self._painter.skips(path))
+    def _stays(self, tier: str) -> bool:
+        """Return whether a shot may stay until the next is there, as the last moment of a movement may."""
+        return self.state.view is None and not (self._moving and self._painter.skips(tier))
 
     def tick(self) -> bool:
         """Take over what has been drawn, go on with what is to be; return whether there is news."""
@@ -169,7 +169,7 @@ class CompareViewer:
         for order, shot in self._painter.collect():
             # While the view moves what is shown lags behind what was asked for, but never goes back.
             if order.number == self._number or (order.moving and order.number >= self._shown):
-                self.shots[shot.path], self._shown = shot, order.number
+                self.shots[shot.tier], self._shown = shot, order.number
                 news = True
         if self._wants_reference() and not self._begun and self._rested():
             self._begun = True
@@ -185,7 +185,7 @@ class CompareViewer:
 
     def _wants_reference(self) -> bool:
         state = self.state
-        return state.reference and REFERENCE in state.wanted_paths() and self._is_solved(REFERENCE)
+        return state.reference and REFERENCE in state.wanted_tiers() and self._is_solved(REFERENCE)
 
     def _rested(self) -> bool:
         still = not self._moving and self._painter.idle
@@ -194,7 +194,7 @@ class CompareViewer:
     @property
     def settled(self) -> bool:
         """Whether everything that the state shows has been drawn."""
-        done = all(path in self.shots for path in self.state.wanted_paths() if not self._is_solved(path))
+        done = all(tier in self.shots for tier in self.state.wanted_tiers() if not self._is_solved(tier))
         if not (done and self._painter.idle):
             return False
         return not self._wants_reference() or (self._begun and self._solver.busy is None)
@@ -208,23 +208,23 @@ class CompareViewer:
         self.tick()
 
     def busy(self) -> dict[str, str]:
-        """Return for each path not ready what is being done about it."""
+        """Return, for each tier without a picture, what is being done about it."""
         texts = {}
-        for path in self.state.wanted_paths():
-            if not self._is_solved(path):
-                if path not in self.shots:
-                    title = LABELS[path].lower()
-                    texts[path] = f"{title}: {'drawing' if self._painter.working == path else 'waiting'}"
-                    if self._moving and self._painter.skips(path):
-                        texts[path] = f"{title}: slow, drawn when the view rests"
+        for tier in self.state.wanted_tiers():
+            if not self._is_solved(tier):
+                if tier not in self.shots:
+                    title = LABELS[tier].lower()
+                    texts[tier] = f"{title}: {'drawing' if self._painter.working == tier else 'waiting'}"
+                    if self._moving and self._painter.skips(tier):
+                        texts[tier] = f"{title}: slow, drawn when the view rests"
                 continue
             if self._solver.busy:
-                texts[path] = self._solver.busy
-            elif path not in self.shots:
-                title = LABELS[path].lower()
-                texts[path] = f"{title}: begun when the view rests"
+                texts[tier] = self._solver.busy
+            elif tier not in self.shots:
+                title = LABELS[tier].lower()
+                texts[tier] = f"{title}: begun when the view rests"
                 if not self.state.reference:
-                    texts[path] = f"{title}: NumPy, slow; R computes it"
+                    texts[tier] = f"{title}: NumPy, slow; R computes it"
         return texts
 
     def refresh(self) -> None:

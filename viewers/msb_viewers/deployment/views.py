@@ -1,15 +1,16 @@
-"""Where from: a dataset's cameras with their photographs, or views around the asset."""
+"""The views to compare from: a dataset's cameras with their photographs, or views around the asset."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.errors import UsageError
+from msb.paths import SpelledFiles
 from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
 from msb_viewers.deployment.difference import fitted
 from msb_viewers.model import framing
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 SIDE = 1000
-"""Pixels along each side of the camera that a free view starts from; windows scale it."""
+"""Width and height in pixels of the camera that a free view starts from; windows scale it."""
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 
@@ -35,7 +36,7 @@ class View:
     ----------
     name : str
     camera : Camera
-        Of the size at which pictures are compared: the photograph's, where there is one.
+        It has the size at which pictures are compared: the photograph's, if there is one.
     photograph : Path or None
     why : str
         Why there is no photograph.
@@ -60,7 +61,7 @@ def dataset_views(
     ----------
     cameras : sequence of Camera
     images : Path, optional
-        Folder of the photographs, by the cameras' names whatever the suffix; else where the dataset says.
+        Folder of the photographs, which have the cameras' names and any suffix; else the dataset says where.
     beside : Path, optional
         Folder of the cameras' file, where photographs are looked for if the dataset does not say.
     scale : float, optional
@@ -76,8 +77,10 @@ def dataset_views(
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--images: there is no such folder", file=images)
     views = []
+    folder = images or beside
+    files = None if folder is None else SpelledFiles(folder)
     for index, camera in enumerate(cameras):
-        photograph = _photograph(camera, images, beside)
+        photograph = _photograph(camera, files, anew=images is not None)
         if photograph is not None:
             from msb.scenes import image_size
 
@@ -93,17 +96,18 @@ def dataset_views(
     return views
 
 
-def _photograph(camera: Camera, images: Path | None, beside: Path | None) -> Path | None:
+def _photograph(camera: Camera, files: SpelledFiles | None, *, anew: bool) -> Path | None:
+    """Return the camera's photograph: where the dataset says, unless looked for `anew`, or among `files`."""
     from msb.metrics import IMAGE_SUFFIXES
 
-    if images is None and camera.image_path is not None:
+    if not anew and camera.image_path is not None:
         return camera.image_path if camera.image_path.is_file() else None
-    folder = images or beside
-    if folder is None or camera.name is None:
+    if files is None or camera.name is None:
         return None
     suffixes = [suffix for kind in IMAGE_SUFFIXES[:3] for suffix in (kind, kind.upper())]
-    exact = folder / camera.name
-    tried = [exact, *(exact.with_suffix(s) for s in suffixes), *(Path(f"{exact}{s}") for s in suffixes)]
+    exact = PurePosixPath(camera.name)
+    names = [exact, *(exact.with_suffix(s) for s in suffixes), *(f"{exact}{s}" for s in suffixes)]
+    tried = (files.find(str(name)) for name in names)
     return next((path for path in tried if path.is_file() and path.suffix in suffixes), None)
 
 
@@ -126,15 +130,15 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Where an asset is, and how large: what a free view turns around.
+    """The place and size of an asset, which a free view turns around.
 
     Attributes
     ----------
     center : (3,) float64
     radius : float
-        Of the sphere to look at; a few far vertices may lie outside.
+        Radius of the sphere to look at; a few far vertices may lie outside.
     up : str
-        "+y" and the like.
+        The axis that is up, such as "+y".
     """
 
     center: NDArray[np.float64]
@@ -143,7 +147,7 @@ class Surroundings:
 
     @classmethod
     def of(cls, asset: Asset, up: str | None = None) -> Surroundings:
-        """Return those of an asset; `up` is used instead of the asset's own axis."""
+        """Return the surroundings of an asset; `up` is used instead of the asset's own axis."""
         positions, indices = asset.buffers["positions"], asset.buffers["indices"]
         used = np.zeros(len(positions), bool)
         used[indices.reshape(-1)] = True
@@ -176,7 +180,7 @@ class Surroundings:
 
 
 def sized(camera: Camera, width: int, height: int) -> Camera:
-    """Return a camera of another shape at the same place: what its shorter side saw, it sees."""
+    """Return a camera of another shape at the same place; its shorter side sees what that side saw."""
     factor = min(width, height) / min(camera.width, camera.height)
     return replace(
         camera,

@@ -1,0 +1,62 @@
+"""What the trainers of the 3DGS family leave beside a checkpoint about how it was trained: `cfg_args`.
+
+Nothing here is evaluated: it is parsed as literals.
+"""
+
+from __future__ import annotations
+
+import ast
+import warnings
+from typing import TYPE_CHECKING, Any
+
+from msb.errors import CheckpointError, Finding, InputError, finding, shorten
+from msb.files import read_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAX_BYTES = 1 << 16
+"""Configs have some kilobytes, and a log starts with one; the limit bounds the work on anything else."""
+
+
+def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
+    """Return the values in `cfg_args` of the output folder `root`, the files read, and warnings.
+
+    `cfg_args` is one line, ``Namespace(sh_degree=3, white_background=False, ...)``: Python call syntax with
+    literal values (trianglesplatting/triangle-splatting: train.py).
+    """
+    path = root / "cfg_args"
+    if not path.is_file():
+        return {}, (), [missing(root, "cfg_args is not there: the background used in training is not known")]
+    try:
+        text = read_text(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about escapes in literals: the file's business
+            call = ast.parse(text.strip(), mode="eval").body
+        if not isinstance(call, ast.Call) or call.args or getattr(call.func, "id", "") != "Namespace":
+            raise ValueError
+        values = {word.arg: ast.literal_eval(word.value) for word in call.keywords if word.arg}
+        if len(values) != len(call.keywords):  # **mapping, or a name twice
+            raise ValueError
+    except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
+        text = "cfg_args is not one line Namespace(name=value, ...); it was ignored"
+        return {}, (), [finding("CHECKPOINT_CONFIG_FILE", text, severity="warning", pointer="cfg_args")]
+    return values, (path,), []
+
+
+def read_text(path: Path) -> str:
+    """Return the beginning of a text file; errors as `unusable`."""
+    try:
+        return read_file(path, MAX_BYTES)[:MAX_BYTES].decode("utf-8", "replace").replace("\r\n", "\n")
+    except InputError as error:
+        raise unusable(path, error.message) from error
+
+
+def unusable(path: Path, why: str) -> CheckpointError:
+    """Return the error `CHECKPOINT_CONFIG_FILE`."""
+    return CheckpointError("CHECKPOINT_CONFIG_FILE", shorten(why, 200), file=path)
+
+
+def missing(root: Path, text: str) -> Finding:
+    """Return the warning that a config of the output folder `root` is not there."""
+    return finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(root))

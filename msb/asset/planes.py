@@ -1,0 +1,47 @@
+"""DiffSoup's near and far plane: which a camera's matrix in floating point can hold."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import UsageError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any]:
+    """Return the inverse of MVP, taken in double and rounded to its dtype.
+
+    Views go along the line between the points where a pixel meets the two planes. The inverse must give both,
+    w above 0 at all pixels: a far plane that rounds to infinity has w = 0, and no number comes of it.
+
+    Parameters
+    ----------
+    mvp : (4, 4) float32 or float64
+        For column vectors.
+    near, far : float
+        Camera depths that become NDC -1 and 1: the settings `z_near` and `z_far`.
+
+    Raises
+    ------
+    UsageError
+        `SETTING_VALUE`: near is not below far, or the dtype cannot tell one from 0 or the other from
+        infinity.
+    """
+    if near < far:
+        try:
+            with np.errstate(all="ignore"):
+                inverse = np.linalg.inv(mvp.astype(np.float64)).astype(mvp.dtype)
+        except np.linalg.LinAlgError:
+            inverse = np.full((4, 4), np.nan)
+        if np.isfinite(inverse).all():
+            across, down, along, constant = inverse[3]
+            if constant - abs(along) - abs(across) - abs(down) > 0:
+                return inverse
+    text = f"settings z_near {near:g} and z_far {far:g} are no range of depths: z_near must be below z_far, "
+    text += f"and {mvp.dtype} must tell them from 0 and infinity: z_far / z_near must be below about "
+    text += f"{1 / np.finfo(mvp.dtype).eps:.0e}"
+    raise UsageError("SETTING_VALUE", text, value=[near, far])

@@ -1,0 +1,106 @@
+"""Kernel text: our own files, with their includes put in place, so that a package in a ZIP works too."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import re
+from importlib import resources
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Define = int | float | bool | str
+OWN = "msb.cl.kernels"
+"""The package whose files any kernel may include."""
+
+_INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"(?P<name>[A-Za-z0-9_]+\.cl)"[ \t]*(?://.*)?$')
+_ANY_INCLUDE = re.compile(r"^[ \t]*#[ \t]*include\b")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\([A-Za-z0-9_, ]*\))?")
+
+
+def define_lines(defines: Mapping[str, Define]) -> str:
+    """Return the ``#define`` lines of `defines`, in order of name.
+
+    Booleans become 1 and 0; a float becomes the nearest single-precision number, written exactly (a
+    hexadecimal constant); text is taken as it is. They are part of the source, not build options, so no
+    command line has to be quoted.
+
+    >>> print(define_lines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
+    #define FAST 1
+    #define SCALE 0x1.99999a0000000p-4f
+    #define WIDTH 8
+    """
+    lines = []
+    for name, value in sorted(defines.items()):
+        if not _NAME.fullmatch(name) or (isinstance(value, str) and "\n" in value):
+            raise ValueError(f"not a macro: {name} = {value!r}")
+        lines.append(f"#define {name} {_literal(value)}\n")
+    return "".join(lines)
+
+
+def _literal(value: Define) -> str:
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, float):
+        if not np.isfinite(value):
+            raise ValueError(f"no constant can be written for {value}")
+        return f"{float(np.float32(value)).hex()}f"
+    return str(value)
+
+
+@functools.cache
+def kernels_hash(packages: tuple[str, ...]) -> str:
+    """Return the SHA-256 of names and texts of all kernel files in `OWN` and `packages`, in order of name."""
+    found = hashlib.sha256()
+    places = dict.fromkeys((OWN, *packages))
+    files = [
+        file for place in places for file in resources.files(place).iterdir() if file.name.endswith(".cl")
+    ]
+    for file in sorted(files, key=lambda file: file.name):
+        found.update(f"{file.name}\0".encode() + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
+    return found.hexdigest()
+
+
+@functools.cache
+def resolve(package: str, name: str) -> str:
+    """Return the text of file `name` of `package`, every ``#include "other.cl"`` replaced by that file.
+
+    A file is looked for in `package`, then in `OWN`. As in C, a file included twice is there twice.
+    ``#line`` directives make compilers name our own files and lines.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file; a name that leaves the package cannot be written.
+    ValueError
+        An include of another form, or files that include each other.
+    """
+    return _resolve(package, name, ())
+
+
+def _resolve(package: str, name: str, inside: tuple[str, ...]) -> str:
+    if name in inside:
+        raise ValueError(f"{name} includes itself, by way of {', '.join(inside)}")
+    lines = [f'#line 1 "{name}"']
+    for number, line in enumerate(_read(package, name).splitlines(), 1):
+        include = _INCLUDE.match(line)
+        if include:
+            lines.append(_resolve(package, include["name"], (*inside, name)).rstrip("\n"))
+            lines.append(f'#line {number + 1} "{name}"')
+        elif _ANY_INCLUDE.match(line):
+            raise ValueError(f'{name}: line {number}: only #include "FILE.cl" is understood')
+        else:
+            lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def _read(package: str, name: str) -> str:
+    for place in dict.fromkeys((package, OWN)):
+        file = resources.files(place).joinpath(name)
+        if file.is_file():
+            return file.read_text("utf-8")
+    raise FileNotFoundError(f"no kernel file {name} in {package}")

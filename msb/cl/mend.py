@@ -1,0 +1,169 @@
+"""The PoCL wheel made to build on processors it does not know.
+
+The one PoCL wheel there is (3.0-rc2 of 2022, with LLVM 14) asks LLVM for the processor's name and hands it to
+clang. Of processors newer than itself LLVM says "generic", which clang refuses: "unknown target CPU
+'generic'", whatever is to be built. No variable and no build option reaches that name. Here it is overwritten
+where PoCL keeps it: the characters themselves, by a name of the same length for what the processor can do.
+
+Nothing is touched unless all of it is as it was when this was found: the wheel's version, the driver's, the
+library's file, the place of the pointer, and the name there. `msb.cl.trial` builds and runs kernels with the
+new name in a process of its own first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import sys
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+MEND_VARIABLE = "MSB_MEND_POCL"
+"""Switched off by 0."""
+NAME = b"haswell"
+"""AVX2 and FMA. AVX-512 gains nothing here: speed is the same within a tenth for every name from AVX2 on."""
+UNKNOWN = b"generic"
+_WHEEL = "pocl-binary-distribution"
+_WHEEL_VERSION = "3.0"
+DRIVER = "3.0-rc2"
+"""The wheel's version, as its driver says it."""
+_LIBRARY = "libpocl-21062cec.so"
+"""The file's name holds a hash of its content, which `auditwheel` put there."""
+_SLOT = 640
+"""Byte of the device's structure at which the pointer to the name lies."""
+_STRUCTURE = 1024
+"""Bytes of the structure in which no other pointer may lead to such a name."""
+_NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
+_LZCNT = frozenset(("abm", "lzcnt"))  # Linux says abm
+_LONGEST = 64
+_mended: set[int] = set()
+"""Addresses of the structures of devices whose name is ours."""
+
+
+def is_off() -> bool:
+    """Return whether the user does not want it."""
+    return os.environ.get(MEND_VARIABLE) == "0"
+
+
+def why_not() -> str | None:
+    """Return why nothing is mended on this machine whatever the compiler says, or None."""
+    if is_off():
+        return f"{MEND_VARIABLE}=0 keeps it from being mended"
+    if not _has_what_the_name_promises():
+        return f"it cannot be told of one like it, since this one lacks {', '.join(_lacking())}"
+    return None
+
+
+def is_wheel(device: Any) -> bool:
+    """Return whether a pyopencl device is of the PoCL wheel this was found on."""
+    return (
+        sys.platform == "linux"
+        and platform.machine() == "x86_64"
+        and device.platform.name.strip() == "Portable Computing Language"
+        and device.driver_version.strip() == DRIVER
+        and _the_wheel_is_loaded()
+    )
+
+
+def compiler_cpu(device: Any) -> str | None:
+    """Return the processor's name that the wheel gives its compiler; None of any other platform."""
+    if not is_wheel(device):
+        return None
+    place = _pointer(device)
+    name = place and _read(place, _LONGEST)
+    if not name or b"\0" not in name:
+        return None
+    text = name.partition(b"\0")[0]
+    return text.decode("ascii") if text.isascii() and text.decode("ascii").isprintable() else None
+
+
+def can_mend(device: Any) -> bool:
+    """Return whether the wheel's compiler gets a name it refuses, and `NAME` fits this processor."""
+    if is_off() or compiler_cpu(device) != UNKNOWN.decode() or not _has_what_the_name_promises():
+        return False
+    words = _read(device.int_ptr, _STRUCTURE)
+    if words is None:
+        return False
+    pointers = (int.from_bytes(words[at : at + 8], "little") for at in range(0, _STRUCTURE, 8))
+    wanted = UNKNOWN + b"\0"
+    return [at for at, there in enumerate(pointers) if _read(there, len(wanted)) == wanted] == [_SLOT // 8]
+
+
+def mend(device: Any) -> bool:
+    """Overwrite the name, if `can_mend`; return whether the name is ours now."""
+    if can_mend(device):
+        _write(device, UNKNOWN, NAME)
+        _mended.add(device.int_ptr)
+    return is_mended(device)
+
+
+def is_mended(device: Any) -> bool:
+    """Return whether `mend` gave this device its name."""
+    return device.int_ptr in _mended and compiler_cpu(device) == NAME.decode()
+
+
+def undo(device: Any) -> None:
+    """Put back the name that `mend` replaced."""
+    if is_mended(device):
+        _write(device, NAME, UNKNOWN)
+    _mended.discard(device.int_ptr)
+
+
+def _write(device: Any, there: bytes, wanted: bytes) -> None:
+    """Replace the characters of the name; both are as long, so neither pointer nor memory changes."""
+    import ctypes
+
+    place = _pointer(device)
+    if place and len(there) == len(wanted) and _read(place, len(there) + 1) == there + b"\0":
+        ctypes.memmove(place, wanted, len(wanted))
+
+
+def _pointer(device: Any) -> int | None:
+    found = _read(device.int_ptr + _SLOT, 8)
+    return None if found is None else int.from_bytes(found, "little")
+
+
+def _read(address: int, size: int) -> bytes | None:
+    """Return bytes of this process, None where there are none: a wrong guess must not end it."""
+    with (
+        contextlib.suppress(OSError, OverflowError, ValueError),
+        Path("/proc/self/mem").open("rb", 0) as memory,
+    ):
+        memory.seek(address)
+        found: bytes = memory.read(size)
+        return found if len(found) == size else None
+    return None
+
+
+@cache
+def _the_wheel_is_loaded() -> bool:
+    try:
+        wheel = metadata.distribution(_WHEEL)
+    except metadata.PackageNotFoundError:
+        return False
+    files = [Path(str(file.locate())) for file in wheel.files or () if file.name == _LIBRARY]
+    with contextlib.suppress(OSError):
+        return wheel.version == _WHEEL_VERSION and any(_is_mapped(file) for file in files)
+    return False
+
+
+def _is_mapped(file: Path) -> bool:
+    with Path("/proc/self/maps").open(encoding="utf-8", errors="replace") as maps:
+        return file.exists() and any(line.rstrip().endswith(str(file.resolve())) for line in maps)
+
+
+def _has_what_the_name_promises() -> bool:
+    return not _lacking()
+
+
+def _lacking() -> list[str]:
+    """Return what `NAME` promises and a processor of this machine does not have."""
+    lines = []
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
+    found = {line.partition(":")[2] for line in lines if line.startswith("flags")} or {""}
+    common = frozenset.intersection(*(frozenset(text.split()) for text in found))
+    return sorted(_NEEDS - common) + ([] if common & _LZCNT else ["lzcnt"])

@@ -1,0 +1,232 @@
+"""Whether a device builds and runs kernels: tried once, in a process of its own, and remembered.
+
+A platform that is listed need not work: its compiler may not know the processor, or may end the process. The
+trial builds and runs trial.cl in a child process. What it found is kept in the user's cache, by all that can
+change it: platform, driver, processor, and the text of the trial.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb._version import __version__
+from msb.atomic import new_file
+from msb.cl import mend
+from msb.cl.device import Device
+from msb.cl.kernel_text import OWN, resolve
+from msb.cl.loader import user_cache
+from msb.errors import DeviceError, OutputError, one_line, shorten
+
+if TYPE_CHECKING:
+    from msb.cl.records import DeviceRecord
+
+_COUNT = 64
+_SECONDS = 120.0
+"""What a trial of a tenth of a second may take on a busy machine, a compiler's own start included."""
+_MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
+_CHILD = "import sys; from msb.cl.trial import answer; answer(sys.argv[1], mended=sys.argv[2] == '1')"
+_ANSWER = "msb-trial "
+
+_lock = threading.Lock()
+_known: dict[int, Trial] = {}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of building and running a small kernel.
+
+    Attributes
+    ----------
+    builds : bool
+    why : str or None
+        Where it does not: what the compiler or the system said.
+    mended : str or None
+        The processor's name that `msb.cl.mend` had to give the compiler first.
+    """
+
+    builds: bool
+    why: str | None = None
+    mended: str | None = None
+
+
+def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Trial:
+    """Return whether the device builds kernels; where the PoCL wheel has to be mended for that, mend it.
+
+    Parameters
+    ----------
+    handle : pyopencl.Device
+    record : DeviceRecord
+    again : bool
+        Try whatever was found before.
+    """
+    with _lock:
+        found = None if again else _known.get(handle.int_ptr)
+        if found is None:
+            mend.undo(handle)
+            key = _key(handle, record)
+            found = None if again else _remembered().get(key)
+            if found is None:
+                found, lasting = _try(handle, record)
+                if lasting:
+                    _remember(key, found)
+            if found.mended and not mend.mend(handle):
+                found = Trial(False, "its compiler's processor could not be named")
+            _known[handle.int_ptr] = found
+        return found
+
+
+def forget() -> None:
+    """Forget what was found in this process: the next call looks into the cache, or tries."""
+    with _lock:
+        _known.clear()
+
+
+def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
+    """Return what a trial found, and whether that will be so the next time."""
+    why, lasting = _why_not(record, mended=False)
+    if why is None:
+        return Trial(True), True
+    if mend.can_mend(handle) and _why_not(record, mended=True)[0] is None:
+        return Trial(True, mended=mend.NAME.decode()), True
+    return Trial(False, why), lasting
+
+
+def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
+    """Try in a child process; return None or what went wrong, and whether its compiler said so."""
+    package = str(Path(__file__).parents[2])
+    before = os.environ.get("PYTHONPATH")
+    paths = os.pathsep.join(filter(None, (package, before)))
+    # A kernel out of a cache says nothing of the compiler.
+    variables = {**os.environ, "PYTHONPATH": paths, "POCL_KERNEL_CACHE": "0"}
+    command = [sys.executable or "python3", "-c", _CHILD, record.selector, str(int(mended))]
+    try:
+        child = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_SECONDS,
+            env=variables,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"its compiler did not answer within {_SECONDS:g} s", False
+    except OSError as error:
+        return f"no process could be started to try it: {shorten(str(error), 100)}", False
+    answers = [line for line in child.stdout.splitlines() if line.startswith(_ANSWER)]
+    if child.returncode == 0 and answers:
+        why: str | None = json.loads(answers[-1].removeprefix(_ANSWER))
+        return why, True
+    last = next((line for line in reversed(child.stderr.splitlines()) if line.strip()), "")
+    return (
+        f"its compiler ended the process ({_ending(child.returncode)}) {shorten(last, 150)}".rstrip(),
+        False,
+    )
+
+
+def _ending(status: int) -> str:
+    if status < 0:
+        with contextlib.suppress(ValueError):
+            return signal.Signals(-status).name
+    return f"status {status}"
+
+
+def answer(selector: str, *, mended: bool) -> None:
+    """Print for the parent process why the device does not work, or null: what the child process runs."""
+    from msb.cl.devices import found_devices
+    from msb.cl.loader import opencl
+
+    cl = opencl()
+    why: str | None = f"{selector} is not there in a process of its own"
+    for record, handle in found_devices(cl):
+        if record.selector == selector:
+            if mended and not mend.mend(handle):
+                why = "its compiler's processor could not be named"
+                break
+            try:
+                with Device(cl, handle, record) as device:
+                    why = None if _is_right(device) else "it computes a small kernel wrongly"
+            except DeviceError as error:
+                why = str(error.value or error.message)
+            break
+    print(_ANSWER + json.dumps(why), flush=True)  # noqa: T201 - to the parent
+
+
+def _is_right(device: Device) -> bool:
+    given = (np.arange(8 * _COUNT, dtype=np.float32) / 16).reshape(_COUNT, 8)
+    found = device.allocate(given.shape, np.float32)
+    rounded = device.allocate(given.shape, np.int32)
+    program = device.program("trial")
+    program.trial(_COUNT, 1, device.upload(given), found, rounded, np.uint32(_COUNT))
+    wanted = np.maximum(np.sqrt(given), 1) / 2
+    return bool(
+        np.allclose(found.read(), wanted, rtol=1e-6, atol=0)
+        and (rounded.read() == given.astype(np.int32) - (given > 4)).all()
+    )
+
+
+def _key(handle: Any, record: DeviceRecord) -> str:
+    said = (
+        *(record.platform, record.platform_version, record.driver, record.name, record.version),
+        *(mend.compiler_cpu(handle), mend.is_off(), _processor(), __version__, resolve(OWN, "trial.cl")),
+    )
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:32]
+
+
+@cache
+def _processor() -> str:
+    """Return what distinguishes this machine's processor from another."""
+    with contextlib.suppress(OSError):
+        first = Path("/proc/cpuinfo").read_text("utf-8", "replace").partition("\n\n")[0]
+        names = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features")
+        return "\n".join(line for line in first.splitlines() if line.partition(":")[0].strip() in names)
+    return f"{platform.machine()} {platform.processor()}"
+
+
+def _file() -> Path | None:
+    folder = user_cache()
+    return None if folder is None else folder / "meshsplatbench" / "devices.txt"
+
+
+def _remembered() -> dict[str, Trial]:
+    """Return what the cache says, a line a device: KEY builds MENDED, or KEY fails WHY; skip other lines."""
+    file, text = _file(), ""
+    with contextlib.suppress(OSError):
+        if file is not None and file.stat().st_size <= _MOST_BYTES:
+            text = file.read_text("utf-8", "replace")
+    found: dict[str, Trial] = {}
+    for line in text.splitlines():
+        key, _, rest = line.partition(" ")
+        outcome, _, said = rest.partition(" ")
+        if outcome == "builds":
+            found[key] = Trial(True, mended=said or None)
+        elif outcome == "fails":
+            found[key] = Trial(False, said)
+    return found
+
+
+def _remember(key: str, found: Trial) -> None:
+    file = _file()
+    if file is None:
+        return
+    held = {**_remembered(), key: found}
+    lines = [
+        f"{name} builds {trial.mended or ''}" if trial.builds else f"{name} fails {one_line(trial.why or '')}"
+        for name, trial in list(held.items())[-_MOST_REMEMBERED:]
+    ]
+    with contextlib.suppress(OutputError, OSError), new_file(file) as stream:
+        stream.write("\n".join([*lines, ""]).encode())

@@ -1,0 +1,176 @@
+"""Options of cameras, sizes and backgrounds, which commands that draw share, and what they stand for."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from msb.errors import UsageError, shorten
+from msb.paths import normal_form
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+    from msb.cli.output import Output
+    from msb.scenes import Camera
+
+Tier = Literal["reference", "dedicated", "standard"]
+TierName = Annotated[Tier, typer.Option("--tier", help="How to draw: msb methods says what each keeps.")]
+Cameras = Annotated[
+    str | None,
+    typer.Option(
+        "--cameras", metavar="PATH", help="COLMAP folder, transforms_*.json, cameras.json, views.json."
+    ),
+]
+Chosen = Annotated[
+    list[str] | None,
+    typer.Option("--camera", metavar="NAME|INDEX|all", help="Which of them; again for more. Default: all."),
+]
+Size = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images in pixels.")]
+Scale = Annotated[float | None, typer.Option(metavar="FACTOR", help="Size relative to the cameras' own.")]
+Background = Annotated[
+    str, typer.Option(metavar="COLOR", help="black, white, #rrggbb, r,g,b in 0..1, or official.")
+]
+Assignments = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Override a setting; msb methods lists them."),
+]
+RendererName = Annotated[
+    str | None, typer.Option("--renderer", metavar="NAME", help="Another renderer than ours, by its name.")
+]
+Ordering = Annotated[
+    Literal["tile", "global", "none"] | None,
+    typer.Option("--order", help="Of blending: official tiles, by depth without them, or as stored."),
+]
+SamplingName = Annotated[
+    Literal["official", "engine"] | None,
+    typer.Option("--sampling", help="As officially, or as an engine's hardware does."),
+]
+
+_FOV_Y = math.radians(40)
+_MARGIN = 1.05
+"""A turntable's distance, relative to that at which the bounding sphere fills the image."""
+
+
+def open_asset(path: Path, output: Output) -> Asset:
+    """Return the asset at `path`, or the one that a checkpoint or mesh there becomes."""
+    from msb.asset import is_asset
+    from msb.cli.inputs import note_warnings
+
+    if is_asset(path):
+        from msb.asset import load
+
+        asset = load(path)
+        note_warnings(asset.warnings, path, output)
+        return asset
+    from msb.adapters import export
+
+    return export(path)
+
+
+def choose_cameras(
+    cameras: list[Camera], chosen: list[str] | None, size: str | None, scale: float | None
+) -> list[Camera]:
+    """Return the cameras the user asked for, in the size asked for.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`, `CAMERA_UNKNOWN`.
+    """
+    if chosen and "all" not in chosen:
+        cameras = [_find(cameras, name) for name in chosen]
+    if size is not None and scale is not None:
+        raise UsageError("USAGE", "--size and --scale exclude each other")
+    if size is not None:
+        width, height = parse_size(size)
+        return [camera.resized(width, height) for camera in cameras]
+    return cameras if scale is None else [camera.scaled(scale) for camera in cameras]
+
+
+def _find(cameras: list[Camera], name: str) -> Camera:
+    """Return the camera called `name`, or if there is none the camera with that number."""
+    named = [(camera, normal_form(camera.name)) for camera in cameras if camera.name]
+    wanted = normal_form(name)
+    found = [camera for camera, known in named if known == wanted]
+    found = found or [camera for camera, known in named if _stem(known) == wanted]
+    if len(found) > 1:
+        names = ", ".join(str(camera.name) for camera in found[:4])
+        raise UsageError("CAMERA_UNKNOWN", f'"{shorten(name, 40)}" is several cameras: {names}', value=name)
+    if found:
+        return found[0]
+    if re.fullmatch(r"\d{1,9}", name) and int(name) < len(cameras):
+        return cameras[int(name)]
+    names = ", ".join(shorten(str(camera.name), 30) for camera in cameras[:4])
+    text = f'there is no camera "{shorten(name, 40)}"; there are {len(cameras)}: {names}'
+    text += ", ..." if len(cameras) > 4 else ""
+    raise UsageError("CAMERA_UNKNOWN", text, value=name)
+
+
+def _stem(name: str) -> str:
+    return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return width and height of a text like 1237x822."""
+    match = re.fullmatch(r"(\d{1,6})[x,](\d{1,6})", text.strip().lower())
+    if match is None:
+        raise UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822')
+    return int(match[1]), int(match[2])
+
+
+def parse_background(text: str, asset: Asset | None) -> tuple[float, float, float]:
+    """Return the colour `text` names; "official" is that of `asset`, and nothing without one.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    from msb.scenes.colors import parse_color
+
+    official = "official, which only an asset has"
+    if asset is not None:
+        official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
+    found = parse_color(text, official)
+    if found is None:
+        shown = shorten(official if text.strip().lower() == "official" else text, 40)
+        text = f'--background is "{shown}"; it must be black, white, #rrggbb, r,g,b in 0..1, or official'
+        raise UsageError("USAGE", text)
+    return found
+
+
+def chosen_modes(order: str | None, sampling: str | None) -> dict[str, str]:
+    """Return the modes that were given; a renderer without modes refuses even the official ones."""
+    return {name: value for name, value in (("order", order), ("sampling", sampling)) if value is not None}
+
+
+def around(asset: Asset, count: int, size: str | None, up: str | None, elevation: float) -> list[Camera]:
+    """Return a turntable of `count` cameras that see all of the asset."""
+    from msb.scenes import turntable
+
+    width, height = parse_size(size) if size else (960, 720)
+    sphere = asset.manifest.bounding_sphere
+    axis = up or asset.manifest.coordinate_frame.up
+    vector = [0.0, 0.0, 0.0]
+    # Where nothing is known, the axis COLMAP scenes have.
+    axis = axis if axis != "unknown" else "-y"
+    vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
+    narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
+    distance = _MARGIN * max(sphere.radius, 1e-6) / math.sin(narrow / 2)
+    cameras = turntable(
+        sphere.center,
+        distance,
+        up=vector,
+        count=count,
+        width=width,
+        height=height,
+        fov_y=_FOV_Y,
+        elevation=math.radians(elevation),
+    )
+    return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]

@@ -1,0 +1,182 @@
+"""The process around a command: streams, signals, defaults, and any exception as one line and a status."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import os
+import signal
+import sys
+import threading
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.cli.failures import report_error
+from msb.cli.options import MOVED
+from msb.cli.output import log, say, silence
+from msb.errors import (
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    InputError,
+    MsbError,
+    OutputError,
+    UsageError,
+    shorten,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import typer
+
+    from msb.cli.defaults import Defaults
+
+_INTERNAL = 70
+"""EX_SOFTWARE, the status of a bug of ours; nothing that a user can cause has it."""
+_DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+
+
+def run(app: typer.Typer, name: str) -> int:
+    """Run `app` on the process's arguments and return the exit status.
+
+    Errors end up on standard error as ``CODE: FILE: what is wrong ...``; a traceback appears only with
+    ``--debug``.
+    """
+    _open_closed_streams()
+    with _ending_on_signals():
+        return _run(app, name)
+
+
+def _run(app: typer.Typer, name: str) -> int:
+    debug = "--debug" in sys.argv
+    for stream in (sys.stdout, sys.stderr):
+        # A file name need not be text, and a terminal need not know every character.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    defaults: Defaults = {}
+    try:
+        from typer.main import get_command
+
+        command = get_command(app)
+        defaults = _defaults(command, name)
+        values = {each: {k: v.value for k, v in found.items()} for each, found in defaults.items()}
+        own = values if hasattr(command, "commands") else values.get(name, {})
+        status = command(prog_name=name, standalone_mode=False, default_map=own)
+        sys.stdout.flush()
+        return status if isinstance(status, int) else EXIT_OK
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except (BrokenPipeError, SystemExit) as error:
+        # The reader of a pipe left (say, `| head`): not an error. typer and rich end with status 1 then.
+        if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
+            raise
+        silence(sys.stdout)
+        return EXIT_OK
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        log(traceback.format_exc(), "DEBUG")
+        failure = _output_error(error) or _as_msb_error(error, name, defaults)
+        return _INTERNAL if failure is None else report_error(failure)
+
+
+@contextlib.contextmanager
+def _ending_on_signals() -> Iterator[None]:
+    """Remove temporary files on SIGTERM and SIGHUP, too, unless these are ignored (nohup) or handled."""
+
+    def end(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)  # the shell's status for it
+
+    taken = []
+    if threading.current_thread() is threading.main_thread():
+        # There is no SIGHUP on Windows.
+        numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        taken = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _open_closed_streams() -> None:
+    """Open closed standard streams on nothing; else a file opened later would get their number."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115 - for good
+
+
+def _output_error(error: Exception) -> OutputError | None:
+    """Return what to say if `error` is that standard output cannot be written.
+
+    Other errors are excluded: `msb.atomic` reports files that cannot be written, and an error of opening has
+    a file name.
+    """
+    if not isinstance(error, OSError) or error.filename is not None or error.errno not in _DISK_ERRORS:
+        return None
+    silence(sys.stdout)  # what it still holds would fail again
+    text = f"it cannot be written: {error.strerror}"
+    return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
+
+
+def _defaults(command: Any, name: str) -> Defaults:
+    """Return what files and environment set; msb-audit has the defaults of msb audit."""
+    from msb.cli import defaults
+
+    completing = any(key.endswith("_COMPLETE") for key in os.environ)
+    if completing or not defaults.anything_set():
+        return {}
+    if hasattr(command, "commands"):
+        return defaults.read_defaults(defaults.single_commands(command))
+    from typer.main import get_command
+
+    from msb.cli.app import app
+
+    found = defaults.read_defaults(defaults.single_commands(get_command(app)))
+    return {name: found[name.removeprefix("msb-")]}
+
+
+def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError | None:
+    if isinstance(error, MsbError):
+        return error
+    if hasattr(error, "format_message"):  # the command-line library's own usage errors
+        return UsageError("USAGE", _usage_text(error, name, defaults))
+    if isinstance(error, PermissionError) and error.filename is not None:
+        # Looking whether there is a file raises it, too. What is written has its own error: `msb.atomic`.
+        text = f"it cannot be read: {error.strerror}"
+        return InputError("FILE_UNREADABLE", text, file=error.filename)
+    if isinstance(error, MemoryError):
+        say("OUT_OF_MEMORY: there is not enough memory for this input")
+        return None
+    text = f"{type(error).__name__}: {shorten(str(error), 200)}"
+    say(f"INTERNAL: {text}; this is a bug of ours, --debug shows where")
+    return None
+
+
+def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
+    """Return what is wrong, the option that was meant or the file that set it, and the usage."""
+    text = str(error.format_message()).rstrip(".")
+    if hasattr(error, "option_name"):
+        if getattr(error, "possibilities", None):
+            text = f"No such option: {error.option_name}; did you mean {_nearest(error)}?"
+        moved = MOVED.get(error.ctx.info_name, {}).get(error.option_name.lstrip("-"))
+        text = f"{error.option_name} is {moved}" if moved else text
+    context, param = getattr(error, "ctx", None), getattr(error, "param", None)
+    if context is None:
+        return f"{shorten(text, 200)} (see {name} --help)"
+    if param is not None:
+        default = defaults.get(context.info_name, {}).get(param.name)
+        from_default = getattr(context.get_parameter_source(param.name), "name", "") == "DEFAULT_MAP"
+        text += f", set by {default.source}" if default and from_default else ""
+    usage = " ".join(context.get_usage().split()).removeprefix("Usage: ")
+    return f"{shorten(text, 200)} (usage: {usage}; see {context.command_path} --help)"
+
+
+def _nearest(error: Any) -> str:
+    import difflib
+
+    return str(difflib.get_close_matches(error.option_name, error.possibilities, 1, 0.0)[0])

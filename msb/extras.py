@@ -1,0 +1,44 @@
+"""What the core does not install: whether it is there, and the one error that says how to get it."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from msb.errors import UsageError
+
+
+def is_installed(module: str) -> bool:
+    """Return whether the top-level `module` could be imported; it is looked for, not loaded."""
+    return find_spec(module) is not None
+
+
+def install(extra: str) -> str:
+    """Return the command that installs `extra`, quoted for every shell."""
+    return f'pip install "meshsplatbench[{extra}]"'
+
+
+def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
+    """Raise where one of `modules`, which `extra` installs, is missing.
+
+    Parameters
+    ----------
+    extra : str
+        A key of optional-dependencies in pyproject.toml.
+    *modules : str
+        Top-level modules.
+    what : str
+        What needs them, the subject of the sentence: "an MP4 film".
+    instead : str
+        What works without them, as a sentence that begins in lower case.
+
+    Raises
+    ------
+    UsageError
+        `EXTRA_MISSING`.
+    """
+    absent = [module for module in modules if not is_installed(module)]
+    if absent:
+        are = "is" if len(absent) == 1 else "are"
+        found = f"{', '.join(absent)} {are} not installed"
+        text = f"{what} needs the extra {extra} ({found}): {install(extra)}"
+        raise UsageError("EXTRA_MISSING", f"{text}; {instead}" if instead else text, value=extra)

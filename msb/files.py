@@ -1,0 +1,138 @@
+"""Files that somebody else may have prepared: opened only if they are regular ones, with errors of ours."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import mmap
+import os
+import stat
+from typing import TYPE_CHECKING
+
+from msb.errors import InputError, shorten
+from msb.paths import given_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+READ_ONLY = (
+    os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+)
+"""Flags of `os.open`. Without blocking: what became a pipe a moment ago must not be waited for."""
+_CHUNK = 1 << 22
+
+
+def regular_file(path: str | os.PathLike[str]) -> Path:
+    """Return `path` if it is a file that can be read; a folder, pipe or device is never opened.
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND` or `FILE_UNREADABLE`, as of all functions here.
+    """
+    place = given_path(path)
+    with _opened(place):
+        return place
+
+
+def read_file(path: str | os.PathLike[str], most: int | None = None) -> bytes:
+    """Return the content of a regular file; of one longer than `most` bytes the first `most` + 1."""
+    with _opened(given_path(path)) as descriptor, open(descriptor, "rb", closefd=False) as file:
+        return file.read() if most is None else file.read(most + 1)
+
+
+def map_file(path: Path) -> mmap.mmap | bytes:
+    """Return a read-only mapping of a regular file."""
+    with _opened(path) as descriptor:
+        return map_descriptor(descriptor)
+
+
+def file_sha256(path: Path, advance: Callable[[int], None] | None = None) -> str:
+    """Return the SHA-256 of a regular file's bytes, in hexadecimal digits; `advance` is told bytes done."""
+    digest = hashlib.sha256()
+    with _opened(path) as descriptor:
+        while chunk := os.read(descriptor, _CHUNK):
+            digest.update(chunk)
+            if advance is not None:
+                advance(len(chunk))
+    return digest.hexdigest()
+
+
+def is_file(path: Path) -> bool:
+    """Return whether `path` is a file we may look at; unlike `Path.is_file`, never raises."""
+    with contextlib.suppress(OSError, ValueError):
+        return path.is_file()
+    return False
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether `path` is a folder we may look at; unlike `Path.is_dir`, never raises."""
+    with contextlib.suppress(OSError, ValueError):
+        return path.is_dir()
+    return False
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    """Yield a descriptor of the regular file at `path`: looked at before it is opened and again after."""
+    try:
+        _refuse_special(path.stat(), path)
+        descriptor = os.open(path, READ_ONLY)
+        try:
+            _refuse_special(os.fstat(descriptor), path)
+            yield descriptor
+        finally:
+            os.close(descriptor)
+    except (OSError, ValueError) as error:
+        raise open_error(error, path) from error
+
+
+def _refuse_special(status: os.stat_result, path: Path) -> None:
+    if kind := special_kind(status):
+        raise InputError("FILE_UNREADABLE", f"it is {kind}; it must be a regular file", file=path)
+
+
+def special_kind(status: os.stat_result) -> str | None:
+    """Return what something is that is no regular file, None if it is one."""
+    if stat.S_ISREG(status.st_mode):
+        return None
+    return "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
+
+
+def map_descriptor(descriptor: int) -> mmap.mmap | bytes:
+    """Return a read-only mapping of an open file; an empty one, which cannot be mapped, as bytes."""
+    try:
+        return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
+    except ValueError:
+        return b""
+
+
+def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
+    """Return the error of ours for a failed look at `path`, which should be a `what`."""
+    if is_missing(error):
+        return InputError("FILE_NOT_FOUND", f"there is no such {what}", file=path)
+    return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
+
+
+def is_missing(error: OSError | ValueError) -> bool:
+    """Return whether an error says that nothing is there.
+
+    A `ValueError` is about names that no file can have: with a NUL, or half of a surrogate pair.
+    """
+    return isinstance(error, FileNotFoundError | NotADirectoryError | ValueError)
+
+
+def system_reason(error: OSError | ValueError) -> str:
+    """Return the system's words."""
+    return getattr(error, "strerror", None) or "it cannot be opened"
+
+
+def library_reason(error: Exception) -> str:
+    """Return why a library could not read a file, from what it raised: damage shows as any exception.
+
+    Also as lack of memory, where a few bytes declare gigabytes.
+    """
+    if isinstance(error, MemoryError):
+        return "this machine has not enough memory for what it declares"
+    return shorten(str(error) or type(error).__name__)

@@ -1,0 +1,38 @@
+"""DiffSoup: triangles with binary opacity and lattices of features, which a small network decodes."""
+
+from __future__ import annotations
+
+from msb.methods.declare import AWARE, Method, Native, Retained, Setting
+from msb.scenes.colors import BLACK, WHITE
+from msb.scenes.datasets.catalog import CUSTOM
+from msb.scenes.datasets.rules import Photographs, Rules
+
+METHOD = Method(
+    title="DiffSoup",
+    paper_name="diffsoup",
+    native=Native(binary_opacity=True, neural_decoder=True),
+    retained={"dedicated": Retained("Method-aware", "MLP", notes={"depth_sort": "depth test"}, **AWARE)},
+    unsupported={"standard": "its colours come from a view-dependent decoder; there is no static colour"},
+    settings={
+        "layout": Setting("colmap", "choice", choices=("colmap", "synthetic")),
+        "z_near": Setting(0.5, "float", positive=True),
+        "z_far": Setting(100.0, "float", positive=True),
+    },
+    passes={"reference": ("z_buffer", "decode"), "dedicated": ("z_buffer", "decode")},
+    files=("final_params.pt",),
+    bundle=("mesh.ply", "lut0.png", "lut1.png", "mlp_weights.json"),
+    rules=Rules(
+        "DiffSoup",
+        "kenji-tojo/diffsoup: examples/01_mip360.py, 02_synthetic.py",
+        convention="full_K",
+        first_lens=True,
+        order="name",
+        quantized=False,
+        photographs={
+            "mipnerf360": Photographs("images_4"),
+            "nerf_synthetic": Photographs(".", compositing="before_resize"),
+            CUSTOM: Photographs("images_4"),
+        },
+        backgrounds={"": BLACK, "nerf_synthetic": WHITE},
+    ),
+)

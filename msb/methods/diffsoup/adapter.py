@@ -1,0 +1,164 @@
+"""DiffSoup: ``final_params.pt``, in the layout of its COLMAP script or of its synthetic ones.
+
+Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). A triangle carries a
+barycentric lattice of eight numbers, seven features and an opacity, already through their sigmoid; a small
+MLP turns the features seen by a pixel and its view direction into a colour.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.adapters.locate import in_bundle
+from msb.adapters.model import Model
+from msb.adapters.setting_sources import Settings
+from msb.adapters.tensors import Tensors
+from msb.asset import Description
+from msb.asset.manifest import CoordinateFrame
+from msb.errors import finding
+from msb.methods.diffsoup import METHOD
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Literal
+
+    from numpy.typing import NDArray
+
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+
+FEATURES = 7
+MAX_LEVEL = 8
+"""Official runs end at level 5; level 8 has 33,153 samples a triangle."""
+DECODER: dict[str, tuple[int, ...]] = {
+    "mlp.0.weight": (16, 16),
+    "mlp.0.bias": (16,),
+    "mlp.2.weight": (16, 16),
+    "mlp.2.bias": (16,),
+    "mlp.4.weight": (3, 16),
+    "mlp.4.bias": (3,),
+}
+"""Key in the state dict of the colour MLP -> shape; a weight is [out, in]."""
+_PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
+"""Near and far plane of the official evaluation."""
+_BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}
+
+
+def samples(level: int) -> int:
+    """Return how many samples a lattice of `level` has: (2^L + 1)(2^L + 2) / 2."""
+    side = (1 << level) + 1
+    return side * (side + 1) // 2
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a dictionary with lattice features, or the web export."""
+    if content.place.kind == "bundle":
+        return in_bundle(content.place.file, METHOD.bundle)
+    value = content.value
+    return isinstance(value, dict) and bool({"feat_acc", "alpha_acc", "color_mlp"} & value.keys())
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the model at `place`. The key `flip_z` tells the COLMAP layout from the synthetic one.
+
+    Raises
+    ------
+    CheckpointError, UsageError
+    """
+    if place.kind == "bundle":
+        from msb.methods.diffsoup import adapter_web
+
+        return adapter_web.read(place, content, options)
+    values = content.mapping(place.file)
+    tensors = Tensors(values, place.file, options.check_values)
+    level = tensors.integer("Rmax", 0, MAX_LEVEL)
+    positions = tensors.floats("V", "Nv", 3)
+    buffers: dict[str, Any] = {
+        "positions": positions,
+        "indices": tensors.indices("F", len(positions), "T", 3),
+        "features.lattice": tensors.floats("feat_acc", "T", samples(level), FEATURES),
+        "features.opacity": tensors.floats("alpha_acc", "T", samples(level), 1)[:, :, 0],
+    }
+    mlp = tensors.value("color_mlp")
+    if not isinstance(mlp, dict):
+        raise tensors.error("CHECKPOINT_KEY_TYPE", "color_mlp is no state dict", "color_mlp")
+    weights = Tensors(mlp, place.file, options.check_values)
+    buffers.update({f"decoder.{key}": weights.floats(key, *shape) for key, shape in DECODER.items()})
+    warnings = [*tensors.warnings, *weights.warnings]
+    for name, key in (("features.lattice", "feat_acc"), ("features.opacity", "alpha_acc")):
+        low, high = float(buffers[name].min()), float(buffers[name].max())
+        if low < 0 or high > 1:
+            text = f"{key} has values from {low:g} to {high:g}; those the official code saves are in [0, 1]"
+            warnings.append(finding("CHECKPOINT_VALUE_RANGE", text, severity="warning", pointer=key))
+    layout = "colmap" if "flip_z" in tensors else "synthetic"
+    settings = Settings("diffsoup", options.settings)
+    settings.add("layout", layout, "checkpoint", place.file)
+    description = describe(settings, level, _up(values.get("up")), "sigmoid")
+    return Model(buffers, domains(buffers), description, place.root, (place.file,), tuple(warnings))
+
+
+def domains(buffers: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the domains of a DiffSoup model's buffers."""
+    return {
+        name: "global" if name.startswith("decoder.") else "face"
+        for name in buffers
+        if name not in ("positions", "indices")
+    }
+
+
+def describe(
+    settings: Settings, level: int, up: Sequence[float] | None, encoding: Literal["sigmoid", "lut"]
+) -> Description:
+    """Return what the manifest says of a DiffSoup model.
+
+    Parameters
+    ----------
+    settings : Settings
+        `layout` has been added; the planes, which depend on it, are added here.
+    level : int
+        Of the lattice; at most `MAX_LEVEL`.
+    up : sequence of 3 floats, optional
+        The scene's up axis, if it is stored.
+    encoding : {"sigmoid", "lut"}
+        Features are numbers in [0, 1], or the bytes of the web export, which stand for value / 255.
+    """
+    layout = str(settings.finish()["layout"].value)
+    near, far = _PLANES[layout]
+    settings.add("z_near", near, "default")
+    settings.add("z_far", far, "default")
+    axis = _axis(up) if up is not None else {"colmap": "-y", "synthetic": "+z"}[layout]
+    return Description(
+        method="diffsoup",
+        coverage={"kernel": "solid"},
+        opacity={"encoding": "feature", "threshold": 0.5},
+        appearance={
+            "kind": "neural_decoder",
+            "level": level,
+            "feature_encoding": encoding,
+            "blend_feature": 3,
+            "background": _BACKGROUNDS[layout],
+            **({f"up_{name}": value for name, value in zip("xyz", up, strict=True)} if up else {}),
+        },
+        compositing={"kind": "binary_z_buffer"},
+        settings=settings.finish(),
+        coordinate_frame=CoordinateFrame(up=axis),
+    )
+
+
+def _up(value: Any) -> list[float] | None:
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.shape == (3,):
+        return [float(item) for item in value]
+    if isinstance(value, list | tuple) and len(value) == 3 and all(type(v) in (int, float) for v in value):
+        return [float(item) for item in value]
+    return None
+
+
+def _axis(up: Sequence[float]) -> str:
+    """Return the name of the axis `up` lies along, "unknown" if along none."""
+    for number, name in enumerate("xyz"):
+        rest = [abs(value) for i, value in enumerate(up) if i != number]
+        if max(rest) < 1e-6 * abs(up[number]):
+            return ("+" if up[number] > 0 else "-") + name
+    return "unknown"

@@ -1,0 +1,166 @@
+"""DiffSoup's web export: mesh.ply, two PNGs that hold the lattices, the MLP as JSON, and meta.json.
+
+Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.adapters.model import Model
+from msb.adapters.setting_sources import Settings
+from msb.asset.strict_json import MAX_BYTES, parse_strict_json
+from msb.errors import CheckpointError, InputError, MsbError, finding
+from msb.files import read_file
+from msb.meshes.assets import mesh_buffers
+from msb.meshes.files import read_mesh
+from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, domains, samples
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+    from msb.errors import Finding
+
+MAX_WIDTH = 4096
+"""Texels in a row of a look-up texture."""
+WEIGHTS = {"W1": "mlp.0.weight", "b1": "mlp.0.bias", "W2": "mlp.2.weight", "b2": "mlp.2.bias"}
+WEIGHTS |= {"W3": "mlp.4.weight", "b3": "mlp.4.bias"}
+"""Key in mlp_weights.json, a flat list, row-major [out][in] -> key of the state dict."""
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the model in the folder of `place`.
+
+    Features and opacity stay the bytes of the textures; they stand for value / 255.
+
+    Raises
+    ------
+    CheckpointError
+        `CHECKPOINT_FILE_MISSING` or `CHECKPOINT_FILE_CONTENT`, naming the file.
+    MeshFileError, AssetError, UsageError
+    """
+    folder = place.file.parent
+    for name in ("mesh.ply", "lut0.png", "lut1.png", "mlp_weights.json"):
+        if not (folder / name).is_file():
+            text = f"{name} is missing; the web export of DiffSoup has it beside mesh.ply"
+            raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=folder, pointer=name)
+    buffers, _, _ = mesh_buffers(read_mesh(place.file))
+    buffers.pop("color", None)
+    faces = len(buffers["indices"])
+    texels, level = _read_textures(folder, faces)
+    buffers["features.lattice"] = np.concatenate([texels[0], texels[1][:, :, :3]], axis=2)
+    buffers["features.opacity"] = np.ascontiguousarray(texels[1][:, :, 3])
+    buffers.update(_read_weights(folder / "mlp_weights.json"))
+    meta, warnings = _read_meta(folder / "meta.json", faces, level)
+    settings = Settings("diffsoup", options.settings)
+    white = meta.get("background") == [1, 1, 1]
+    settings.add("layout", "synthetic" if white else "colmap", "config" if meta else "default")
+    up = meta.get("up")
+    up = up if isinstance(up, list) and len(up) == 3 and _are_numbers(up) else None
+    description = describe(settings, level, up, "lut")
+    names = ("mesh.ply", "lut0.png", "lut1.png", "mlp_weights.json", *(["meta.json"] if meta else []))
+    files = tuple(folder / name for name in names)
+    return Model(buffers, domains(buffers), description, place.root, files, tuple(warnings))
+
+
+def texture_size(texels: int) -> tuple[int, int]:
+    """Return width and height of a texture that holds `texels`."""
+    width = min(MAX_WIDTH, texels)
+    return width, -(-texels // width)
+
+
+def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], int]:
+    """Return both textures as (faces, samples, 4), and the lattice level that their size stands for."""
+    images = [_read_png(folder / name, faces) for name in ("lut0.png", "lut1.png")]
+    sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
+    height, width = images[0].shape[:2]
+    if images[1].shape != images[0].shape:
+        text = f"lut1.png is {images[1].shape[1]} x {images[1].shape[0]}, but lut0.png {width} x {height}"
+        raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=folder, pointer="lut1.png")
+    level = sizes[width, height]
+    used = faces * samples(level)
+    return [image.reshape(-1, 4)[:used].reshape(faces, -1, 4) for image in images], level
+
+
+def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
+    """Return the pixels of an RGBA PNG; its size is checked before it is decoded."""
+    from PIL import Image
+
+    sizes = {texture_size(faces * samples(level)) for level in range(MAX_LEVEL + 1)}
+
+    def refuse(why: str) -> CheckpointError:
+        code, text = "CHECKPOINT_FILE_CONTENT", f"{path.name} {why}"
+        return CheckpointError(code, text, file=path.parent, pointer=path.name)
+
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below
+    try:
+        with Image.open(path, formats=("PNG",)) as image:
+            if image.mode != "RGBA":
+                raise refuse(f"has mode {image.mode}; the look-up textures are RGBA with 8 bits")
+            if image.size not in sizes:
+                wanted = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
+                width, height = image.size
+                raise refuse(f"is {width} x {height}; {faces} faces need one of {wanted}")
+            image.verify()  # all checksums; the file has to be opened again then
+        with Image.open(path, formats=("PNG",)) as image:
+            return np.asarray(image)
+    except CheckpointError:
+        raise
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # what a broken PNG makes Pillow raise
+        raise refuse("is not a complete PNG") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def _read_weights(path: Path) -> dict[str, NDArray[np.float32]]:
+    data = _read_json(path)
+    buffers = {}
+    for key, name in WEIGHTS.items():
+        shape = DECODER[name]
+        values, count = data.get(key), int(np.prod(shape))
+        if not isinstance(values, list) or len(values) != count or not _are_numbers(values):
+            text = f'{path.name}: "{key}" must be a list of {count} numbers'
+            raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
+        with np.errstate(over="ignore"):
+            array = np.array(values, np.float64).astype(np.float32).reshape(shape)
+        if not np.isfinite(array).all():
+            text = f'{path.name}: "{key}" holds numbers that float32 cannot'
+            raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
+        buffers[f"decoder.{name}"] = array
+    return buffers
+
+
+def _are_numbers(values: list[Any]) -> bool:
+    return all(type(value) in (int, float) for value in values)
+
+
+def _read_meta(path: Path, faces: int, level: int) -> tuple[dict[str, Any], list[Finding]]:
+    if not path.is_file():
+        text = "meta.json is not there; layout and up axis are defaults"
+        return {}, [finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(path.parent))]
+    data = _read_json(path)
+    for key, wanted in (("num_faces", faces), ("level", level)):
+        if data.get(key, wanted) != wanted:
+            text = f"meta.json: {key} is {data[key]!r:.40}, but mesh.ply and the textures have {wanted}"
+            raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
+    return data, []
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        data = parse_strict_json(read_file(path, MAX_BYTES), file=path, name=path.name)
+    except InputError as error:
+        text = f"{path.name}: {error.message}"
+        raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent) from error
+    except MsbError as error:
+        code, where = "CHECKPOINT_FILE_CONTENT", error.pointer
+        raise CheckpointError(code, error.message, file=path.parent, pointer=where) from None
+    if not isinstance(data, dict):
+        raise CheckpointError("CHECKPOINT_FILE_CONTENT", f"{path.name} holds no object", file=path.parent)
+    return data

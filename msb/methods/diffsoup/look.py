@@ -1,0 +1,348 @@
+"""The dedicated tier of DiffSoup in OpenCL: a z-buffer with binary opacity, lattice features, their decoder.
+
+Rules: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu;
+python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). How an image is formed: docs/diffsoup.md.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from msb._version import __version__
+from msb.asset.settings import check_modes, effective_settings
+from msb.methods.diffsoup.look_camera import diffsoup_matrices, pixel_centers
+from msb.methods.diffsoup.look_model import FEATURES, diffsoup_model
+from msb.render.backend import Drawn
+from msb.render.device_scope import DeviceScope, in_turn
+from msb.render.frame import Frame, chosen_extras
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.cl import Buffer, Device, Program
+    from msb.cl.kernel_text import Define
+    from msb.methods import Order, Sampling
+    from msb.scenes import Camera
+
+HARMONICS = 9
+_LANES = 8
+_PROJECT_GROUP = 64
+_RASTER_GROUP = 32
+"""Work-items that draw one triangle, GPU style: most triangles have a few hundred pixels."""
+_SHADE_GROUP = 64
+_BAND_ROWS = 16
+"""Rows of a band, CPU style, at most: its planes (20 bytes a pixel) stay in a core's own cache."""
+_BANDS_A_UNIT = 4
+
+
+class _Raster(NamedTuple):
+    """The size of the image, and of its rows on the device."""
+
+    width: int
+    height: int
+    pitch: int
+
+
+class _Queued(NamedTuple):
+    """What a frame leaves on the device, and the matrices it was made with."""
+
+    outputs: tuple[Buffer, ...]
+    raws: dict[str, Buffer]
+    visible: Buffer
+    fragments: Buffer
+    corners: Buffer
+    mvp: NDArray[np.float32]
+    inverse: NDArray[np.float32]
+    flip: bool
+
+
+class Pipeline:
+    """Draws DiffSoup's models by the rules of the official evaluation; the model stays on the device.
+
+    Parameters
+    ----------
+    asset : Asset
+        Lattices of numbers, or the bytes of the official web export, which stand for value / 255.
+    device : str or Device, optional
+        A selector (`msb.cl.shared_device`), or an open device, which stays open.
+    settings : mapping, optional
+        Overrides of `layout`, `z_near`, `z_far`.
+    outputs : "auto", "all" or iterable of str
+        With "raw" among them the frame has the official kernels' buffers too, which costs a quarter more.
+    order : {"tile", "global", "none"}
+        Of no effect: a z-buffer shows the same in whatever order triangles are drawn.
+    sampling : {"official", "engine"}
+        "engine": a triangle that crosses the camera plane is clipped, as hardware does, not dropped. All
+        else is sampled as hardware does anyway.
+    viewer : bool
+        What the official viewers draw: lattices truncated to bytes, features rounded to bytes once more
+        after interpolation. They clip triangles: `sampling` "engine".
+
+    Raises
+    ------
+    UsageError
+        An unknown setting, value, output, order or sampling; `render` too, if `z_near` and `z_far` are no
+        range of depths.
+    AssetError
+        As `msb.methods.diffsoup.look_model.diffsoup_model`.
+    DeviceError
+        No device, or too little memory on it.
+    """
+
+    name = "msb-dedicated"
+    version = __version__
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: Device | str | None = None,
+        settings: Mapping[str, Any] | None = None,
+        outputs: str | Iterable[str] = "auto",
+        order: Order = "tile",
+        sampling: Sampling = "official",
+        viewer: bool = False,
+    ) -> None:
+        check_modes(order, sampling)
+        self._settings = effective_settings(asset.manifest, settings)
+        model = diffsoup_model(asset, quantise=viewer)
+        self._viewer, self._raw = viewer, "raw" in chosen_extras(outputs)
+        self._faces, self._side = len(model.indices), np.int32(2**model.level)
+        self._padded = -(-self._faces // _LANES) * _LANES
+        self._scope = DeviceScope(device, "diffsoup")
+        self._device, self._static = self._scope.device, self._scope.kept
+        self._scratch = self._scope.scratch
+        # The one place that chooses: bands of rows that need no atomics, or an atomic a fragment, which takes
+        # two passes where it has 32 bits.
+        self._bands = self._device.style == "cpu"
+        self._passes = 1 if self._device.record.int64_atomics else 2
+        with self._scope.setting_up():
+            self._scope.keep("positions", model.positions)
+            self._scope.keep("indices", model.indices)
+            self._scope.keep("opaque faces", model.opaque)
+            self._scope.keep("lattice features", model.features, "appearance")
+            self._scope.keep("lattice opacity", model.opacity, "appearance")
+            self._scope.keep("decoder", model.decoder, "appearance")
+            defines: dict[str, Define] = {"TEXEL": "float", "TEXEL_SCALE": 1}
+            if model.features.dtype == np.uint8:
+                defines = {"TEXEL": "uchar", "TEXEL_SCALE": 255}
+            defines["ENGINE"] = sampling == "engine"
+            self._program: Program = (
+                self._device.program("diffsoup_cpu", defines, __package__)
+                if self._bands
+                else self._device.program(
+                    "diffsoup_gpu",
+                    {**defines, "GROUP": _RASTER_GROUP, "KEYS": self._passes == 1},
+                    __package__,
+                )
+            )
+
+    @in_turn
+    def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        """Return what `camera` sees; where no triangle is, exactly `background`.
+
+        The official background is black in the "colmap" layout and white in the "synthetic" one.
+
+        Parameters
+        ----------
+        camera : Camera
+            OpenCV axes in both layouts. In "colmap" cy enters with upstream's sign (docs/diffsoup.md).
+        background : (float, float, float)
+            RGB in the asset's colour space.
+
+        Returns
+        -------
+        Frame
+            `alpha` is 1 or 0, `depth` the camera's z of the triangle seen, `visible` the faces seen in at
+            least one pixel, `timings` the stages clear, project, raster, decode and read.
+            `raw`, in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4) float32,
+            `tri_id` (H, W) int32, -1 where nothing; with the output "raw" also `bary01` (H, W, 2),
+            `depth` (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 where nothing,
+            `clip_corners` (F, 3, 4) float32, and `num_fragments`, those inside and between the planes,
+            before the opacity test.
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_MEMORY`: the image does not fit on the device; `DEVICE_COMMAND`, `DEVICE_CLOSED`.
+        """
+        device = self._device
+        with device.timing() as timing:
+            queued = self._queue(camera, background)
+            with device.stage("read"):
+                image, depth, face_id = (buffer.read() for buffer in queued.outputs)
+                seen = queued.visible.read()
+                kept = {name: buffer.read() for name, buffer in queued.raws.items()} if self._raw else {}
+                if self._raw:
+                    kept["clip_corners"] = queued.corners.read()
+                    kept["num_fragments"] = queued.fragments.read().sum(dtype=np.uint64)
+        raw = {
+            "mvp": queued.mvp,
+            "mvp_inv": queued.inverse,
+            "tri_id": face_id[::-1] if queued.flip else face_id,
+        }
+        return Frame(
+            image=image,
+            alpha=(face_id >= 0).astype(np.float32),
+            depth=depth,
+            face_id=face_id,
+            visible=seen.view(np.bool_),
+            raw={**raw, **kept},
+            timings=timing.milliseconds(),
+        )
+
+    @in_turn
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+        """Draw as `render` does and wait, reading nothing back."""
+        with self._device.timing() as timing:
+            self._queue(camera, background)
+        return Drawn(timing.milliseconds(), timing.span())
+
+    def _queue(self, camera: Camera, background: tuple[float, float, float]) -> _Queued:
+        """Queue everything but reading back."""
+        layout = self._settings["layout"]
+        near, far = self._settings["z_near"], self._settings["z_far"]
+        mvp, inverse = diffsoup_matrices(camera, layout, near, far)
+        raster = _Raster(camera.width, camera.height, camera.width)
+        if self._bands:
+            raster = raster._replace(pitch=-(-camera.width // _LANES) * _LANES)
+        device, flip = self._device, layout == "synthetic"
+        with device.stage("project"):
+            scene = self._project(raster, np.concatenate([mvp.ravel(), inverse.ravel(), background]))
+        planes, fragments = (self._draw_bands if self._bands else self._draw_groups)(raster, scene)
+        with device.stage("clear"):
+            visible = self._scratch("visible", self._faces, np.uint8)
+            visible.fill(0)
+        with device.stage("decode"):
+            outputs, raws = self._shade(raster, scene, planes, visible, flip)
+        return _Queued(outputs, raws, visible, fragments, scene["corners"], mvp, inverse, flip)
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes on the device for this renderer."""
+        return self._scope.memory()
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group of what `memory` names."""
+        return self._scope.memory_groups()
+
+    def close(self) -> None:
+        """Release everything; the device stays open."""
+        self._scope.close()
+
+    def _project(self, raster: _Raster, frame: Any) -> dict[str, Buffer]:
+        """Queue the projection of all triangles; return what drawing needs of the frame."""
+        scene = {
+            "frame": self._scratch("frame", len(frame)),
+            "corners": self._scratch("corners", (self._faces, 3, 4)),
+            "first rows": self._scratch("first rows", self._padded, np.uint16),
+            "last rows": self._scratch("last rows", self._padded, np.uint16),
+            "columns": self._scratch("columns", (self._padded, 2), np.uint16),
+            "ndc x": self._scratch("ndc x", raster.pitch),
+            "ndc y": self._scratch("ndc y", raster.height),
+        }
+        scene["frame"].write(frame.astype(np.float32))
+        scene["ndc x"].write(pixel_centers(raster.width, raster.pitch))
+        scene["ndc y"].write(pixel_centers(raster.height, raster.height))
+        self._program.project(
+            self._padded,
+            _PROJECT_GROUP,
+            self._static["positions"],
+            self._static["indices"],
+            *(scene[name] for name in ("frame", "corners", "first rows", "last rows", "columns")),
+            *map(np.uint32, (self._faces, self._padded, raster.width, raster.height)),
+        )
+        return scene
+
+    def _draw_bands(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
+        units = self._device.record.compute_units
+        rows = max(1, min(_BAND_ROWS, raster.height // (_BANDS_A_UNIT * units)))
+        bands = -(-raster.height // rows)
+        shape = (raster.height, raster.pitch)
+        face = self._scratch("plane face", shape, np.int32)
+        ndc, b0, b1, w = (self._scratch(f"plane {name}", shape) for name in ("ndc", "b0", "b1", "w"))
+        fragments = self._scratch("fragments", bands, np.uint64)
+        with self._device.stage("clear"):
+            face.fill(-1)
+            ndc.fill(np.inf)
+        with self._device.stage("raster"):
+            self._program.raster(
+                bands,
+                1,
+                *self._triangles(scene),
+                *(face, ndc, b0, b1, w),
+                fragments,
+                *map(np.uint32, (self._padded, *raster, rows)),
+                self._side,
+            )
+        return (face, ndc, b0, b1, w), fragments
+
+    def _draw_groups(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
+        keys = self._scratch("keys", (raster.height, raster.width, 2), np.uint32, group="targets")
+        fragments = self._scratch("fragments", self._faces, np.uint32)
+        with self._device.stage("clear"):
+            keys.fill(np.iinfo(np.uint32).max)
+            fragments.fill(0)
+        with self._device.stage("raster"):
+            for number in range(self._passes):
+                self._program.raster(
+                    self._faces * _RASTER_GROUP,
+                    _RASTER_GROUP,
+                    *self._triangles(scene),
+                    keys,
+                    fragments,
+                    np.uint32(raster.width),
+                    self._side,
+                    np.int32(number),
+                )
+        return (keys, scene["corners"]), fragments
+
+    def _triangles(self, scene: dict[str, Buffer]) -> tuple[Buffer, ...]:
+        frame = (scene[name] for name in ("corners", "first rows", "last rows", "columns"))
+        static = self._static["lattice opacity"], self._static["opaque faces"]
+        return (*frame, *static, scene["ndc x"], scene["ndc y"])
+
+    def _shade(
+        self,
+        raster: _Raster,
+        scene: dict[str, Buffer],
+        planes: tuple[Buffer, ...],
+        visible: Buffer,
+        flip: bool,
+    ) -> tuple[tuple[Buffer, ...], dict[str, Buffer]]:
+        shape = (raster.height, raster.width)
+        outputs = (
+            self._scratch("image", (*shape, 3), group="targets"),
+            self._scratch("depth", shape, group="targets"),
+            self._scratch("face id", shape, np.int32, group="targets"),
+        )
+        kept = shape if self._raw else (1, 1)
+        raws = {
+            "bary01": self._scratch("bary01", (*kept, 2), group="targets"),
+            "depth": self._scratch("ndc depth", kept, group="targets"),
+            "features": self._scratch("features seen", (*kept, FEATURES)),
+            "sh": self._scratch("harmonics", (*kept, HARMONICS)),
+        }
+        sizes: tuple[int, ...] = raster[:2]
+        launch: tuple[int, int] = raster.width * raster.height, _SHADE_GROUP
+        if self._bands:
+            sizes, launch = tuple(raster), (raster.height, 1)
+        self._program.shade(
+            *launch,
+            *planes,
+            self._static["lattice features"],
+            self._static["decoder"],
+            scene["frame"],
+            scene["ndc x"],
+            scene["ndc y"],
+            *outputs,
+            visible,
+            *raws.values(),
+            *map(np.uint32, (*sizes, flip, self._viewer, self._raw)),
+            self._side,
+        )
+        return outputs, raws

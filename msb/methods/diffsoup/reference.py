@@ -1,0 +1,286 @@
+"""DiffSoup: opaque triangles with a lattice of features and opacity on each, a z-buffer, and a small decoder.
+
+Sources, at c74e35d of kenji-tojo/diffsoup: src/cuda/rasterize.cu, multires.cu, encoding.cu;
+python/diffsoup/rasterize.py; examples/01_mip360.py, 02_synthetic.py (test loops), 06_export_web.py (bytes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.drawable import required_buffer
+from msb.asset.sh import SH_C0, sh_basis
+from msb.errors import AssetError
+from msb.methods.diffsoup.reference_camera import diffsoup_projection
+from msb.reference.arithmetic import Reals, dot, norm, sigmoid, transform
+from msb.reference.frame import ReferenceFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.reference.modes import Modes
+    from msb.scenes import Camera
+
+FEATURES = 7
+OPACITY_THRESHOLD = 0.5
+BLEND_FEATURE = 3
+"""The feature that weighs the decoder's colour against the base colour, features 0 to 2."""
+LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
+"""Layer of the decoder -> shape of its weight, [out, in]."""
+MAX_LEVEL = 16
+
+
+@dataclass
+class Seen:
+    """The z-buffer: of each pixel, in the kernel's row order, the nearest opaque face so far.
+
+    `key` (H, W) is NDC depth + 2, infinite where nothing is; `face` is -1 there.
+    """
+
+    key: NDArray[np.float32]
+    face: NDArray[np.int32]
+    b0: Reals
+    b1: Reals
+    ndc_depth: Reals
+    camera_depth: Reals
+    fragments: int = 0
+
+
+def render(
+    asset: Asset,
+    camera: Camera,
+    background: Reals,
+    settings: Mapping[str, Any],
+    dtype: type[Any],
+    modes: Modes,
+) -> ReferenceFrame:
+    """Return `asset` seen by `camera`; see `render_reference`.
+
+    A z-buffer shows the same in whatever order faces are drawn. What an engine's sampling changes are faces
+    that reach behind the camera: its hardware clips them. Pixels without a face show `background`; upstream's
+    is black in the COLMAP layout, white in the other.
+    """
+    near, far, layout = settings["z_near"], settings["z_far"], settings["layout"]
+    mvp, inverse = diffsoup_projection(camera, layout, near, far, dtype)
+    indices = asset.buffers["indices"]
+    level, lattice, opacity = lattices(asset, dtype)
+    clip = transform(mvp, asset.buffers["positions"].astype(dtype))
+    columns, rows = ndc_centers(camera.width, dtype), ndc_centers(camera.height, dtype)
+    seen = rasterize(clip[indices], opacity, level, columns, rows, clips=modes.engine)
+
+    hit = seen.face >= 0
+    b0, b1, face = seen.b0[hit], seen.b1[hit], seen.face[hit]
+    row, column = np.nonzero(hit)
+    features = interpolate(lattice, face, level, b0, b1)
+    directions = towards_camera(inverse, columns[column], rows[row])
+    encoding = np.stack([np.full_like(b0, SH_C0), *sh_basis(directions, 2)], axis=-1)
+    image = np.broadcast_to(background, (*hit.shape, 3)).copy()
+    image[hit] = decode(asset, features, encoding)
+
+    # The kernel's row 0 is NDC y = -1, which is the top of the picture in the COLMAP layout only.
+    up = slice(None) if layout == "colmap" else slice(None, None, -1)
+    visible = np.zeros(len(indices), bool)
+    visible[face] = True
+    return ReferenceFrame(
+        image=image[up],
+        alpha=hit[up].astype(dtype),
+        depth=seen.camera_depth[up],
+        depth_median=None,
+        normal=None,
+        face_id=seen.face[up],
+        visible=visible,
+        raw={
+            "mvp": mvp,
+            "mvp_inv": inverse,
+            "clip_vertices": clip,
+            "num_fragments": seen.fragments,
+            "tri_id": seen.face,
+            "bary01": np.stack([seen.b0, seen.b1], axis=-1),
+            "depth": seen.ndc_depth,
+            "features": scatter(hit, features),
+            "sh": scatter(hit, encoding),
+        },
+    )
+
+
+def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
+    """Return the lattices' level, features (F, S, 7) and opacity (F, S); bytes of the web export are v / 255.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_FIELD_VALUE: the manifest's level is none. TRIASSET_BUFFER_REQUIRED or
+        TRIASSET_BUFFER_SHAPE: a buffer is missing or not of that level.
+    """
+    level, count = asset.manifest.appearance.get("level"), asset.manifest.face_count
+    if type(level) is not int or not 0 <= level <= MAX_LEVEL:
+        text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
+        raise AssetError("TRIASSET_FIELD_VALUE", text, file=asset.path, pointer="/appearance/level")
+    samples = (2**level + 1) * (2**level + 2) // 2
+    lattice, opacity = (
+        array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
+        for array in (
+            required_buffer(asset, "features.lattice", count, samples, FEATURES),
+            required_buffer(asset, "features.opacity", count, samples),
+        )
+    )
+    return level, lattice, opacity
+
+
+def ndc_centers(size: int, dtype: type[Any]) -> Reals:
+    """Return the NDC coordinates of the centres of `size` pixels."""
+    return np.asarray(-1 + 2 * (np.arange(size).astype(dtype) + dtype(0.5)) / dtype(size))
+
+
+def rasterize(
+    corners: Reals, opacity: Reals, level: int, columns: Reals, rows: Reals, *, clips: bool = False
+) -> Seen:
+    """Return what each pixel sees of triangles with clip coordinates (F, 3 corners, 4).
+
+    Nearest NDC depth wins, equal depths go to the lowest face number. What is compared is float32(depth + 2),
+    as in the official key, so that near depths are equal; in float64 too.
+    """
+    shape, dtype = (len(rows), len(columns)), corners.dtype
+    seen = Seen(
+        key=np.full(shape, np.inf, np.float32),
+        face=np.full(shape, -1, np.int32),
+        b0=np.zeros(shape, dtype),
+        b1=np.zeros(shape, dtype),
+        ndc_depth=np.zeros(shape, dtype),
+        camera_depth=np.zeros(shape, dtype),
+    )
+    dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
+    for face in np.flatnonzero(~dropped).tolist():
+        left, right, top, bottom = boxes[face].tolist()
+        part = (slice(top, bottom + 1), slice(left, right + 1))
+        b0, b1, ndc_depth, w, valid = fragments(corners[face], columns[None, part[1]], rows[part[0], None])
+        seen.fragments += int(valid.sum())
+        alpha = interpolate(opacity[..., None], face, level, b0[valid], b1[valid])[:, 0]
+        opaque = valid.copy()
+        opaque[valid] = ~(alpha < dtype.type(OPACITY_THRESHOLD))
+        key = (ndc_depth + 2).astype(np.float32)
+        # Strictly nearer: on a tie the earlier face, which has the lower number, stays.
+        wins = opaque & (ndc_depth > -1) & (key < seen.key[part])
+        for plane, value in (
+            (seen.key, key),
+            (seen.face, face),
+            (seen.b0, b0),
+            (seen.b1, b1),
+            (seen.ndc_depth, ndc_depth),
+            (seen.camera_depth, w),
+        ):
+            plane[part] = np.where(wins, value, plane[part])
+    return seen
+
+
+def pixel_boxes(
+    corners: Reals, width: int, height: int, *, clips: bool = False
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return which of F triangles are dropped, and the pixels of the others.
+
+    The latter are the first and last column and the first and last row, (F, 4).
+    A triangle with a corner at or behind the camera plane vanishes. If `clips`, its part in front is kept:
+    all pixels are looked at, and the test of NDC depth leaves none of the part behind.
+    """
+    w = corners[..., 3]
+    behind = ~(w > 0)
+    crosses = behind.any(axis=1)
+    dropped = np.asarray(behind.all(axis=1) if clips else crosses)
+    for axis in range(3):
+        dropped |= (corners[..., axis] < -w).all(axis=1) | (corners[..., axis] > w).all(axis=1)
+    ndc = corners[..., :2] * (1 / w)[..., None]
+    ndc = np.where(np.isfinite(ndc), ndc, np.where(ndc > 0, 1, -1)).astype(corners.dtype)
+    ndc = np.clip(ndc, -1, 1)
+    low, high = ndc.min(axis=1), ndc.max(axis=1)
+    low[crosses], high[crosses] = -1, 1
+    size = np.array([width, height], corners.dtype)
+    edge = np.array([width - 1, height - 1])
+    first = np.maximum(np.floor(0.5 * (low + 1) * size).astype(np.int64), 0)
+    last = np.minimum(np.floor(0.5 * (high + 1) * size).astype(np.int64), edge)
+    dropped |= (last < first).any(axis=1)
+    return dropped, np.stack([first[:, 0], last[:, 0], first[:, 1], last[:, 1]], axis=1)
+
+
+def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
+    """Return where pixels with NDC centres u (1, C), v (R, 1) meet the triangle (3, 4), as (R, C) arrays.
+
+    Returns
+    -------
+    b0, b1 : barycentric coordinates of corners 0 and 1, linear in the world
+    ndc_depth, w : z / w, and clip w, which is the camera's z
+    valid : inside, edges included, and NDC depth within -1 to 1
+    """
+    (x0, y0, z0, w0), (x1, y1, z1, w1), (x2, y2, z2, w2) = corners
+    qx0, qy0 = x0 - u * w0, y0 - v * w0
+    qx1, qy1 = x1 - u * w1, y1 - v * w1
+    qx2, qy2 = x2 - u * w2, y2 - v * w2
+    a0 = qx1 * qy2 - qy1 * qx2
+    a1 = qx2 * qy0 - qy2 * qx0
+    a2 = qx0 * qy1 - qy0 * qx1
+    area = a0 + a1 + a2
+    inverse = 1 / area
+    b0, b1 = a0 * inverse, a1 * inverse
+    b2 = 1 - b0 - b1
+    w = b0 * w0 + b1 * w1 + b2 * w2
+    ndc_depth = (b0 * z0 + b1 * z1 + b2 * z2) / w
+    inside = (area != 0) & (b0 >= 0) & (b1 >= 0) & (b0 + b1 <= 1)
+    return b0, b1, ndc_depth, w, inside & (ndc_depth >= -1) & (ndc_depth <= 1)
+
+
+def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
+    """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,): linear between three nodes.
+
+    Node (x, y), at b0 = x / 2^level and b1 = y / 2^level, is sample s(s + 1)/2 + y with s = x + y.
+    """
+    side = 2**level
+    u, v = b0 * side, b1 * side
+    x = np.minimum(np.floor(u), side - 1).astype(np.int64)
+    y = np.minimum(np.floor(v).astype(np.int64), side - 1 - x)
+    u, v = u - x.astype(u.dtype), v - y.astype(v.dtype)
+    flip = u + v > 1
+    w0, w1 = np.where(flip, 1 - v, u), np.where(flip, 1 - u, v)
+    w2 = 1 - w0 - w1
+    x2 = x + flip
+    y2 = np.minimum(y + flip, side - x2)
+    d0, d1, d2 = (
+        lattice[faces, (i + j) * (i + j + 1) // 2 + j] for i, j in ((x + 1, y), (x, y + 1), (x2, y2))
+    )
+    return np.asarray(w0[:, None] * d0 + w1[:, None] * d1 + w2[:, None] * d2)
+
+
+def towards_camera(inverse: Reals, u: Reals, v: Reals) -> Reals:
+    """Return unit vectors (n, 3) from what pixels (n,) see towards the camera: near point minus far point."""
+    one = np.ones_like(u)
+    near, far = (np.stack([u, v, sign * one], axis=-1) for sign in (-1, 1))
+    near, far = (transform(inverse, point) for point in (near, far))
+    near, far = (point[:, :3] * (1 / point[:, 3:]) for point in (near, far))
+    ray = near - far
+    return np.asarray(ray * (1 / norm(ray))[:, None])
+
+
+def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
+    """Return colours (n, 3) of features (n, 7) and encoded view directions (n, 9).
+
+    A perceptron with two hidden layers; its colour is mixed with the base colour, features 0 to 2.
+    """
+    values = np.concatenate([features, encoding], axis=1)
+    for layer, (outputs, inputs) in LAYERS.items():
+        weight = required_buffer(asset, f"decoder.{layer}.weight", outputs, inputs).astype(values.dtype)
+        bias = required_buffer(asset, f"decoder.{layer}.bias", outputs).astype(values.dtype)
+        values = dot(values[:, None], weight[None]) + bias
+        values = sigmoid(values) if outputs == 3 else np.maximum(values, 0)
+    mix = features[:, BLEND_FEATURE, None]
+    return np.asarray((1 - mix) * features[:, :3] + mix * values)
+
+
+def scatter(hit: NDArray[np.bool_], values: Reals) -> Reals:
+    """Return (H, W, C) with `values` (n, C) at the n hit pixels, 0 elsewhere."""
+    image = np.zeros((*hit.shape, values.shape[1]), values.dtype)
+    image[hit] = values
+    return image

@@ -1,0 +1,11 @@
+"""Any mesh that came from elsewhere."""
+
+from __future__ import annotations
+
+from msb.methods.declare import NO_APPEARANCE, Method
+
+METHOD = Method(
+    title="mesh",
+    unsupported={"reference": NO_APPEARANCE, "dedicated": NO_APPEARANCE},
+    passes={"standard": ("opaque_unlit",)},
+)

@@ -1,0 +1,34 @@
+"""Any other mesh: PLY, OBJ, OFF, STL or GLB, among them what the methods' own exporters write."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.adapters.model import Model
+from msb.adapters.setting_sources import Settings
+from msb.asset import Description
+from msb.meshes.assets import mesh_buffers
+from msb.meshes.files import read_mesh
+
+if TYPE_CHECKING:
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a mesh file, and no table of primitives."""
+    if content.place.kind == "ply":
+        return not {"rot_0", "x1"} & set(content.ply_names)
+    return content.place.kind == "mesh"
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the mesh at `place`, every row and its colours as stored.
+
+    Raises
+    ------
+    InputError, MeshFileError, MeshError, AssetError, UsageError
+    """
+    Settings("mesh", options.settings)  # it has none: any name is an error
+    buffers, domains, kind = mesh_buffers(read_mesh(place.file))
+    return Model(buffers, domains, Description(appearance={"kind": kind}), place.root, (place.file,))

@@ -1,0 +1,122 @@
+"""MeshSplatting, Triangle Splatting 2: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
+
+Layouts: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py) and its sibling
+trianglesplatting2/triangle-splatting2 at fcde03d, which lacks `pixel_count`. Everything is per vertex; sigma
+is global.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.adapters.model import Model
+from msb.adapters.setting_sources import Settings, background
+from msb.adapters.tensors import Tensors
+from msb.adapters.training_config import read_cfg_args
+from msb.asset import Description
+from msb.asset.sh import SH_C0
+from msb.errors import CheckpointError
+from msb.meshes.assets import mesh_buffers
+from msb.meshes.files import read_mesh
+
+if TYPE_CHECKING:
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+
+_OLDER_FLOOR = 0.9999
+"""What the loader of Triangle Splatting 2 imposes, and the re-import of a PLY."""
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a state dict with shared vertices."""
+    value = content.value
+    return isinstance(value, dict) and bool({"_triangle_indices", "vertex_weight"} & value.keys())
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the model at `place`.
+
+    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: 0.999 is what the
+    official loader imposes, 0.9999 that of Triangle Splatting 2.
+
+    Raises
+    ------
+    CheckpointError, MeshFileError, UsageError
+    """
+    if place.kind in ("ply", "mesh"):
+        return _read_mesh(place, options)
+    settings = Settings("mesh_splatting", options.settings)
+    tensors = Tensors(content.mapping(place.file), place.file, options.check_values)
+    positions = tensors.floats("triangles_points", "V", 3)
+    count = len(positions)
+    degree = 0
+    if "features_rest" in tensors:  # optional, as for the official exporter
+        degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
+    buffers: dict[str, Any] = {
+        "positions": positions,
+        "indices": tensors.indices("_triangle_indices", count, "F", 3),
+        "f_dc": tensors.floats("features_dc", "V", 1, 3).reshape(count, 3),
+        "opacity": tensors.floats("vertex_weight", "V", 1, infinite=True).reshape(count),
+    }
+    if degree:
+        buffers["f_rest"] = tensors.floats("features_rest", "V", "K", 3).reshape(count, -1)
+    if "active_sh_degree" in tensors:
+        highest = degree if "features_rest" in tensors else 3
+        active = min(tensors.integer("active_sh_degree", 0, highest), degree)
+        settings.add("sh_degree", active, "checkpoint", place.file)
+    settings.add("sigma", _exp(tensors.number("sigma")), "checkpoint", place.file, "exp(sigma)")
+    if "pixel_count" not in tensors:
+        settings.add("opacity_floor", _OLDER_FLOOR, "default")
+    arguments, files, warnings = read_cfg_args(place.root)
+    white = arguments.get("white_background")
+    description = _description(settings, degree, white if isinstance(white, bool) else None)
+    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "vertex")
+    files = (place.file, *files)
+    return Model(buffers, domains, description, place.root, files, (*tensors.warnings, *warnings))
+
+
+def _read_mesh(place: Place, options: Options) -> Model:
+    """Return the model the official code makes of an exported mesh: opaque, its colours as coefficient 0.
+
+    f_dc = clip((rgb - 0.5) / C0, -4, 4), an infinite logit, no higher SH.
+    """
+    settings = Settings("mesh_splatting", options.settings)
+    mesh = read_mesh(place.file)
+    buffers, _, _ = mesh_buffers(mesh)
+    if mesh.vertex_colors is None:
+        text = "it has no vertex colours; the PLY of the official exporter has red, green, blue, alpha"
+        raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=place.file, pointer="red")
+    colors = mesh.vertex_colors[:, :3].astype(np.float32)
+    if mesh.vertex_colors.dtype == np.uint8:
+        colors /= np.float32(255)
+    del buffers["color"]
+    buffers["f_dc"] = np.clip((colors - np.float32(0.5)) / np.float32(SH_C0), -4, 4)
+    buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
+    settings.add("opacity_floor", _OLDER_FLOOR, "default")
+    description = _description(settings, 0, None)
+    return Model(buffers, {"f_dc": "vertex", "opacity": "vertex"}, description, place.root, (place.file,))
+
+
+def _description(settings: Settings, degree: int, white: bool | None) -> Description:
+    stored = settings.finish(degree)
+    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
+    if degree:
+        appearance["f_rest_order"] = "coefficient_major"
+    if white is not None:
+        appearance["background"] = background(white)
+    return Description(
+        method="mesh_splatting",
+        sh_degree=degree,
+        coverage={"kernel": "edge_window", "sigma": stored["sigma"].value},
+        opacity={"encoding": "logit", "floor": stored["opacity_floor"].value, "of_face": "minimum"},
+        appearance=appearance,
+        compositing={"kind": "front_to_back"},
+        settings=stored,
+    )
+
+
+def _exp(logarithm: float) -> float:
+    return math.exp(logarithm) if logarithm < 700 else math.inf

@@ -1,0 +1,51 @@
+"""MeshSplatting on the dedicated tier: settings and activations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.drawable import require, required_buffer
+from msb.render.splat.model import Model, rim, sigmoid
+from msb.render.splat.view import Culling
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.asset import Asset
+
+    Settings = Mapping[str, Any]
+
+
+def splat_model(asset: Asset, settings: Settings) -> Model:
+    """Return `asset` as the kernels take it; errors as `make_model`."""
+    require(asset, "opacity", "encoding", "logit")
+    floor, scale = settings["opacity_floor"], settings["supersample"]
+    logits = required_buffer(asset, "opacity", asset.manifest.vertex_count)
+    opacity = np.float32(floor) + np.float32(1 - floor) * sigmoid(logits)
+    prefix = f"ss{scale}_"
+    return Model(
+        program="mesh_splatting",
+        package=__package__,
+        face_words=40,
+        engine_words=32,
+        positions=asset.buffers["positions"],
+        coverage=np.stack([opacity, rim(opacity, np.float32(settings["sigma"]))], axis=1),
+        near=0.01,
+        far=100.0,
+        culling=Culling(nearest=0.2, dilation=1.0, margin=7.0),
+        scale=scale,
+        box_mean=True,
+        own={"sigma": np.float32(settings["sigma"])},
+        vertex_colors=True,
+        outputs=("normal", "depth_median", "face_id"),
+        raw={
+            f"{prefix}image": "image",
+            f"{prefix}alpha": "alpha",
+            f"{prefix}depth_expected": "depth",
+            f"{prefix}depth_median": "depth_median",
+            f"{prefix}normal_cam": "normal",
+            f"{prefix}face_id": "face_id",
+        },
+    )

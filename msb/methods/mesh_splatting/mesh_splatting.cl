@@ -1,0 +1,210 @@
+// MeshSplatting: an indexed mesh with colours and opacities at its vertices.
+// Source: meshsplatting/diff-triangle-mesh-rasterization at b27f283: cuda_rasterizer/forward.cu.
+
+#include "splat_common.cl"
+#include "splat_color.cl"
+#include "splat_window.cl"
+
+#define MAX_ALPHA 0.999f
+#define MARGIN 5.0f
+#define BLENDS_CROSSING 0
+#define VERTEX_COLORS 1
+#define COLORS 9
+#define SMALL_IS_DROPPED 0 // not if two corners coincide on the screen
+
+// coverage, of vertices: opacity, the rim. f_dc holds the vertices' colours.
+
+#if ENGINE
+#define LINES 12
+// inverse_weight are those of the barycentric coordinates 1 and 2.
+#define SHAPE(REAL) REAL lines[LINES], inverse_weight[2], opacity;
+#else
+// inverse is 1 / inradius; origin is corner 0, e1 and e2 the edges from it, area 1 / (e1 x e2). depth is that
+// of corner 0, and what corners 1 and 2 have more.
+#define SHAPE(REAL)                                                                                          \
+    REAL normal_x[3], normal_y[3], offset[3], inverse, opacity;                                              \
+    REAL origin[2], e1[2], e2[2], area, depth[3];
+#endif
+// color is that of corner 0, and what corners 1 and 2 have more.
+#define FACE_MEMBERS(REAL, INT)                                                                              \
+    {                                                                                                        \
+        SHAPE(REAL)                                                                                          \
+        REAL color[9], normal[3];                                                                            \
+        INT x0, y0, x1, y1, number;                                                                          \
+    }
+typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
+typedef struct FACE_MEMBERS(real, mask) Faces;
+#if ENGINE
+#include "splat_engine.cl"
+#define PHI(f, s) ((s)->phi)
+#else
+#define PHI(f, s) ((s)->nearest * (f)->inverse)
+#endif
+
+// The product of unsigned extents is 0 upstream for an empty box; it never is negative here.
+Box corner_tiles(__constant View *view, const Window *w)
+{
+    Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
+    for (int k = 0; k < 3; k++) {
+        vec2 q = w->corners[k];
+        found.x0 = lesser_of(found.x0, tile_number((q.x - MARGIN) / TILE, view->columns));
+        found.y0 = lesser_of(found.y0, tile_number((q.y - MARGIN) / TILE, view->rows));
+        found.x1 = greater_of(found.x1, tile_after((q.x + MARGIN) / TILE, view->columns));
+        found.y1 = greater_of(found.y1, tile_after((q.y + MARGIN) / TILE, view->rows));
+    }
+    return found;
+}
+
+typedef struct {
+    size_t rows[3][LANES];
+} Vertices;
+
+Vertices vertices_of(const size_t *rows, __global const uint *indices)
+{
+    Vertices v;
+    for (uint k = 0; k < LANES; k++)
+        for (int corner = 0; corner < 3; corner++)
+            v.rows[corner][k] = indices[3 * rows[k] + corner];
+    return v;
+}
+
+#if LANES == 8
+void prefetch_face(size_t row, const Source *source) {}
+void prefetch_colors(size_t row, const Source *source, __constant View *view) {}
+#endif
+
+void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
+                vec3 *corners)
+{
+    Vertices v = vertices_of(rows, indices);
+    for (int k = 0; k < 3; k++)
+        corners[k] = load3(positions, v.rows[k]);
+}
+
+mask project_faces(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *official,
+                   real *depth)
+{
+    Vertices v = vertices_of(rows, source->indices);
+    real opacity = load(source->coverage, v.rows[0], COVERAGE, 0);
+    real rim = load(source->coverage, v.rows[0], COVERAGE, 1);
+    for (int k = 1; k < 3; k++) {
+        opacity = lesser(opacity, load(source->coverage, v.rows[k], COVERAGE, 0));
+        // The rim grows as opacity falls: that of the least opacity is the largest.
+        rim = greater(rim, load(source->coverage, v.rows[k], COVERAGE, 1));
+    }
+    vec3 p[3];
+    corners_of(rows, source->positions, source->indices, p);
+    f->opacity = opacity;
+#if ENGINE
+    real weight[3];
+    mask back, kept = project_engine(view, p[0], p[1], p[2], true, f, official, depth, weight, &back);
+    kept &= !(opacity < MIN_OPACITY);
+    f->inverse_weight[0] = 1.0f / weight[1];
+    f->inverse_weight[1] = 1.0f / weight[2];
+#else
+    Window w;
+    mask kept = !(opacity < MIN_OPACITY) & project_window(view, p[0], p[1], p[2], &w);
+    if (!ANY(kept))
+        return kept;
+    *depth = w.depth;
+    *official = corner_tiles(view, &w);
+    kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
+    for (int k = 0; k < 3; k++) {
+        f->normal_x[k] = w.edge_normal[k].x;
+        f->normal_y[k] = w.edge_normal[k].y;
+        f->offset[k] = w.edge_offset[k];
+    }
+    f->inverse = 1.0f / w.inradius[2];
+    vec2 e1 = sub2(w.corners[1], w.corners[0]), e2 = sub2(w.corners[2], w.corners[0]);
+    f->origin[0] = w.corners[0].x;
+    f->origin[1] = w.corners[0].y;
+    f->e1[0] = e1.x;
+    f->e1[1] = e1.y;
+    f->e2[0] = e2.x;
+    f->e2[1] = e2.y;
+    f->area = 1.0f / cross2(e1, e2);
+    __constant float *z = view->world_to_camera + 8;
+    f->depth[0] = affine(z, p[0]);
+    f->depth[1] = affine(z, p[1]) - f->depth[0];
+    f->depth[2] = affine(z, p[2]) - f->depth[0];
+    f->normal[0] = w.normal.x;
+    f->normal[1] = w.normal.y;
+    f->normal[2] = w.normal.z;
+    Box box = window_box(view, &w, rim);
+    f->x0 = box.x0;
+    f->y0 = box.y0;
+    f->x1 = box.x1;
+    f->y1 = box.y1;
+#endif
+    return kept;
+}
+
+void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
+{
+    Vertices v = vertices_of(rows, source->indices);
+    vec3 first = load3(source->f_dc, v.rows[0]);
+    for (int k = 0; k < 3; k++) {
+        vec3 here = k ? sub3(load3(source->f_dc, v.rows[k]), first) : first;
+        color[3 * k] = here.x;
+        color[3 * k + 1] = here.y;
+        color[3 * k + 2] = here.z;
+    }
+}
+
+#if !ENGINE
+typedef struct {
+    EdgeColumns edges;
+    real x;
+} Columns;
+typedef struct {
+    real nearest, alpha;
+} Sample;
+
+Columns columns_of(FACE_POINTER f, real x, __constant View *view)
+{
+    Columns c;
+    for (int k = 0; k < 3; k++)
+        c.edges.edge[k] = f->normal_x[k] * x;
+    c.x = x - f->origin[0];
+    return c;
+}
+
+#if LANES == 8
+mask reaches(FACE_POINTER f, float left, real y)
+{
+    return window_reaches(f->normal_x, f->normal_y, f->offset, left, y);
+}
+#endif
+
+mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
+{
+    s->nearest = nearest_edge(f->normal_y, f->offset, &c->edges, y);
+    return s->nearest <= 0.0f;
+}
+#endif
+
+mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
+{
+    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), view->own.sigma));
+    return within & (s->alpha >= MIN_ALPHA);
+}
+
+// Officially colours are interpolated linearly on the screen, not perspective-correctly.
+void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb, real *z)
+{
+#if ENGINE
+    real b1 = s->e1 * s->z * f->inverse_weight[0], b2 = s->e2 * s->z * f->inverse_weight[1];
+    *z = s->z;
+#else
+    float dy = y - f->origin[1];
+    real b1 = (c->x * f->e2[1] - f->e2[0] * dy) * f->area;
+    real b2 = (f->e1[0] * dy - c->x * f->e1[1]) * f->area;
+    *z = MAD(b2, (real)f->depth[2], MAD(b1, (real)f->depth[1], (real)f->depth[0]));
+#endif
+    for (int k = 0; k < 3; k++)
+        rgb[k] = MAD(b2, (real)f->color[6 + k], MAD(b1, (real)f->color[3 + k], (real)f->color[k]));
+}
+
+float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }
+
+#include "splat_stages.cl"

@@ -1,0 +1,33 @@
+"""What MeshSplatting's own exporter writes: a PLY with vertex RGBA."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.adapters.official import rounded_bytes
+from msb.asset.look import baked_colors
+from msb.atomic import new_file
+from msb.meshes.files import write_mesh
+from msb.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+
+
+SUFFIXES = (".ply",)
+
+
+def write(asset: Asset, path: Path) -> None:
+    """All vertices and faces as stored, baked RGB and full alpha.
+
+    meshsplatting/mesh-splatting at 608e5d0: create_ply.py.
+    """
+    rgb = baked_colors(asset.buffers["f_dc"])
+    rgba = rounded_bytes(np.column_stack([rgb, np.ones(len(rgb), np.float32)]))
+    mesh = Mesh(asset.buffers["positions"], asset.buffers["indices"].astype(np.int64), rgba, None)
+    with new_file(path) as file:
+        write_mesh(mesh, file, suffix=".ply")

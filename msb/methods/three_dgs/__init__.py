@@ -1,0 +1,17 @@
+"""3DGS: recognised, and refused with the reason."""
+
+from __future__ import annotations
+
+from msb.methods.declare import TIERS, Method
+from msb.scenes.datasets.rules import FAMILY, Rules
+
+METHOD = Method(
+    title="3DGS",
+    paper_name="3dgs",
+    unsupported=dict.fromkeys(TIERS, "its primitives are Gaussians, not triangles"),
+    rules=Rules(
+        "3DGS",
+        "graphdeco-inria/gaussian-splatting: full_eval.py, utils/camera_utils.py",
+        photographs={key: rule for key, rule in FAMILY.items() if key != "dtu"},
+    ),
+)

@@ -1,0 +1,72 @@
+"""Triangle-Splatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt``.
+
+Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py). A primitive is one free
+triangle with one opacity logit, one sigma and one set of SH coefficients.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.adapters.model import Model
+from msb.adapters.setting_sources import Settings, background
+from msb.adapters.tensors import Tensors
+from msb.adapters.training_config import read_cfg_args
+from msb.asset import Description
+
+if TYPE_CHECKING:
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+
+_NOT_OURS = {"_triangle_indices", "vertex_weight"}
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a state dict with free triangles."""
+    value = content.value
+    return isinstance(value, dict) and "triangles_points" in value and not _NOT_OURS & value.keys()
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the model at `place`.
+
+    `sigma` is stored as the checkpoint has it, s; the renderer's is 0.01 + exp(s), as `coverage` says.
+
+    Raises
+    ------
+    CheckpointError, UsageError
+    """
+    settings = Settings("triangle_splatting", options.settings)
+    tensors = Tensors(content.mapping(place.file), place.file, options.check_values)
+    points = tensors.floats("triangles_points", "N", 3, 3)
+    count = len(points)
+    degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
+    buffers: dict[str, Any] = {
+        "positions": points.reshape(3 * count, 3),
+        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
+        "f_dc": tensors.floats("features_dc", "N", 1, 3).reshape(count, 3),
+        "opacity": tensors.floats("opacity", "N", 1, infinite=True).reshape(count),
+        "sigma": tensors.floats("sigma", "N", 1).reshape(count),
+    }
+    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
+    if degree:
+        buffers["f_rest"] = tensors.floats("features_rest", "N", "K", 3).reshape(count, -1)
+        appearance["f_rest_order"] = "coefficient_major"
+    settings.add("sh_degree", tensors.integer("active_sh_degree", 0, degree), "checkpoint", place.file)
+    arguments, files, warnings = read_cfg_args(place.root)
+    if isinstance(white := arguments.get("white_background"), bool):
+        appearance["background"] = background(white)
+    description = Description(
+        method="triangle_splatting",
+        sh_degree=degree,
+        coverage={"kernel": "incentre_window", "sigma_encoding": "exp", "sigma_offset": 0.01},
+        opacity={"encoding": "logit"},
+        appearance=appearance,
+        compositing={"kind": "front_to_back"},
+        settings=settings.finish(degree),
+    )
+    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
+    files = (place.file, *files)
+    return Model(buffers, domains, description, place.root, files, (*tensors.warnings, *warnings))

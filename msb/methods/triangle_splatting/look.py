@@ -1,0 +1,55 @@
+"""Triangle-Splatting on the dedicated tier: settings and activations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.drawable import require, required_buffer
+from msb.render.splat.model import Model, exponential, rim, sigmoid, soup_positions
+from msb.render.splat.view import Culling
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.asset import Asset
+
+    Settings = Mapping[str, Any]
+
+
+def splat_model(asset: Asset, settings: Settings) -> Model:
+    """Return `asset` as the kernels take it; errors as `make_model`."""
+    require(asset, "opacity", "encoding", "logit")
+    require(asset, "coverage", "sigma_encoding", "exp")
+    count = asset.manifest.face_count
+    offset = np.float32(asset.manifest.coverage.get("sigma_offset", 0))
+    opacity = sigmoid(required_buffer(asset, "opacity", count))
+    sigma = offset + exponential(required_buffer(asset, "sigma", count))
+    with np.errstate(divide="ignore"):
+        # The official fast power, each step rounded: o phi^sigma = 0.01 there.
+        power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
+    with np.errstate(over="ignore"):
+        shrunk = np.exp2(power, dtype=np.float64).astype(np.float32)
+    return Model(
+        program="triangle_splatting",
+        package=__package__,
+        face_words=24,
+        engine_words=32,
+        positions=soup_positions(asset),
+        coverage=np.stack([opacity, sigma, shrunk, rim(opacity, sigma)], axis=1),
+        near=0.01,
+        far=100.0,
+        # Where two edges are nearly parallel (a determinant of 1e-3) rounding moves their intersection by up
+        # to 0.1 % of its distance from the first sample, which is at most a side of the raster, which
+        # `Culling` adds, and the 1600 samples beyond that a face may reach.
+        culling=Culling(nearest=0.2, dilation=1.0, margin=8.0),
+        own={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
+        outputs=("normal", "depth_median"),
+        raw={
+            "alpha": "alpha",
+            "depth_accum": "depth",
+            "depth_median": "depth_median",
+            "normal_accum": "normal",
+        },
+    )

@@ -1,0 +1,39 @@
+"""What Triangle-Splatting's own exporter writes: COFF with merged vertices and face colours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.adapters.sh import evaluate_sh
+from msb.atomic import new_file
+from msb.meshes.writing import write_rows
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+
+
+SUFFIXES = (".off",)
+
+
+def write(asset: Asset, path: Path) -> None:
+    """COFF with merged vertices and face colours: all stored SH seen from the world's origin.
+
+    trianglesplatting/triangle-splatting at 685ff27: create_off.py.
+    """
+    positions = asset.buffers["positions"]
+    triangles = positions.reshape(-1, 3, 3)
+    directions = triangles.mean(axis=1, dtype=np.float32)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    colors = evaluate_sh(asset, directions, degree=asset.manifest.sh_degree) + np.float32(0.5)
+    levels = (np.clip(colors, 0, 1) * np.float32(255)).astype(np.uint8)
+    vertices, index = np.unique(positions, axis=0, return_inverse=True)
+    faces = index.reshape(-1, 3)
+    rows = np.column_stack([np.full(len(faces), 3), faces, levels, np.full(len(faces), 255)])
+    with new_file(path) as file:
+        file.write(f"COFF\n{len(vertices)} {len(faces)} 0\n".encode())
+        write_rows(file, "%r %r %r", vertices.astype(np.float64))
+        write_rows(file, "%d %d %d %d %d %d %d %d", rows)

@@ -1,0 +1,170 @@
+// Triangle-Splatting: free triangles with a window that falls off from the incentre to the edges.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+
+#include "splat_common.cl"
+#include "splat_soup.cl"
+#include "splat_window.cl"
+
+#define MAX_ALPHA 0.99f
+#define MIN_DETERMINANT 1e-3f
+#define BLENDS_CROSSING 0
+#define SMALL_IS_DROPPED 1
+
+// coverage: opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim.
+
+#if ENGINE
+#define LINES 12
+#define SHAPE(REAL) REAL lines[LINES];
+#else
+// inverse is 1 / inradius.
+#define SHAPE(REAL) REAL normal_x[3], normal_y[3], offset[3], inverse, depth;
+#endif
+#define FACE_MEMBERS(REAL, INT)                                                                              \
+    {                                                                                                        \
+        SHAPE(REAL)                                                                                          \
+        REAL sigma, opacity, color[3], normal[3];                                                            \
+        INT x0, y0, x1, y1, number;                                                                          \
+    }
+typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
+typedef struct FACE_MEMBERS(real, mask) Faces;
+#if ENGINE
+#include "splat_engine.cl"
+#define PHI(f, s) ((s)->phi)
+#else
+#define PHI(f, s) ((s)->nearest * (f)->inverse)
+#endif
+
+// The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected. The rim
+// beyond it, down to alpha = 1/255, is seen only in tiles that the contour touches.
+Box contour_tiles(__constant View *view, const Window *w, real shrunk)
+{
+    real offset[3], distance = (real)0.0f;
+    for (int k = 0; k < 3; k++) {
+        // One edge's distance serves all three, unless it underflowed to 0.
+        distance = distance == 0.0f ? w->inradius[k] * shrunk : distance;
+        offset[k] = w->edge_offset[k] / length2(w->edge_normal[k]) - distance;
+    }
+    Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
+    for (int pair = 0; pair < 3; pair++) {
+        int current = pair == 2 ? 0 : pair + 1, previous = pair;
+        vec2 n = w->edge_normal[current], m = w->edge_normal[previous];
+        real t = offset[current], s = offset[previous];
+        real determinant = cross2(n, m);
+        // The last pair's test is the other way round upstream, so NaN skips it there alone.
+        mask use = magnitude(determinant) >= MIN_DETERMINANT;
+        if (pair < 2)
+            use = !(magnitude(determinant) < MIN_DETERMINANT);
+        real x = -(t * m.y - s * n.y) / determinant;
+        real y = -(s * n.x - t * m.x) / determinant;
+        mask x0 = tile_number(x / TILE, view->columns), y0 = tile_number(y / TILE, view->rows);
+        mask x1 = tile_number((x + TILE - 1) / TILE, view->columns);
+        mask y1 = tile_number((y + TILE - 1) / TILE, view->rows);
+        found.x0 = use ? lesser_of(found.x0, x0) : found.x0;
+        found.y0 = use ? lesser_of(found.y0, y0) : found.y0;
+        found.x1 = use ? greater_of(found.x1, x1) : found.x1;
+        found.y1 = use ? greater_of(found.y1, y1) : found.y1;
+    }
+    return found;
+}
+
+mask project_faces(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *official,
+                   real *depth)
+{
+    real coverage[COVERAGE];
+    vec3 p[3];
+    load_members(source->coverage, rows, COVERAGE, COVERAGE, coverage);
+    corners_of(rows, source->positions, source->indices, p);
+    color_later(p, f->color);
+    f->opacity = coverage[0];
+    f->sigma = coverage[1];
+#if ENGINE
+    real weight[3];
+    mask back, kept = project_engine(view, p[0], p[1], p[2], true, f, official, depth, weight, &back);
+    kept &= !(f->opacity < MIN_OPACITY);
+#else
+    Window w;
+    mask kept = !(f->opacity < MIN_OPACITY) & project_window(view, p[0], p[1], p[2], &w);
+    if (!ANY(kept))
+        return kept;
+    *depth = w.depth;
+    *official = contour_tiles(view, &w, coverage[2]);
+    // As upstream: the product of unsigned extents, so a face all of whose corners were skipped is kept.
+    kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
+    for (int k = 0; k < 3; k++) {
+        f->normal_x[k] = w.edge_normal[k].x;
+        f->normal_y[k] = w.edge_normal[k].y;
+        f->offset[k] = w.edge_offset[k];
+    }
+    f->inverse = 1.0f / w.inradius[2];
+    f->depth = w.depth;
+    f->normal[0] = w.normal.x;
+    f->normal[1] = w.normal.y;
+    f->normal[2] = w.normal.z;
+    Box box = window_box(view, &w, coverage[3]);
+    f->x0 = box.x0;
+    f->y0 = box.y0;
+    f->x1 = box.x1;
+    f->y1 = box.y1;
+#endif
+    return kept;
+}
+
+void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
+{
+    vec3 seen = {color[0], color[1], color[2]};
+    // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
+    // are right only with this.
+    if (view->own.broadcast_z)
+        seen = (vec3){seen.z, seen.z, seen.z};
+    color_of(view, source->f_dc, source->f_rest, rows, seen, color);
+}
+
+#if !ENGINE
+typedef EdgeColumns Columns;
+typedef struct {
+    real nearest, alpha;
+} Sample;
+
+Columns columns_of(FACE_POINTER f, real x, __constant View *view)
+{
+    Columns c;
+    for (int k = 0; k < 3; k++)
+        c.edge[k] = f->normal_x[k] * x;
+    return c;
+}
+
+#if LANES == 8
+mask reaches(FACE_POINTER f, float left, real y)
+{
+    return window_reaches(f->normal_x, f->normal_y, f->offset, left, y);
+}
+#endif
+
+mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
+{
+    s->nearest = nearest_edge(f->normal_y, f->offset, c, y);
+    return s->nearest <= 0.0f;
+}
+#endif
+
+mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
+{
+    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), f->sigma));
+    return within & (s->alpha >= MIN_ALPHA);
+}
+
+void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb, real *z)
+{
+    rgb[0] = f->color[0];
+    rgb[1] = f->color[1];
+    rgb[2] = f->color[2];
+#if ENGINE
+    *z = s->z;
+#else
+    *z = f->depth;
+#endif
+}
+
+float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }
+
+#include "splat_stages.cl"

@@ -1,0 +1,20 @@
+"""2DGS: shown as the mesh that its TSDF fusion extracts."""
+
+from __future__ import annotations
+
+from msb.methods.declare import NO_APPEARANCE, Method, Retained
+from msb.scenes.datasets.rules import FAMILY, Rules
+
+METHOD = Method(
+    title="2DGS mesh",
+    paper_name="2dgs",
+    retained={"standard": Retained("Fallback", "baked color")},
+    unsupported={"reference": NO_APPEARANCE, "dedicated": NO_APPEARANCE},
+    passes={"standard": ("opaque_unlit",)},
+    reads_meshes=True,
+    rules=Rules(
+        "2DGS",
+        "hbb1/2d-gaussian-splatting: scripts, utils/camera_utils.py",
+        photographs=FAMILY,
+    ),
+)

@@ -1,0 +1,43 @@
+"""2DGS: the mesh its TSDF fusion extracts, ``train/ours_N/fuse_post.ply``; the splats are no mesh.
+
+Layout: hbb1/2d-gaussian-splatting at 1920a23 (render.py, utils/mesh_utils.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from msb.adapters.locate import FUSED
+from msb.errors import CheckpointError
+from msb.methods.mesh import adapter as mesh
+
+if TYPE_CHECKING:
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+    from msb.adapters.model import Model
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a fused mesh by name, or the splats of 2DGS, which have two scales."""
+    names = content.ply_names
+    if "rot_0" in names:
+        return "scale_1" in names and "scale_2" not in names
+    return content.place.file.name in FUSED
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the extracted mesh at `place`.
+
+    Raises
+    ------
+    CheckpointError
+        `CHECKPOINT_FILE_MISSING`: only the splats are there.
+    MeshFileError, UsageError
+    """
+    if "rot_0" in content.ply_names:
+        text = "it holds the Gaussians of 2DGS; the mesh is needed, train/ours_N/fuse_post.ply, which "
+        text += "its render.py extracts"
+        raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=place.file)
+    model = mesh.read(place, content, options)
+    return replace(model, description=replace(model.description, method="two_dgs"))

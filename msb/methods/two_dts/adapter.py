@@ -1,0 +1,197 @@
+"""2DTS: ``ckpt/N.ckpt`` or ``point_cloud/N.ply``, with a config that the checkpoint does not carry.
+
+Layout: GaodeRender/triangle-splatting at 54c80f7 (src/diff_recon: the model's state dict and PLY writer).
+A primitive is one free triangle with one opacity logit and one set of SH coefficients; `gamma` is global.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.adapters.model import Model
+from msb.adapters.setting_sources import Settings, background
+from msb.adapters.tensors import Tensors
+from msb.asset import Description
+from msb.errors import CheckpointError, finding, json_safe, shorten
+from msb.methods.two_dts.adapter_config import read_config
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.adapters.content import Content, Options
+    from msb.adapters.locate import Place
+    from msb.errors import Finding
+    from msb.meshes.ply_table import PlyTable
+
+_KEYS = {"_vertex", "_opacity", "_f_dc", "_f_rest"}
+_CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
+_PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
+_UPSTREAM: dict[str, tuple[str, Any]] = {
+    "rasterizer": ("rasterizer_type", "3D"),
+    "sh_degree": ("max_sh_degree", None),
+    "back_culling": ("back_culling", False),
+    "gamma_rescale": ("gamma_rescale", False),
+    "ste_threshold": ("ste_threshold", None),
+    "render_up_scale": ("render_up_scale", None),
+}
+"""Setting -> its key in section "model" of a config, and what the official code takes where it is absent."""
+
+
+def recognises(content: Content) -> bool:
+    """Return whether `content` is a checkpoint tuple whose first item has our keys, or a PLY of triangles."""
+    if content.ply_names:
+        return "x1" in content.ply_names and "z3" in content.ply_names
+    value = content.value
+    return (
+        isinstance(value, tuple)
+        and bool(value)
+        and isinstance(value[0], dict)
+        and bool(_KEYS & value[0].keys())
+    )
+
+
+def read(place: Place, content: Content, options: Options) -> Model:
+    """Return the model at `place`.
+
+    Raises
+    ------
+    CheckpointError, MeshFileError, InputError, UsageError
+    """
+    settings = Settings("two_dts", options.settings)
+    box: list[float] | None = None
+    warnings: list[Finding] = []
+    if place.kind == "ply":
+        buffers, degree = _from_ply(content.table(), place.file, options.check_values)
+        text = "a PLY does not hold gamma; the official loader takes 1"
+        warnings.append(finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(place.file)))
+    else:
+        tensors, gamma, box = _parts(content.value, place.file, options.check_values)
+        buffers, degree = _from_tensors(tensors)
+        warnings += tensors.warnings
+        settings.add("gamma", gamma, "checkpoint", place.file, "gamma")
+    config, files, found = read_config(place.root, options.config)
+    warnings += found
+    if config:
+        warnings += _configure(settings, config["model"], degree, files[0])
+    else:
+        settings.add("sh_degree", degree, "checkpoint")
+    stored = settings.finish(degree)
+    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
+    if degree:
+        appearance["f_rest_order"] = "coefficient_major"
+    if isinstance(trainer := config.get("trainer"), dict) and trainer.get("eval_background") in (
+        "white",
+        "black",
+    ):
+        appearance["background"] = background(trainer["eval_background"] == "white")
+    bounds = dict(zip(_box_names(box), box or (), strict=True))
+    description = Description(
+        method="two_dts",
+        sh_degree=degree,
+        coverage={"kernel": "gaussian_power", "gamma": stored["gamma"].value},
+        opacity={"encoding": "logit"},
+        appearance=appearance,
+        compositing={"kind": "front_to_back", **bounds},
+        settings=stored,
+    )
+    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
+    return Model(buffers, domains, description, place.root, (place.file, *files), tuple(warnings))
+
+
+def _box_names(box: list[float] | None) -> tuple[str, ...]:
+    axes = "xyz"[: len(box) // 2] if box else ""
+    return tuple(f"scene_bbox_{end}_{axis}" for end in ("min", "max") for axis in axes)
+
+
+def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, list[float] | None]:
+    """Return parameters, gamma and scene box of the checkpoint ``(params, optimizer, scene_bbox, gamma)``."""
+    if not isinstance(value, tuple) or len(value) != 4 or not isinstance(value[0], dict):
+        found = f"a tuple of {len(value)}" if isinstance(value, tuple) else "no tuple"
+        text = f"it is {found}; it must be (params, optimizer, scene_bbox, gamma)"
+        raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file)
+    gamma = Tensors({"gamma": value[3]}, file).number("gamma")
+    box = value[2]
+    if box is not None:
+        numbers = isinstance(box, list | tuple) and all(type(item) in (int, float) for item in box)
+        if not numbers or len(box) not in (4, 6) or not all(abs(item) < 1e300 for item in box):
+            text = "scene_bbox must be None or 4 or 6 finite numbers"
+            raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file, pointer="scene_bbox")
+        box = [float(item) for item in box]
+    return Tensors(value[0], file, check_values), gamma, box
+
+
+def _from_tensors(tensors: Tensors) -> tuple[dict[str, NDArray[Any]], int]:
+    vertices = tensors.floats("_vertex", "N", 3, 3)
+    opacity = tensors.floats("_opacity", "N", 1, infinite=True)
+    f_dc = tensors.floats("_f_dc", "N", 1, 3)
+    degree = tensors.degree("_f_rest", tensors.axis("_f_rest", 1))
+    f_rest = tensors.floats("_f_rest", "N", "K", 3) if degree else None
+    return _buffers(vertices, opacity, f_dc, f_rest), degree
+
+
+def _from_ply(table: PlyTable, file: Path, check_values: bool) -> tuple[dict[str, NDArray[Any]], int]:
+    """Rows are triangles; `f_rest` is coefficient-major, unlike in 3DGS."""
+    missing = [name for name in _PLY_NAMES if name not in table.names]
+    if missing:
+        text = f'element vertex has no property "{missing[0]}"; a 2DTS PLY has {", ".join(_PLY_NAMES)}'
+        raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=file, pointer=missing[0])
+    width = sum(name.startswith("f_rest_") for name in table.names)
+    rest = [f"f_rest_{i}" for i in range(width)]
+    if set(rest) - set(table.names) or width % 3:
+        text = (
+            f"there are {width} properties f_rest_*; degree 0 to 3 has f_rest_0 up to 0, 9, 24 or 45 of them"
+        )
+        raise CheckpointError("CHECKPOINT_KEY_SHAPE", text, file=file, pointer="f_rest")
+    groups = {"x1": _CORNERS, "opacity": ("opacity",), "f_dc": _PLY_NAMES[-3:], "f_rest": rest}
+    tensors = Tensors({key: table.columns(names) for key, names in groups.items()}, file, check_values)
+    degree = tensors.degree("f_rest", width // 3)
+    return _buffers(
+        tensors.floats("x1", "N", 9),
+        tensors.floats("opacity", "N", 1, infinite=True),
+        tensors.floats("f_dc", "N", 3),
+        tensors.floats("f_rest", "N", width) if degree else None,
+    ), degree
+
+
+def _buffers(
+    vertices: NDArray[np.float32],
+    opacity: NDArray[np.float32],
+    f_dc: NDArray[np.float32],
+    f_rest: NDArray[np.float32] | None,
+) -> dict[str, NDArray[Any]]:
+    count = len(vertices)
+    buffers: dict[str, NDArray[Any]] = {
+        "positions": vertices.reshape(3 * count, 3),
+        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
+        "f_dc": f_dc.reshape(count, 3),
+        "opacity": opacity.reshape(count),
+    }
+    if f_rest is not None:
+        buffers["f_rest"] = f_rest.reshape(count, -1)
+    return buffers
+
+
+def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Path) -> list[Finding]:
+    """Add what section "model" of a config says, or what the official code takes if it says nothing."""
+    warnings = []
+    for name, (key, absent) in _UPSTREAM.items():
+        value = model.get(key, absent)
+        if name == "sh_degree" and key not in model:
+            settings.add(name, degree, "checkpoint")
+            continue
+        if name == "sh_degree" and isinstance(value, int) and value > degree:
+            text = (
+                f"model.{key} is {json_safe(value)}, but the checkpoint holds degree {degree}, which is used"
+            )
+            warnings.append(
+                finding("CHECKPOINT_CONFIG_VALUE", shorten(text, 200), severity="warning", file=str(file))
+            )
+            value = degree
+        if name == "ste_threshold" and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        settings.add(name, value, "config" if key in model else "default", file, f"model.{key}")
+    return warnings

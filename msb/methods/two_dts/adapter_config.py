@@ -1,0 +1,90 @@
+"""What a 2DTS training leaves beside a checkpoint about itself: a YAML config, or a log with one."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from msb.adapters.training_config import missing, read_text, unusable
+from msb.errors import CheckpointError, Finding, InputError, finding
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAX_DEPTH = 32
+"""Configs nest 3 deep."""
+_LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
+"""GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "="."""
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Without aliases: no config has them, and nested ones stand for exponentially many values.
+
+    And not nested deeper than any config: the library calls itself for each level.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent) or self._depth == MAX_DEPTH:
+            raise yaml.YAMLError
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
+    """Return the configuration of a 2DTS training, the files read, and warnings.
+
+    Looked for in this order: the file `given`, a YAML file in the output folder `root`, the latest text log
+    in ``root/log``. What it holds is the file's own nesting, ``{"model": {...}, "trainer": {...}}``.
+
+    Raises
+    ------
+    CheckpointError
+        `CHECKPOINT_CONFIG_FILE`, for a file that was given.
+    InputError
+        `FILE_NOT_FOUND`, for a file that was given.
+    """
+    if given is not None:
+        if not given.is_file():
+            raise InputError("FILE_NOT_FOUND", "there is no such file", file=given)
+        return _config_of(given), (given,), []
+    ignored: list[Finding] = []
+    logs = sorted((root / "log").glob("*_outputs.log"), reverse=True) or sorted((root / "log").glob("*.log"))
+    for path in (*sorted(root.glob("*.y*ml")), *logs):
+        try:
+            return _config_of(path), (path,), ignored
+        except CheckpointError as error:
+            text = f"{path.relative_to(root)}: {error.message}; it was ignored"
+            ignored.append(finding(error.code, text, severity="warning", pointer=path.name))
+    text = "there is no YAML config and no log with one, so rasterizer and other settings are defaults"
+    return {}, (), [*ignored, missing(root, text)]
+
+
+def _config_of(path: Path) -> dict[str, Any]:
+    """Return the configuration that a YAML file or a text log holds.
+
+    Raises
+    ------
+    CheckpointError
+        `CHECKPOINT_CONFIG_FILE`.
+    """
+    text = read_text(path)
+    if path.suffix == ".log":
+        match = _LOG_HEAD.search(text)
+        if match is None:
+            raise unusable(path, 'it has no "config args:" record')
+        text = match[1]
+    try:
+        data = yaml.load(text, _PlainLoader)  # a SafeLoader: plain values only
+    except (yaml.YAMLError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = "" if mark is None else f" in line {mark.line + 1}"
+        raise unusable(path, f"it is not valid YAML{where}") from None
+    if not isinstance(data, dict) or not isinstance(data.get("model"), dict):
+        raise unusable(path, 'it has no section "model"')
+    return data

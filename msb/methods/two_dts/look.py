@@ -1,0 +1,83 @@
+"""2DTS on the dedicated tier: settings and activations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.drawable import require, required_buffer
+from msb.render.splat.model import CLIPPED, Model, sigmoid, soup_positions
+from msb.render.splat.view import Culling
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+
+    Settings = Mapping[str, Any]
+
+_CHUNK = 1 << 16
+
+
+def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
+    """Return triangles, rows of three corners, shrunk so that gamma keeps their total opacity.
+
+    The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded (GaodeRender/
+    triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
+    """
+    beta = 1 / gamma
+    factor = np.float32(1 / math.sqrt(2**beta * beta * math.gamma(beta)))
+    found = np.zeros_like(positions)
+    for start in range(0, len(positions), 3 * _CHUNK):
+        part = positions[start : start + 3 * _CHUNK].reshape(-1, 3, 3)
+        center = ((part[:, 0] + part[:, 1] + part[:, 2]) / np.float32(3))[:, None]
+        found[start : start + 3 * _CHUNK] = ((part - center) * factor + center).reshape(-1, 3)
+    return found
+
+
+def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
+    """Return a little more than the eccentricity at which o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
+
+    -1 where alpha is below 1/255 even at the centroid.
+    """
+    with np.errstate(divide="ignore"):
+        squared = 2 * np.log(255.0 * opacity.astype(np.float64)) + 1e-5
+    limit = np.maximum(squared, 1e-30) ** (1 / (2 * gamma)) * 1.0001
+    return np.where(squared > 0, np.minimum(limit, 10), -1).astype(np.float32)
+
+
+def splat_model(asset: Asset, settings: Settings) -> Model:
+    """Return `asset` as the kernels take it; errors as `make_model`."""
+    require(asset, "opacity", "encoding", "logit")
+    positions = soup_positions(asset)
+    if settings["gamma_rescale"]:
+        positions = rescale(positions, settings["gamma"])
+    opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
+    if settings["ste_threshold"] is not None:
+        step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
+        opacity = (step - opacity) + opacity  # as upstream forms it: 1 may be off by one ulp
+    return Model(
+        program="two_dts",
+        package=__package__,
+        face_words=24,
+        engine_words=32,
+        defines={"PLANAR": settings["rasterizer"] == "3D"},
+        positions=positions,
+        coverage=np.stack([opacity, reach(opacity, settings["gamma"])], axis=1),
+        near=1.0,
+        far=1000.0,
+        culling=Culling(nearest=1.0, dilation=3.0),
+        engine_culling=replace(CLIPPED, dilation=10.0),
+        scale=settings["render_up_scale"] or 1,
+        own={
+            "power": np.float32(2) * np.float32(settings["gamma"]),
+            "back_culling": np.uint32(settings["back_culling"]),
+        },
+        outputs=("normal",),
+        raw={"transmittance": "transmittance", "depth": "depth_over_background", "normal": "normal"},
+    )

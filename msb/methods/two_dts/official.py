@@ -1,0 +1,60 @@
+"""What 2DTS's own exporter writes: GLB with vertex RGBA, PLY with face RGBA, by trimesh."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.adapters.official import rounded_bytes
+from msb.asset.look import baked_colors, sigmoid, stored_threshold, visible_faces
+from msb.atomic import new_file
+from msb.meshes.files import write_mesh
+from msb.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+
+
+SUFFIXES = (".glb", ".ply")
+
+
+def write(asset: Asset, path: Path) -> None:
+    """All triangles, or those above the STE threshold and in the scene box; twice without back culling.
+
+    GaodeRender/triangle-splatting at 54c80f7: export scripts.
+    """
+    buffers, settings = asset.buffers, asset.manifest.settings
+    keep = visible_faces(asset, stored_threshold(asset))
+    keep = np.ones(asset.manifest.face_count, bool) if keep is None else keep
+    keep &= _in_box(asset)
+    alpha = sigmoid(buffers["opacity"][keep])
+    if settings["ste_threshold"].value is not None:
+        alpha[:] = sigmoid(np.float32(10.0))
+    rgba = rounded_bytes(np.column_stack([baked_colors(buffers["f_dc"][keep]), alpha]))
+    vertices = buffers["positions"].reshape(-1, 3, 3)[keep].reshape(-1, 3)
+    faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    twice = not settings["back_culling"].value
+    all_faces = np.concatenate([faces, faces[:, ::-1]]) if twice else faces
+    if path.suffix.lower() == ".glb":
+        mesh = Mesh(vertices, all_faces, np.repeat(rgba, 3, axis=0), None)
+    else:
+        mesh = Mesh(vertices, all_faces, None, np.concatenate([rgba, rgba]) if twice else rgba)
+    with new_file(path) as file:
+        write_mesh(mesh, file, suffix=path.suffix)
+
+
+def _in_box(asset: Asset) -> NDArray[np.bool_]:
+    """Return which centroids lie in the scene box, bounds included, if the checkpoint had one."""
+    centroids = asset.buffers["positions"].reshape(-1, 3, 3).mean(axis=1)
+    inside = np.ones(len(centroids), bool)
+    for number, axis in enumerate("xyz"):
+        low = asset.manifest.compositing.get(f"scene_bbox_min_{axis}")
+        high = asset.manifest.compositing.get(f"scene_bbox_max_{axis}")
+        if low is not None and high is not None:
+            inside &= (centroids[:, number] >= low) & (centroids[:, number] <= high)
+    return inside

@@ -1,0 +1,75 @@
+"""Paths and file names as callers and other systems give them."""
+
+from __future__ import annotations
+
+import os
+import unicodedata
+from pathlib import Path
+
+from msb.errors import InputError, shorten
+
+
+def given_path(path: str | os.PathLike[str]) -> Path:
+    """Return `path`; an empty text, which `Path` takes for the current folder, is refused.
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND`.
+    """
+    if not os.fspath(path):
+        raise InputError("FILE_NOT_FOUND", "the path is empty; the current folder is called .")
+    return Path(path)
+
+
+def normal_form(name: str) -> str:
+    """Return a file name in Unicode's composed normal form (NFC).
+
+    Archives made on macOS hold accents apart from their letters; names that look the same are then other
+    names to most file systems. Two names mean one file if this makes them equal.
+    """
+    return name if name.isascii() else unicodedata.normalize("NFC", name)
+
+
+class SpelledFiles:
+    """Files below a folder, by names that may be spelled in another normal form than the files are.
+
+    Parameters
+    ----------
+    root : Path
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._listed: dict[Path, dict[str, list[str]]] = {}
+
+    def find(self, name: str) -> Path:
+        """Return the path below the folder that `name`, with forward slashes, means; it need not exist.
+
+        Raises
+        ------
+        InputError
+            `FILE_NAMES_ALIKE`: several are spelled alike.
+        """
+        place = self._root
+        for part in name.split("/"):
+            place /= part if part.isascii() else self._as_stored(place, part)
+        return place
+
+    def _as_stored(self, folder: Path, name: str) -> str:
+        if folder not in self._listed:
+            names = self._listed[folder] = {}
+            try:
+                stored = sorted(os.listdir(folder))  # noqa: PTH208 - names, no paths
+            except (OSError, ValueError):
+                stored = []
+            for each in stored:
+                names.setdefault(normal_form(each), []).append(each)
+        found = self._listed[folder].get(normal_form(name), [name])
+        if len(found) > 1:
+            text = (
+                f"{len(found)} files in it are called {shorten(found[0], 60)} in different Unicode normal "
+                "forms; leave one of them"
+            )
+            raise InputError("FILE_NAMES_ALIKE", text, file=folder, value=found)
+        return found[0]

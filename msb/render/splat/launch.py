@@ -1,0 +1,7 @@
+"""How work-items share the work of the splatting kernels, one set of sizes for all of them."""
+
+from __future__ import annotations
+
+LANES = {"cpu": 8, "gpu": 1}
+"""Faces, or samples of a row, that a work-item takes at once. Never 16: PoCL crashes (docs/opencl.md)."""
+WORK_GROUP = 64

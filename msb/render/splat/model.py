@@ -1,0 +1,139 @@
+"""What the splatting pipeline draws: an asset as the kernels take it, and what methods make one with.
+
+A method's module `look` has a function ``splat_model(asset, settings)`` that returns a `Model`, beside its
+one kernel file, which the head of `splat_stages.cl` describes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.drawable import require, required_buffer
+from msb.methods import METHODS, role
+from msb.render.splat.view import Culling
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+
+    Settings = Mapping[str, Any]
+
+_ENGINE_NEAR = 0.01
+"""ENGINE_NEAR in splat_engine.cl."""
+CLIPPED = Culling(nearest=_ENGINE_NEAR, dilation=1.0, clipped=True)
+
+
+@dataclass(frozen=True)
+class Model:
+    """An asset as the kernels take it: activated, with the settings that hold.
+
+    Attributes
+    ----------
+    program, package : str
+        Kernel file, and the package it lies in.
+    face_words, engine_words : int
+        Size of its struct `Face`, in words of four bytes; the latter for an engine's sampling.
+    defines : mapping
+        What the file is compiled with.
+    near, far : float
+        Planes of the official projection matrix.
+    culling, engine_culling : Culling
+    scale : int
+        Samples per pixel along each axis.
+    box_mean : bool
+        Pixels are means of all their samples; else they are interpolated bilinearly.
+    own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
+        What the settings decide, for the method's kernels: members of ``view->own`` by their names.
+    positions : (V, 3) float32
+    coverage : (n, c) float32
+        Activated opacity of faces or vertices, and what it and the falloff decide whatever the view; each
+        method's kernel file says which values.
+    vertex_colors : bool
+        Colours and opacities belong to vertices, else to faces.
+    outputs : tuple of str
+        Optional fields of a frame that the method defines.
+    raw : mapping
+        Name of the official kernel's buffer -> our plane.
+    """
+
+    program: str
+    package: str
+    face_words: int
+    engine_words: int
+    positions: NDArray[np.float32]
+    coverage: NDArray[np.float32]
+    near: float
+    far: float
+    culling: Culling
+    raw: Mapping[str, str]
+    outputs: tuple[str, ...]
+    defines: Mapping[str, bool] = field(default_factory=dict)
+    scale: int = 1
+    box_mean: bool = False
+    own: Mapping[str, np.generic] = field(default_factory=dict)
+    vertex_colors: bool = False
+    engine_culling: Culling = CLIPPED
+
+
+def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return 1 / (1 + exp(-x)), each step rounded to float32, as torch evaluates it; exp in double."""
+    with np.errstate(over="ignore"):
+        return np.asarray(1 / (1 + exponential(-logits)), np.float32)
+
+
+def exponential(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return exp(x), evaluated in double and rounded."""
+    with np.errstate(over="ignore"):
+        return np.exp(x, dtype=np.float64).astype(np.float32)
+
+
+def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
+    """Return a little less than the phi at which o phi^sigma = 1/255; 2 where alpha is less everywhere."""
+    share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
+    with np.errstate(divide="ignore"):  # a sigma that is 0 in float32: phi^0 is 1 everywhere inside
+        rim = np.minimum(share, 1) ** (1 / sigma.astype(np.float64)) * 0.9999
+    return np.where(share < 1.0001, rim, 2).astype(np.float32)
+
+
+def make_model(asset: Asset, settings: Settings) -> Model:
+    """Return `asset` as the kernels take it, as its method's module `look` makes it (``splat_model``).
+
+    Raises
+    ------
+    AssetError
+        `TRIASSET_FIELD_VALUE`: coverage, opacity or appearance of another kind than the method has;
+        `TRIASSET_BUFFER_REQUIRED`, `TRIASSET_BUFFER_SHAPE`: a buffer the method needs.
+    """
+    method = asset.manifest.method
+    look: Any = role(method, "look")
+    require(asset, "compositing", "kind", "front_to_back")
+    require(asset, "coverage", "kernel", METHODS[method].coverage)
+    model: Model = look.splat_model(asset, settings)
+    return model
+
+
+def sh_buffers(asset: Asset, rows: int) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Return `f_dc`, and `f_rest` in the order coefficient, channel (None at degree 0)."""
+    first = required_buffer(asset, "f_dc", rows, 3)
+    degree = asset.manifest.sh_degree
+    if degree == 0:
+        return first, None
+    rest = required_buffer(asset, "f_rest", rows, 3 * ((degree + 1) ** 2 - 1))
+    if asset.manifest.appearance.get("f_rest_order") == "coefficient_major":
+        return first, rest
+    turned = rest.reshape(rows, 3, -1).transpose(0, 2, 1)
+    return first, np.ascontiguousarray(turned).reshape(rest.shape)
+
+
+def soup_positions(asset: Asset) -> NDArray[np.float32]:
+    """Return positions as rows of three corners a face, whatever the indices are."""
+    positions, indices = asset.buffers["positions"], asset.buffers["indices"]
+    if asset.manifest.topology == "triangle_soup":
+        return positions
+    return np.asarray(positions[indices.reshape(-1)])

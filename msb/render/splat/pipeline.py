@@ -1,0 +1,346 @@
+"""The OpenCL pipeline of the splatting methods: project, order by depth, list by tile, blend front to back.
+
+Stages and their cost: docs/dedicated.md. What differs between methods: `msb.render.splat.model`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb._version import __version__
+from msb.asset.drawable import check_drawable
+from msb.asset.settings import check_modes, effective_settings
+from msb.render.backend import SETTLED_AT, Drawn
+from msb.render.device_scope import DeviceScope, in_turn
+from msb.render.frame import Frame, chosen_extras
+from msb.render.splat.bins import Projected, bin_faces
+from msb.render.splat.depth import DepthSort
+from msb.render.splat.launch import LANES, WORK_GROUP
+from msb.render.splat.model import make_model, sh_buffers
+from msb.render.splat.order import Arrays, keep_model, order_model
+from msb.render.splat.view import TILE, make_view, own_members
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.cl import Buffer, Device, Program
+    from msb.cl.kernel_text import Define
+    from msb.methods import Order, Sampling
+    from msb.scenes import Camera
+
+_CHUNK = {"cpu": 4096, "gpu": 1}
+"""Faces of a work-item of the projection: on a CPU enough to fill queues, and many times its threads."""
+_BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
+"""Planes of samples are kept for a band of the raster at a time, since 4 x 4 samples of an 8K frame are 10
+GB: so many bytes for each compute unit of a CPU (what its cache holds), or in all."""
+_ORDERED_AT = SETTLED_AT
+"""The frame from which faces lie in drawing order: who draws that many is likely to draw many. It takes as
+long as some hundred frames gain."""
+_TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
+"""`tile_rule` in splat_common.cl."""
+_PLANES = ("red", "green", "blue", "transmittance", "depth")
+_EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
+
+
+class SplattingPipeline:
+    """Draws one asset of 2DTS, Triangle-Splatting or MeshSplatting as its official renderer does.
+
+    Parameters
+    ----------
+    asset : Asset
+    device : str or Device, optional
+        As for `msb.cl.shared_device`; an open device is used and left open.
+    settings : mapping, optional
+        Overrides of the asset's settings.
+    outputs : "auto", "all" or iterable of str
+        What a frame should hold besides image, alpha, depth and visible: "normal", "depth_median", "face_id"
+        (None where the method has none) and "raw". Less is faster. "auto" is all, but raw buffers only where
+        there is one sample to a pixel: of 4 x 4 they take 16 times the memory.
+    order : {"tile", "global", "none"}
+        "tile": official. "global": sorted by depth, but a primitive is seen wherever it reaches, not in its
+        official tiles alone. "none": drawn in the order of the asset, as an engine without sorting would.
+    sampling : {"official", "engine"}
+        "engine": fragments as graphics hardware makes them; docs/dedicated.md.
+    early_stop, exact_tiles : bool
+        Whether blending ends where nothing can change any more, and whether a face is listed only in those of
+        its official tiles that it reaches. Neither changes a pixel; the benchmark shows what they are worth.
+
+    Raises
+    ------
+    UsageError
+        `SETTING_UNKNOWN`, `SETTING_VALUE`; `USAGE` for an unknown output, order or sampling.
+    AssetError
+        `TRIASSET_VALUE_NONFINITE` (infinite opacity logits are fine), `TRIASSET_INDEX_OUT_OF_RANGE`, and
+        those of `msb.render.splat.model.make_model`.
+    DeviceError
+    """
+
+    name = "msb-splatting"
+    version = __version__
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: str | Device | None = None,
+        settings: Mapping[str, Any] | None = None,
+        outputs: str | Iterable[str] = "auto",
+        order: Order = "tile",
+        sampling: Sampling = "official",
+        early_stop: bool = True,
+        exact_tiles: bool = True,
+    ) -> None:
+        values = effective_settings(asset.manifest, settings)
+        check_modes(order, sampling)
+        check_drawable(asset)
+        self._model = model = make_model(asset, values)
+        self._outputs = chosen_extras(outputs) & {*model.outputs, "raw"}
+        if outputs == "auto" and model.scale > 1:
+            self._outputs -= {"raw"}
+        self._count = asset.manifest.face_count
+        engine = sampling == "engine"
+        self.record_words = model.engine_words if engine else model.face_words
+        self._culling = model.engine_culling if engine else model.culling
+        rows = asset.manifest.vertex_count if model.vertex_colors else self._count
+        f_dc, f_rest = sh_buffers(asset, rows)
+        tile_rule = _TILES_BOTH if exact_tiles else _TILES_OFFICIAL
+        self._fields = {
+            "degree": values.get("sh_degree", asset.manifest.sh_degree),
+            "rest_stride": 0 if f_rest is None else f_rest.shape[1],
+            "tile_rule": tile_rule if order == "tile" else _TILES_REACHED,
+        }
+        # Upstream's background depth is the farthest corner, as stored.
+        self._stored_positions = asset.buffers["positions"]
+        axes = model.positions.T  # NumPy takes 20 times as long to reduce along the first axis
+        self._extent = np.array([max(axis.max(), -axis.min()) for axis in axes], np.float32)
+
+        soup = not model.vertex_colors  # three corners a row, whatever the indices are
+        self._frames = 0
+        self._scope = DeviceScope(device, "splat")
+        self._device, self._static = self._scope.device, self._scope.kept
+        self._scratch = self._scope.scratch
+        self._chunk = _CHUNK[self._device.style]
+        with self._scope.setting_up():
+            defines: dict[str, Define] = {
+                **model.defines,
+                **own_members(model.own),
+                "LANES": LANES[self._device.style],
+                "EXTRAS": bool(self._outputs),
+                "EARLY_STOP": early_stop,
+                "ENGINE": engine,
+                "FACE_WORDS": self.record_words,
+                "COVERAGE": model.coverage.shape[1],
+            }
+            self._program: Program = self._device.program(model.program, defines, model.package)
+            arrays = {
+                "positions": model.positions.reshape(self._count, 9) if soup else model.positions,
+                "indices": None if soup else asset.buffers["indices"],
+                "coverage": model.coverage,
+                "f_dc": f_dc,
+                "f_rest": f_rest,
+            }
+            keep_model(self._scope, self._program, self._count, arrays)
+            self._unordered: Arrays | None = arrays
+            self._sort = DepthSort(self._device, self._program, order)
+
+    @in_turn
+    def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_MEMORY`: the frame, its samples or its tile lists do not fit; the message has the figure.
+        """
+        self._order_faces()
+        with self._device.timing() as timing:
+            self._run(camera, background)
+            with self._device.stage("read"):
+                frame = self._read(camera, background)
+        return replace(frame, timings=timing.milliseconds())
+
+    @in_turn
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+        """Draw as `render` and wait, reading nothing back but the two counts of the tile lists."""
+        self._order_faces()
+        with self._device.timing() as timing:
+            self._run(camera, background)
+        return Drawn(timing.milliseconds(), timing.span())
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes on the device for this renderer."""
+        return self._scope.memory()
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group of what `memory` names."""
+        return self._scope.memory_groups()
+
+    def close(self) -> None:
+        """Release everything; the device stays open."""
+        self._scope.close()
+
+    def _order_faces(self, at_frame: int = _ORDERED_AT) -> None:
+        """Put faces in drawing order before that frame."""
+        self._frames += 1
+        if self._unordered is not None and self._frames >= at_frame:
+            ordered = order_model(self._scope, self._program, self._count, self._unordered)
+            self._sort.by_rows = not ordered
+            self._unordered = None
+
+    def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
+        """Queue everything from the projection to the pixels of the frame."""
+        model, device = self._model, self._device
+        record = make_view(
+            camera, model.near, model.far, model.scale, self._fields, model.own, self._culling, self._extent
+        )
+        with device.stage("project"):
+            view = self._scratch("view", record.nbytes, np.uint8)
+            view.write(np.frombuffer(record.tobytes(), np.uint8))
+            found = self._project(view)
+        columns, rows = int(record["columns"]), int(record["rows"])
+        lists = bin_faces(device, found, self._chunk, columns, rows, self._sort)
+        planes = _EXTRA_PLANES if self._outputs else _PLANES
+        band_rows = self._band_rows(columns, rows, len(planes))
+        width, height = camera.width, camera.height
+        pixels: dict[str, Buffer] = {
+            "image": self._scratch("image", (height, width, 3), group="targets"),
+            "alpha": self._scratch("alpha", (height, width), group="targets"),
+            "depth": self._scratch("depth", (height, width), group="targets"),
+        }
+        if self._outputs:
+            pixels["normal"] = self._scratch("normal", (height, width, 3), group="targets")
+            pixels["depth_median"] = self._scratch("median", (height, width), group="targets")
+            pixels["face_id"] = self._scratch("face id", (height, width), np.int32, group="targets")
+        samples = self._scratch("planes", (len(planes), band_rows * TILE, columns * TILE))
+        for first in range(0, rows, band_rows):
+            here = min(band_rows, rows - first)
+            with device.stage("blend"):
+                self._blend(view, lists.starts, lists.list, found.faces, samples, columns, first, here)
+            with device.stage("resolve"):
+                self._resolve(samples, pixels, camera, (first, here, columns), background)
+        self._pixels, self._samples, self._visible = pixels, samples, found.visible
+        self.counts = {"listed": lists.listed, "pairs": lists.pairs}
+
+    def _project(self, view: Buffer) -> Projected:
+        count, static, device = self._count, self._static, self._device
+        chunk, chunks = self._chunk, -(-count // self._chunk)
+        found = Projected(
+            faces=self._scratch("faces", (count, self.record_words), np.uint32),
+            keys=self._scratch("keys", count, np.uint32),
+            tiles=self._scratch("tiles", (count, 4), np.uint16),
+            listed=self._scratch("listed", chunks, np.uint32),
+            visible=self._scratch("visible", count, np.uint8),
+        )
+        first_color = static["f_dc"]
+        if self._model.vertex_colors:
+            vertices = len(self._model.positions)
+            first_color = self._scratch("vertex colors", (vertices, 3))
+            arguments = view, static["positions"], static["f_dc"], static["f_rest"], first_color
+            items = -(-vertices // LANES[device.style])
+            self._program.shade_vertices(items, WORK_GROUP, *arguments, np.uint32(vertices))
+        names = ["bounds", "numbers", "positions", "indices", "coverage"]
+        values = [count, static["bounds"].shape[1]]
+        cpu = device.style == "cpu"
+        if cpu:
+            names.insert(0, "groups")
+            values[1:1] = chunk, static["groups"].shape[1]
+        sizes = map(np.uint32, values)
+        sources = (*(static[name] for name in names), first_color, static["f_rest"])
+        self._program.project(chunks, 1 if cpu else WORK_GROUP, view, *sources, *found, *sizes)
+        return found
+
+    def _band_rows(self, columns: int, rows: int, planes: int) -> int:
+        """Return how many rows of tiles are blended before they are resolved: all, or of whole pixels."""
+        if "raw" in self._outputs:
+            return rows
+        whole = math.lcm(TILE, self._model.scale) // TILE
+        room = _BAND_BYTES[self._device.style]
+        if self._device.style == "cpu":
+            room *= self._device.record.compute_units
+        fit = room // (planes * 4 * columns * TILE * TILE)
+        return min(max(fit // whole, 1), -(-rows // whole)) * whole
+
+    def _blend(
+        self, view: Buffer, starts: Buffer, lists: Buffer, faces: Buffer, samples: Buffer, *tiles: int
+    ) -> None:
+        columns, first, here = tiles
+        arguments = view, starts, lists, faces, samples, np.uint32(first), np.uint32(here)
+        if self._device.style == "cpu":
+            self._program.blend(columns * here, 1, *arguments)
+        else:
+            self._program.blend((columns * TILE, here * TILE), (TILE, TILE), *arguments)
+
+    def _resolve(
+        self,
+        samples: Buffer,
+        pixels: Mapping[str, Buffer],
+        camera: Camera,
+        tiles: tuple[int, int, int],
+        background: tuple[float, float, float],
+    ) -> None:
+        first, here, columns = tiles
+        model = self._model
+        program = self._device.program("splat_resolve")
+        first_row = first * TILE // model.scale
+        rows = min((first + here) * TILE // model.scale, camera.height) - first_row
+        ends = (0, model.scale - 1) if model.box_mean else ((model.scale - 1) // 2, model.scale // 2)
+        values = camera.width, rows, model.scale, *ends, columns * TILE, here * TILE, first_row
+        band = self._scratch("band", len(values), np.uint32)
+        band.write(np.array(values, np.uint32))
+        size, group = (camera.width, rows), (WORK_GROUP, 1)
+        rgb = (np.float32(value) for value in background)
+        program.resolve(size, group, samples, band, pixels["image"], pixels["alpha"], pixels["depth"], *rgb)
+        if self._outputs:
+            extras = pixels["normal"], pixels["depth_median"], pixels["face_id"]
+            program.resolve_extras(size, group, samples, band, *extras)
+
+    def _read(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        pixels = self._pixels
+        chosen = self._outputs & set(self._model.outputs)
+        optional: dict[str, Any] = {name: pixels[name].read() for name in sorted(chosen)}
+        return Frame(
+            image=pixels["image"].read(),
+            alpha=pixels["alpha"].read(),
+            depth=pixels["depth"].read(),
+            visible=self._read_visible(),
+            raw=self._read_raw(camera, background) if "raw" in self._outputs else {},
+            **optional,
+        )
+
+    def _read_visible(self) -> NDArray[np.bool_]:
+        """Return which faces the official culling keeps, in the order of the asset."""
+        found = self._scratch("visible by number", self._count, np.uint8)
+        arguments = self._visible, self._static["numbers"], found, np.uint32(self._count)
+        self._program.visible_by_number(self._count, WORK_GROUP, *arguments)
+        return found.read().view(np.bool_)
+
+    def _read_raw(self, camera: Camera, background: tuple[float, float, float]) -> dict[str, NDArray[Any]]:
+        """Return the official kernel's buffers, from the planes of the whole raster."""
+        height, width = self._model.scale * camera.height, self._model.scale * camera.width
+        planes = dict(zip(_EXTRA_PLANES, self._samples.read()[:, :height, :width], strict=True))
+        through, depth = planes["transmittance"], planes["depth"]
+        color = np.stack([planes[name] for name in _PLANES[:3]], axis=-1)
+        values = {
+            "image": color + through[..., None] * np.array(background, np.float32),
+            "transmittance": through,
+            "alpha": 1 - through,
+            "depth": depth,
+            "depth_over_background": depth + through * self._background_depth(camera),
+            "depth_median": planes["depth_median"],
+            "normal": np.stack([planes[name] for name in ("nx", "ny", "nz")], axis=-1),
+            "face_id": planes["face_id"].view(np.int32),
+        }
+        return {name: np.ascontiguousarray(values[plane]) for name, plane in self._model.raw.items()}
+
+    def _background_depth(self, camera: Camera) -> np.float32:
+        """Return the largest distance from the camera to a stored corner."""
+        pose = camera.world_to_camera
+        center = -(pose[:3, :3].T @ pose[:3, 3])
+        return np.float32(np.sqrt(np.square(self._stored_positions - center).sum(axis=1).max()))

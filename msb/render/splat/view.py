@@ -1,0 +1,163 @@
+"""What the splatting kernels are told of a camera: one record, laid out as `View` in splat_common.cl."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.scenes import Camera
+
+TILE = 16
+
+LIMITS = np.dtype(
+    [
+        ("nearest", np.float32),
+        ("depth_growth", np.float32),
+        ("sides", np.float32, 4),
+        ("growth", np.float32),
+        ("rounding", np.float32),
+        ("focal", np.float32),
+    ]
+)
+
+VIEW = np.dtype(
+    [
+        ("world_to_camera", np.float32, 12),
+        ("full", np.float32, 16),
+        ("center", np.float32, 3),
+        ("tan_fov", np.float32, 2),
+        ("shift", np.float32, 2),
+        ("width", np.uint32),
+        ("height", np.uint32),
+        ("columns", np.uint32),
+        ("rows", np.uint32),
+        ("degree", np.uint32),
+        ("rest_stride", np.uint32),
+        ("tile_rule", np.uint32),
+        ("limits", LIMITS),
+    ]
+)
+"""What `View` has for every method; each member has four bytes, so there is no padding on any side."""
+_C_TYPES: dict[np.dtype[Any], str] = {
+    np.dtype(np.float32): "float",
+    np.dtype(np.int32): "int",
+    np.dtype(np.uint32): "uint",
+}
+
+
+def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
+    """Return the define that gives `View` a method's own members, in their order."""
+    members = "".join(f"{_C_TYPES[value.dtype]} {name}; " for name, value in own.items())
+    return {"OWN_MEMBERS": members.rstrip()} if own else {}
+
+
+@dataclass(frozen=True)
+class Culling:
+    """Which faces a method drops whatever else they are.
+
+    Attributes
+    ----------
+    nearest : float
+        Camera z up to which a face is dropped,
+    clipped : bool
+        if that is the z of all of it; else of its centroid.
+    dilation : float
+        A face is seen no farther than its corners so many times as far from the centroid,
+    margin : float
+        and so many samples around them.
+    """
+
+    nearest: float
+    dilation: float
+    margin: float = 2.0
+    clipped: bool = False
+
+
+def make_view(
+    camera: Camera,
+    near: float,
+    far: float,
+    scale: int,
+    fields: Mapping[str, Any],
+    own: Mapping[str, np.generic],
+    culling: Culling,
+    extent: NDArray[np.float32],
+) -> NDArray[Any]:
+    """Return the record for a raster of `scale` times as many samples along each axis as `camera` has pixels.
+
+    Parameters
+    ----------
+    near, far : float
+        Planes of the projection; they act on its z row alone.
+    fields : mapping
+        The members that do not depend on the camera.
+    own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
+        The method's own members.
+    culling : Culling
+    extent : (3,) float32
+        The largest magnitude of a coordinate along each axis of the world.
+
+    Notes
+    -----
+    The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose elements are summed from
+    first to last. The centre is that of the float32 W, taken in double and rounded: the last bits of
+    upstream's float32 inverse depend on the linear algebra library. Upstream ignores the principal point;
+    its distance from the middle of the image is added to sample positions, which changes nothing where it
+    is 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
+    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py.
+    """
+    view = np.zeros((), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in own.items()])])
+    tan_x, tan_y = math.tan(camera.fov_x / 2), math.tan(camera.fov_y / 2)
+    projection = np.zeros((4, 4), np.float32)
+    projection[0, 0] = 2 * near / (2 * (tan_x * near))
+    projection[1, 1] = 2 * near / (2 * (tan_y * near))
+    projection[2, 2] = far / (far - near)
+    projection[2, 3] = -(far * near) / (far - near)
+    projection[3, 2] = 1
+    world_to_camera = camera.world_to_camera.astype(np.float32)
+    full = projection[:, :1] * world_to_camera[:1]
+    for k in range(1, 4):  # no matrix product: a BLAS fuses and reorders
+        full = full + projection[:, k : k + 1] * world_to_camera[k : k + 1]
+    view["world_to_camera"] = world_to_camera[:3].ravel()
+    view["full"] = full.ravel()
+    view["center"] = np.linalg.inv(world_to_camera.astype(np.float64))[:3, 3]
+    view["tan_fov"] = tan_x, tan_y
+    view["shift"] = scale * (camera.cx - camera.width / 2), scale * (camera.cy - camera.height / 2)
+    view["width"], view["height"] = scale * camera.width, scale * camera.height
+    view["columns"], view["rows"] = -(-scale * camera.width // TILE), -(-scale * camera.height // TILE)
+    for name, value in fields.items():
+        view[name] = value
+    view["limits"] = _limits(view, culling, extent)
+    for name, value in own.items():
+        view["own"][name] = value
+    return view
+
+
+def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -> tuple[Any, ...]:
+    """Return the members of `Limits`, wider than the official tests by what rounding can do."""
+    pose = view["world_to_camera"].reshape(3, 4).astype(np.float64)
+    size = np.array([view["width"], view["height"]], np.float64)
+    tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
+    rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
+    # Sample x of the raster is that of x / z = tan (2 (x - shift) + 1 - width) / width.
+    ends = np.array([view["columns"], view["rows"]]) * TILE
+    margin = culling.margin + 0.004 * size.max()
+    low, high = -margin, ends + margin
+    slopes = np.stack([tan * (2 * (end - shift) + 1 - size) / size for end in (low, high)], axis=1)
+    widest = max(np.abs(slopes).max(), 1.3 * tan.max())
+    return (
+        0.999 * culling.nearest - rounding,
+        culling.clipped * culling.dilation,
+        slopes.ravel(),
+        1.001 * culling.dilation * (1 + widest),
+        rounding,
+        (size / (2 * tan)).max(),
+    )

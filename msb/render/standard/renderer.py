@@ -1,0 +1,261 @@
+"""The standard tier: an opaque, z-buffered, unlit mesh, drawn by OpenCL on a CPU or a GPU."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb._version import __version__
+from msb.asset.drawable import check_drawable
+from msb.asset.settings import check_overrides, effective_settings
+from msb.render.backend import Drawn, check_supported
+from msb.render.device_scope import DeviceScope, in_turn
+from msb.render.frame import Frame
+from msb.render.host_arrays import HostArrays
+from msb.render.standard.supersampling import box_filter, enlarged, split_supersample
+from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, make_triangles
+from msb.render.standard.view import standard_view
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.cl import Buffer, Device
+    from msb.scenes import Camera
+
+_TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
+"""Tile sizes, the largest first: zbuffer_cpu.cl keeps coarse depths for 256 x 128 pixels at most."""
+_TILES_PER_PROCESSOR = 8
+_PAD, _PAD_ROWS, _LIST = 8, 4, 8192
+_COARSE = 64
+"""Coarse depths of a tile."""
+_GROUP_SIZE = 64
+_GROUPS, _ROWS = 256, 16
+"""Work-groups for triangles one work-item would draw too long, and how many share the rows of a huge one."""
+
+
+class StandardRenderer:
+    """Draws any asset with a static colour as an opaque mesh; rules and kernels are in docs/standard.md.
+
+    One sample at the centre of each pixel, near plane 0.01 with clipping, no far plane, two-sided, colours
+    interpolated in perspective. Of two faces that share an edge exactly one has each sample; at equal depths
+    the lowest face wins.
+
+    Parameters
+    ----------
+    asset : Asset
+    device : str or Device, optional
+        As for `msb.cl.shared_device`; an open device is used and left open.
+    settings : mapping, optional
+        `supersample`: an integer s from 1 to 16; the image is drawn s times as large and averaged. Of the
+        method's own settings `ste_threshold` hides faces, the others do nothing here.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_STANDARD`: the method has no static colour.
+    UsageError
+        `SETTING_UNKNOWN`, `SETTING_VALUE`.
+    AssetError
+        `TRIASSET_VALUE_NONFINITE`, `TRIASSET_INDEX_OUT_OF_RANGE`.
+    DeviceError
+    """
+
+    name = "msb-standard"
+    version = __version__
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: str | Device | None = None,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        check_supported(asset, "standard")
+        own, others = split_supersample(settings or {})
+        self._supersample = own
+        check_overrides(asset.manifest.method, others)
+        check_drawable(asset, ("positions", "color", "f_dc"))
+        values = effective_settings(asset.manifest, others)
+        self._host = HostArrays()
+        self._scope = DeviceScope(device, "standard")
+        self._device, self._scratch = self._scope.device, self._scope.scratch
+        with self._scope.setting_up():
+            self._triangles = make_triangles(self._device, asset, values)
+            self._scope.kept |= self._triangles.buffers
+            defines: dict[str, Any] = {"COLORS": self._triangles.kind}
+            if self._device.style == "cpu":
+                blocks = CLUSTER // BLOCK
+                defines |= {
+                    "CLUSTER": blocks,
+                    "GROUP": GROUP,
+                    "LIST": _LIST,
+                    "PAD": _PAD,
+                    "PAD_ROWS": _PAD_ROWS,
+                }
+            else:
+                defines["KEYS"] = self._device.record.int64_atomics
+            self._program = self._device.program(f"zbuffer_{self._device.style}", defines)
+
+    @in_turn
+    def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
+
+        With supersampling image and alpha are means over a pixel's samples; depth and face are those of its
+        nearest sample.
+
+        Raises
+        ------
+        DeviceError
+            `DEVICE_MEMORY`: the frame does not fit.
+        """
+        with self._device.timing() as timing:
+            planes = self._run(camera, background, everything=True)
+            with self._device.stage("read"):
+                arrays: dict[str, Any] = {name: self._read(buffer) for name, buffer in planes.items()}
+        frame = Frame(**arrays)
+        if self._supersample > 1:
+            frame = box_filter(frame, self._supersample)
+        return replace(frame, timings=timing.milliseconds())
+
+    @in_turn
+    def render_image(
+        self,
+        camera: Camera,
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        out: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the image alone, (H, W, 3) float32, without supersampling; into `out` if given."""
+        image = self._run(camera, background, everything=False, samples=1)["image"]
+        return image.read(out) if out is not None else self._read(image)
+
+    @in_turn
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+        """Draw and wait, reading nothing back."""
+        with self._device.timing() as timing:
+            self._run(camera, background, everything=True)
+        return Drawn(timing.milliseconds(), timing.span())
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes on the device for this renderer."""
+        return self._scope.memory()
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group of what `memory` names."""
+        return self._scope.memory_groups()
+
+    def close(self) -> None:
+        """Release everything; the device stays open."""
+        self._scope.close()
+
+    def _read(self, buffer: Buffer) -> NDArray[Any]:
+        return buffer.read(self._host.take(buffer.shape, buffer.dtype))
+
+    def _run(
+        self,
+        camera: Camera,
+        background: tuple[float, float, float],
+        *,
+        everything: bool,
+        samples: int | None = None,
+    ) -> dict[str, Buffer]:
+        """Queue all commands of a frame; return what `Frame` calls its arrays."""
+        scale = samples or self._supersample
+        width, height = camera.width * scale, camera.height * scale
+        record = standard_view(enlarged(camera, scale))
+        view = self._scratch("view", record.shape)
+        view.write(record)
+        size = (height, width) if everything else (1, 1)
+        planes = {
+            "image": self._scratch("image", (height, width, 3), group="targets"),
+            "depth": self._scratch("depth", size, group="targets"),
+            "alpha": self._scratch("alpha", size, group="targets"),
+            "face_id": self._scratch("face ids", size, np.int32, group="targets"),
+        }
+        output = *planes.values(), np.int32(everything), np.array((*background, 1), np.float32)
+        run = self._run_cpu if self._device.style == "cpu" else self._run_gpu
+        run(view, np.int32(width), np.int32(height), output)
+        return planes
+
+    def _run_cpu(self, view: Buffer, width: np.int32, height: np.int32, output: tuple[Any, ...]) -> None:
+        mesh, device = self._triangles, self._device
+        groups = max(1, -(-mesh.clusters // GROUP))
+        rects = self._scratch("rectangles", (4, mesh.stride), np.int32)
+        nearest = self._scratch("nearest", mesh.stride)
+        group_rects = self._scratch("group rectangles", (groups, 4), np.int32)
+        counter = self._scratch("next tile", 1, np.int32)
+        count, stride = np.int32(mesh.clusters), np.int32(mesh.stride)
+        culled = rects, nearest, group_rects
+        with device.stage("cull"):
+            if mesh.clusters:
+                self._program.clusters(
+                    groups, 1, mesh.boxes, view, *culled, counter, count, stride, width, height
+                )
+            else:
+                counter.fill(0)
+        processors = device.record.compute_units
+        tile_width, tile_height = _tile_size(int(width), int(height), processors)
+        words = 2 * (tile_width + _PAD) * (tile_height + _PAD_ROWS) + _COARSE + 2 * _LIST
+        scratch = self._scratch("tiles", (processors, words))
+        with device.stage("draw"):
+            self._program.tiles(
+                processors,
+                1,
+                mesh.records,
+                mesh.colors,
+                view,
+                *culled,
+                count,
+                stride,
+                np.int32(mesh.slots // BLOCK),
+                width,
+                height,
+                np.int32(tile_width),
+                np.int32(tile_height),
+                counter,
+                scratch,
+                np.int32(words),
+                *output,
+            )
+
+    def _run_gpu(self, view: Buffer, width: np.int32, height: np.int32, output: tuple[Any, ...]) -> None:
+        mesh, device, program = self._triangles, self._device, self._program
+        count = int(width) * int(height)
+        pixels = self._scratch("pixels", (count, 2), np.uint32, group="targets")
+        listed = self._scratch("listed", max(1, mesh.slots), np.uint32)
+        counter = self._scratch("list lengths", 2, np.int32)
+        with device.stage("clear"):
+            program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
+        group = (_GROUP_SIZE, 1)
+        for number in range(1 if device.record.int64_atomics else 2):
+            target = mesh.records, view, pixels, listed, counter, np.uint32(mesh.slots), width, height
+            with device.stage("draw"):
+                program.triangles(mesh.slots, _GROUP_SIZE, *target, np.int32(number))
+            with device.stage("draw large"):
+                for many, rows in enumerate((1, _ROWS)):
+                    size = _GROUPS * _GROUP_SIZE, rows
+                    program.listed_triangles(size, group, *target, np.int32(number), np.int32(many))
+        with device.stage("shade"):
+            program.shade(
+                (int(width), int(height)),
+                group,
+                mesh.records,
+                mesh.colors,
+                view,
+                pixels,
+                width,
+                height,
+                *output,
+            )
+
+
+def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
+    """Return the largest size of tiles that leaves every processor several, so that none waits for long."""
+    for size in _TILES:
+        if -(-width // size[0]) * -(-height // size[1]) >= _TILES_PER_PROCESSOR * processors:
+            return size
+    return _TILES[-1]

@@ -1,0 +1,146 @@
+"""An asset's triangles on the device, as the z-buffer's kernels read them: made once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.look import StaticColors, drawn_colors, shown_faces
+from msb.cl import sort_pairs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.cl import Buffer, Device
+
+WORDS = 16
+BLOCK = 8
+"""Triangles a CPU draws at once."""
+CLUSTER = 2 * BLOCK
+"""Triangles that are culled together."""
+GROUP = 64
+"""Clusters whose rectangles are culled together."""
+_GROUP_SIZE = 64
+_PREPARATION = "standard preparation"
+"""Name of scratch buffers that are given back before the first frame."""
+_SAMPLES = 1 << 14
+_MORTON_BITS = 30
+_COLOR_TYPES = {0: "__global const uchar *", 1: "__global const float *", 2: "__global const float *"}
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """What stays on the device between frames.
+
+    Attributes
+    ----------
+    records : Buffer
+        (slots, 16) words: corners, colours, face. A slot is a place in drawing order: near ones are near in
+        space on a CPU, in the order of faces on a GPU.
+    colors : Buffer
+        (slots, 9) float32 where corners have colours in floats, else one word nobody reads.
+    boxes : Buffer
+        (6, stride) float32: centre and half extent of clusters of triangles.
+    kind : int
+        Where colours are: COLORS in zbuffer_math.cl.
+    """
+
+    records: Buffer
+    colors: Buffer
+    boxes: Buffer
+    kind: int
+    slots: int
+    clusters: int
+    stride: int
+
+    @property
+    def buffers(self) -> dict[str, Buffer]:
+        """All of them, by use."""
+        return {buffer.use: buffer for buffer in (self.records, self.colors, self.boxes)}
+
+
+def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) -> Triangles:
+    """Put the triangles of `asset` on `device`, in drawing order.
+
+    Raises
+    ------
+    DeviceError
+    """
+    positions, indices = asset.buffers["positions"], asset.buffers["indices"]
+    listed = shown_faces(asset, settings.get("ste_threshold"))
+    count = len(indices) if listed is None else len(listed)
+    slots = -(-count // BLOCK) * BLOCK
+    kind, colors, domain = _arranged(drawn_colors(asset))
+    defines = {"COLORS": kind, "COLOR_TYPE": _COLOR_TYPES[kind], "CHANNELS": colors.shape[1], "LANES": 1}
+    program = device.program("zbuffer_prepare", defines)
+
+    source = [
+        device.upload(array, "standard source")
+        for array in (positions, indices, np.zeros(1, np.uint32) if listed is None else listed, colors)
+    ]
+    vertices, faces, chosen, color = source
+    head = vertices, faces, chosen, np.int32(listed is None)
+    order, ordered = chosen, device.style == "cpu" and count > 0
+    if ordered:
+        low, scale = _cells(asset)
+        keys = device.scratch(f"{_PREPARATION} along the curve", count, np.uint32)
+        program.place(count, _GROUP_SIZE, *head, keys, low, scale, np.uint32(count))
+        order = sort_pairs(device, keys, bits=_MORTON_BITS, name=_PREPARATION)[1]
+    records = device.allocate((slots, WORDS), np.float32, "standard triangles", "geometry")
+    corner_colors = device.allocate(
+        (slots, 9) if kind == 2 else (1,), np.float32, "standard colors", "appearance"
+    )
+    program.records(
+        slots,
+        _GROUP_SIZE,
+        *head,
+        order,
+        np.int32(ordered),
+        color,
+        np.int32(domain == "corner"),
+        records,
+        corner_colors,
+        np.uint32(count),
+        np.uint32(slots),
+    )
+    clusters = -(-slots // CLUSTER)
+    stride = -(-clusters // BLOCK) * BLOCK
+    boxes = device.allocate((6, stride), np.float32, "standard boxes", "geometry")
+    sizes = (np.int32(value) for value in (CLUSTER, slots, clusters, stride))
+    program.bound(clusters, _GROUP_SIZE, records, boxes, *sizes)
+    device.finish()
+    for buffer in source:
+        buffer.release()
+    device.release_scratch(_PREPARATION)
+    return Triangles(records, corner_colors, boxes, kind, slots, clusters, stride)
+
+
+def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
+    """Return the kind of colours, the array the kernel reads, and its domain."""
+    values = np.ascontiguousarray(colors.values)
+    if colors.domain == "face":
+        if values.dtype == np.uint8:
+            values = values.astype(np.float32) / np.float32(255)
+        return 1, values, "face"
+    return (0 if values.dtype == np.uint8 else 2), values, colors.domain
+
+
+def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
+    """Return origin and cells per unit of the grid that orders triangles.
+
+    It spans the bounds, but no more than half as much again as lies between the second and the 98th
+    percentile: a few far away triangles, which captures have, must not leave one cell to all others.
+    """
+    positions, bounds = asset.buffers["positions"], asset.manifest.bounds
+    step = max(1, len(positions) // _SAMPLES)
+    low, high = np.quantile(positions[::step].astype(np.float64), (0.02, 0.98), axis=0)
+    margin = (high - low) / 4
+    low = np.maximum(low - margin, bounds.min)
+    high = np.minimum(high + margin, bounds.max)
+    size = max(float((high - low).max()), 1e-30)
+    return np.append(low, 0).astype(np.float32), np.float32(1024 / size)

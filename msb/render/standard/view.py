@@ -1,0 +1,42 @@
+"""What the opaque z-buffer's kernels are told of a camera: 51 floats, laid out as zbuffer_math.cl says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.scenes import Camera
+
+UNITS = 4096
+"""Steps of the grid that corners are snapped to, per pixel: UNIT in zbuffer_math.cl."""
+
+
+def standard_view(camera: Camera) -> NDArray[np.float32]:
+    """Return (51,) float32, computed in float64.
+
+    The centre of the camera is split into its nearest float32 and the rest, so that a camera far from the
+    world's origin loses nothing: the kernels subtract the first before they turn a point, and add the second,
+    turned here, after that.
+    """
+    rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
+    # Not the transpose: rotations are orthonormal to 1e-4 only, and the projection must be W's own.
+    inverse = np.linalg.inv(rotation)
+    center = -inverse @ translation
+    rounded = center.astype(np.float32).astype(np.float64)
+    rest = center - rounded
+    scale = np.array([camera.fx * UNITS, camera.fy * UNITS])
+    rows = rotation * np.append(scale, 1.0)[:, None]
+    # A ray's direction in the world, for a camera x, y, z of (u - cx) / fx, (v - cy) / fy, 1.
+    ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
+    principal = np.array([camera.cx, camera.cy])
+    with np.errstate(over="ignore"):
+        low, ray_low = (
+            part - part.astype(np.float32) for part in (rows, ray)
+        )  # for what is computed in double
+    parts = (rows, rounded, -rows @ rest, principal * UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
+    with np.errstate(over="ignore"):  # a camera 1e39 away sees nothing
+        return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)

@@ -1,0 +1,86 @@
+"""How each metric is printed: its title, unit, arrow and number of decimals."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from msb.bench.aggregate import METRICS
+
+_MIB = float(1 << 20)
+_SMALL_MIB = 10.0
+"""Memory of fewer MiB is printed with decimals, because "0" would say that there is none."""
+_IN_FULL = 1e5
+"""Smaller counts are printed in full, because "0.00 M" pieces would say nothing."""
+
+
+class Shown(NamedTuple):
+    """How a metric of `msb.bench.aggregate.METRICS` is printed. `scale`: a printed unit in records' units."""
+
+    title: str
+    unit: str
+    decimals: int
+    scale: float = 1.0
+
+
+SHOWN: dict[str, Shown] = {
+    "psnr": Shown("PSNR", "dB", 2),
+    "ssim": Shown("SSIM", "1", 3),
+    "lpips": Shown("LPIPS", "1", 3),
+    "fps": Shown("FPS", "1/s", 0),
+    "p50_ms": Shown("P50", "ms", 1),
+    "p95_ms": Shown("P95", "ms", 1),
+    "memory": Shown("Memory", "MiB", 0, _MIB),
+    "asset_size": Shown("Asset", "MiB", 0, _MIB),
+    "train_memory": Shown("Peak mem. (MiB)", "MiB", 0, _MIB),
+    "train_seconds": Shown("Train time (min)", "min", 1, 60.0),
+    "chamfer": Shown("CD", "mm", 2),
+    "vf_ratio": Shown("V/F", "1", 2),
+    "mean_valence": Shown("Valence", "1", 2),
+    "boundary_edge_ratio": Shown("Boundary edge", "1", 2),
+    "nonmanifold_edge_ratio": Shown("Non-manif. edge", "1", 2),
+    "nonmanifold_vertex_ratio": Shown("Non-manif. vertex", "1", 2),
+    "lcc_face_ratio": Shown("LCC face", "1", 2),
+    "lcc_area_ratio": Shown("LCC area", "1", 2),
+    "components": Shown("Components", "1", 2),
+}
+_ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
+
+
+def arrow(metric: str) -> str:
+    """Return " ↑" where higher is better, " ↓" where lower is, "" where neither."""
+    return _ARROWS[METRICS[metric].better]
+
+
+def title(metric: str) -> str:
+    """Return the heading of a column or row of `metric`."""
+    return SHOWN[metric].title + arrow(metric)
+
+
+def title_with_unit(metric: str) -> str:
+    """Return the heading of `metric` where nothing around it says the unit."""
+    shown = SHOWN[metric]
+    unit = f" ({shown.unit})" if shown.unit in ("ms", "MiB", "mm") and shown.unit not in shown.title else ""
+    return f"{shown.title}{unit}{arrow(metric)}"
+
+
+def printed_value(metric: str, value: float) -> float:
+    """Return `value`, in the records' unit, in the unit it is printed in."""
+    return value / SHOWN[metric].scale
+
+
+def text(metric: str, value: float) -> str:
+    """Return `value`, in the records' unit, as a table prints it.
+
+    Examples
+    --------
+    >>> text("psnr", 28.164), text("memory", 1140.1 * 2**20)
+    ('28.16', '1140')
+    >>> text("components", 715_000), text("components", 17)
+    ('0.71 M', '17')
+    """
+    if metric == "components":
+        return f"{value / 1e6:.2f} M" if value >= _IN_FULL else f"{value:.0f}"
+    shown = printed_value(metric, value)
+    if SHOWN[metric].unit == "MiB" and 0 < shown < _SMALL_MIB:
+        return f"{shown:.1f}" if shown >= 0.1 else f"{shown:.2f}" if shown >= 0.01 else "<0.01"
+    return f"{shown:.{SHOWN[metric].decimals}f}"

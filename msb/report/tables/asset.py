@@ -1,0 +1,131 @@
+"""The tables on the page of one asset and scene, and what they were measured on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.report.layout import Layout, Line, make_table
+from msb.report.metric_format import printed_value, text, title, title_with_unit
+from msb.report.numbers import QUALITY, Key, condition_title, method_title
+from msb.report.paper import paper_row
+from msb.report.table import NOT_THERE, Cell, Column, Row, Table
+from msb.report.tables.gaps import scene_gaps_table
+from msb.report.tables.structure import CONNECTIVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.bench.records import Result
+    from msb.report.numbers import Numbers
+    from msb.report.results import Place
+
+_MIB = float(1 << 20)
+_DRAWN = (*QUALITY, "fps", "p50_ms", "p95_ms", "memory", "asset_size")
+_BYTES = ("geometry", "appearance", "scratch", "targets")
+
+
+def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) -> dict[str, Table]:
+    """Return the tables "conditions", "gaps", "memory" and "structure" of an asset that have numbers."""
+    found = {}
+    conditions = [
+        condition for condition in numbers.conditions(place.dataset) if (*place, condition) in _known(numbers)
+    ]
+    if conditions:
+        found["conditions"] = make_table(
+            Layout(
+                "conditions",
+                "Quality, speed and memory under each condition.",
+                ("Condition",),
+                tuple(Column(title_with_unit(metric)) for metric in _DRAWN),
+                tuple(
+                    Line(
+                        (condition_title(condition),),
+                        tuple(Key(*place, condition, metric) for metric in _DRAWN),
+                    )
+                    for condition in conditions
+                ),
+            ),
+            numbers,
+        )
+        found["gaps"] = scene_gaps_table(numbers, place)
+    held = {condition: record.memory for condition, record in records.items() if record.memory is not None}
+    if held:
+        rows = tuple(
+            Row(
+                (condition_title(condition),),
+                tuple(_bytes(getattr(memory, name)) for name in (*_BYTES, "total")),
+            )
+            for condition, memory in held.items()
+        )
+        heads = tuple(Column(name.capitalize()) for name in (*_BYTES, "total"))
+        found["memory"] = Table(
+            "memory", "Device memory by what it is for, MiB.", ("Condition",), heads, rows
+        )
+    audit = records["exported_mesh"].audit if "exported_mesh" in records else None
+    if audit is not None:
+        metrics = [metric for block in CONNECTIVITY.values() for metric in block]
+        heads = tuple(
+            Column(title(metric), (block,)) for block, own in CONNECTIVITY.items() for metric in own
+        )
+        paper = paper_row("mesh_connectivity", scene="mean")
+        rows = (
+            Row(("this mesh",), tuple(_metric(metric, audit["metrics"].get(metric)) for metric in metrics)),
+            Row(
+                (f"{method_title('mesh_splatting')}, mean in the paper",),
+                tuple(_metric(metric, paper[metric]) for metric in metrics),
+                paper=True,
+            ),
+        )
+        found["structure"] = Table("structure", "The mesh, as stored.", ("",), heads, rows)
+    return found
+
+
+def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
+    """Return what was measured and with what, as pairs of a name and a value."""
+    found: dict[str, dict[str, None]] = {}
+
+    def add(name: str, value: str | None) -> None:
+        if value:
+            found.setdefault(name, {})[value] = None
+
+    for condition, record in records.items():
+        for name, file in (("Asset", record.asset), ("Checkpoint", record.checkpoint)):
+            if file is not None:
+                digest = f", SHA-256 {file.sha256}" if file.sha256 else ""
+                add(name, f"{file.path} ({text('asset_size', file.bytes)} MiB{digest})")
+        if record.renderer is not None:
+            settings = ", ".join(
+                f"{key} = {_plain(value)}" for key, value in record.renderer.settings.items()
+            )
+            about = f"{record.renderer.name} {record.renderer.version} ({record.renderer.kind})"
+            add(condition_title(condition), f"{about}{f'; {settings}' if settings else ''}")
+        device = (record.device or {}).get("device")
+        if isinstance(device, dict):
+            add("Device", ", ".join(str(device[key]) for key in ("platform", "name") if key in device))
+        if record.setup is not None:
+            background = ", ".join(f"{value:g}" for value in record.setup.background)
+            resized = ", resized here" if record.setup.gt_resized else ""
+            add("Photographs", f"{record.setup.image_folder}{resized}; background {background}")
+            add("Cameras", record.setup.camera_convention)
+        if record.quality is not None:
+            add("Test views", str(len(record.quality.images)))
+        add("Measured with", f"msb {record.tool_version}")
+    return [(name, "; ".join(values)) for name, values in found.items()]
+
+
+def _plain(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _known(numbers: Numbers) -> set[tuple[str, ...]]:
+    return {key[:4] for key in numbers.values}
+
+
+def _metric(metric: str, value: float | None) -> Cell:
+    if value is None:
+        return Cell(NOT_THERE, reason="nothing to divide by")
+    return Cell(text(metric, value), printed_value(metric, value), metric)
+
+
+def _bytes(count: int) -> Cell:
+    return Cell(text("memory", count), count / _MIB, "memory", "MiB")

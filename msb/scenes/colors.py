@@ -1,0 +1,75 @@
+"""Colours behind a picture: the names that the command line and Python take, and what a renderer accepts."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from msb.errors import UsageError, shorten
+
+Color = tuple[float, float, float]
+"""Red, green and blue, in the colour space of what they lie behind."""
+WHITE: Color = (1.0, 1.0, 1.0)
+BLACK: Color = (0.0, 0.0, 0.0)
+NAMED = {"black": BLACK, "white": WHITE}
+
+
+def parse_color(text: str, official: object = None) -> Color | None:
+    """Return the colour that `text` names, None if it names none.
+
+    Parameters
+    ----------
+    text : str
+        black, white, #rrggbb, or r,g,b in 0..1; or "official".
+    official : object
+        What "official" stands for, as text again; None where nobody knows.
+    """
+    word = text.strip().lower()
+    if word == "official":
+        word = str(official)
+    if re.fullmatch(r"#[0-9a-f]{6}", word):
+        red, green, blue = (int(word[i : i + 2], 16) / 255 for i in (1, 3, 5))
+        return red, green, blue
+    try:
+        red, green, blue = (float(part) for part in word.split(","))
+    except ValueError:
+        return NAMED.get(word)
+    return (red, green, blue) if all(0 <= value <= 1 for value in (red, green, blue)) else None
+
+
+def check_background(background: object, official: object = None) -> Color:
+    """Return what a renderer was given as background, if it is one.
+
+    Parameters
+    ----------
+    background : (3,) array_like of float, or str
+        Numbers that are finite in float32, or a colour's name as of `parse_color`.
+    official : object
+        As of `parse_color`.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    found = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
+    if found is None:
+        text = f"background is {shorten(repr(background), 60)}; it must be three finite numbers, "
+        raise UsageError("USAGE", text + "or black, white, #rrggbb, r,g,b in 0..1, or official as text")
+    return found
+
+
+def _three_numbers(values: Any) -> Color | None:
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError):  # rows of different lengths; an array of another library that refuses
+        return None
+    if array.shape != (3,) or array.dtype.kind not in "fiu" or np.ma.is_masked(values):
+        return None
+    with np.errstate(over="ignore"):
+        if not np.isfinite(array.astype(np.float32)).all():
+            return None
+    red, green, blue = map(float, array)
+    return red, green, blue

@@ -1,0 +1,79 @@
+"""The standard look is one rule for all that draw it or write it."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.adapters import export
+from msb.adapters.official import write_official
+from msb.asset import Description, build_asset, load, save
+from msb.asset.look import drawn_colors, shown_faces, stored_threshold
+from msb.engines.mesh import engine_mesh
+from msb.meshes import read_mesh, write_mesh
+from msb.meshes.assets import mesh_from_asset
+from msb_viewers.viewed_mesh import color_bytes, read_viewed_mesh
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+
+WILD = np.array([[2, -1, 0.5], [1.5, 0.25, -0.25], [-3, 0, 1]], np.float32)
+TAME = np.array([[1, 0, 0.5], [1, 0.25, 0], [0, 0, 1]], np.float32)
+
+
+def wild(domain: str = "vertex") -> Asset:
+    """Return one triangle whose colours leave [0, 1]."""
+    buffers = {"positions": np.eye(3, dtype=np.float32), "indices": np.array([[0, 1, 2]], np.uint32)}
+    buffers["color"] = WILD[:1] if domain == "face" else WILD
+    return build_asset(buffers, {"color": domain}, Description())
+
+
+@pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
+def test_colours_are_written_and_shown_as_clamped_as_they_are_drawn(tmp_path: Path, domain: str) -> None:
+    asset, expected = wild(domain), TAME[:1] if domain == "face" else TAME
+    assert np.array_equal(drawn_colors(asset).values, expected)
+    assert np.array_equal(engine_mesh(asset, {}).colors, np.broadcast_to(expected, (3, 3)))
+    mesh = mesh_from_asset(asset)
+    colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
+    assert colors is not None
+    assert np.array_equal(colors, np.broadcast_to(expected, colors.shape))
+    save(asset, tmp_path / "a.triasset")
+    shown = read_viewed_mesh(tmp_path / "a.triasset").colors
+    assert shown is not None
+    assert np.array_equal(shown.values, color_bytes(expected))
+
+
+def test_a_converted_file_holds_no_colour_outside_of_0_to_1() -> None:
+    file = io.BytesIO()
+    write_mesh(mesh_from_asset(wild()), file, suffix=".ply")
+    header, _, rows = file.getvalue().partition(b"end_header\n")
+    assert b"property float red" in header
+    assert np.array_equal(np.frombuffer(rows[:72], "<f4").reshape(3, 6)[:, 3:], TAME)
+
+
+def test_the_asset_itself_keeps_what_it_was_given(tmp_path: Path) -> None:
+    save(wild(), tmp_path / "a.triasset")
+    assert np.array_equal(load(tmp_path / "a.triasset").buffers["color"], WILD)
+
+
+def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
+    path = ROOT / "data_stubs" / "models" / "pebble" / "two_dts"
+    asset = export(path, settings={"ste_threshold": 0.5})
+    opacity = np.linspace(-3, 3, asset.manifest.face_count, dtype=np.float32)
+    opacity = opacity.reshape(asset.buffers["opacity"].shape)
+    asset = replace(asset, buffers=MappingProxyType({**asset.buffers, "opacity": opacity}))
+    shown = shown_faces(asset, stored_threshold(asset))
+    assert shown is not None
+    assert 0 < len(shown) < asset.manifest.face_count
+    assert len(mesh_from_asset(asset).faces) == len(shown)
+    assert np.array_equal(engine_mesh(asset, {}).numbers, shown)
+    write_official(asset, tmp_path / "a.ply")
+    assert len(read_mesh(tmp_path / "a.ply").faces) in (len(shown), 2 * len(shown))

@@ -1,0 +1,218 @@
+"""Nothing in the results folder is taken on trust: copies, renderings, records are as they were written."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from PIL import Image
+
+from msb.bench.folder import exclusive
+from msb.bench.photographs import HASHES, PhotographTask, SceneAt, views_of, write_photographs
+from msb.bench.run import run_protocol
+from msb.errors import InputError, MsbError
+from msb.report.build import build_report
+from msb.report.results import read_results
+from tests.bench.protocols import STUBS, cell, planned
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from msb.bench.protocol import ProtocolFile
+
+CELLS = "cells/nerf_synthetic/pebble"
+
+
+def invert(path: Path) -> None:
+    """Make another picture of the same size of it."""
+    with Image.open(path) as picture:
+        other = picture.convert("RGB").point(lambda value: 255 - value)
+    other.save(path)
+
+
+def edit(path: Path, **changes: Any) -> None:
+    """Replace keys of a JSON file; "a.b" is b in a."""
+    data = json.loads(path.read_text())
+    for key, value in changes.items():
+        *above, last = key.split("__")
+        place = data
+        for name in above:
+            place = place[name]
+        place[last] = value
+    path.write_text(json.dumps(data))
+
+
+class Notes:
+    """Hears what a run says."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def stage(self, _title: str, _total: int) -> Any:
+        return contextlib.nullcontext(lambda _name: None)
+
+    def note(self, text: str) -> None:
+        self.said.append(text)
+
+
+@pytest.fixture
+def task(tmp_path: Path) -> Iterator[PhotographTask]:
+    """Ground truth that has been written."""
+    path = STUBS / "scenes" / "nerf_synthetic" / "pebble"
+    at = SceneAt("nerf_synthetic", "pebble", path, None, None, (1.0, 1.0, 1.0), "gs_fov")
+    with exclusive(tmp_path) as run:
+        made = PhotographTask(tmp_path, run, at, views_of(at.read()))
+        assert write_photographs(made) is None
+        yield made
+
+
+DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "edited": (lambda at: invert(at / "test/r_0.png"), "test/r_0.png was changed"),
+    "truncated": (lambda at: (at / "test/r_1.png").write_bytes(b"\x89PNG"), "test/r_1.png was changed"),
+    "deleted": (lambda at: (at / "test/r_1.png").unlink(), "test/r_1.png is gone"),
+    "a folder": (
+        lambda at: [(at / "test/r_1.png").unlink(), (at / "test/r_1.png").mkdir()],
+        "test/r_1.png is gone",
+    ),
+    "one too many": (lambda at: shutil.copy(at / "test/r_0.png", at / "x.png"), "x.png is none of them"),
+    "list gone": (lambda at: (at / HASHES).unlink(), f"{HASHES}: there is no such file"),
+    "list damaged": (lambda at: (at / HASHES).write_bytes(b"{"), f"{HASHES}: the file is not JSON"),
+    "list of others": (lambda at: edit(at / HASHES, photographs="0" * 16), "is not of these photographs"),
+    "list of fewer": (
+        lambda at: [(at / "test/r_0.png").unlink(), edit(at / HASHES, files={})],
+        "is not of these photographs",
+    ),
+    "all gone": (lambda at: shutil.rmtree(at / "test"), "test/r_0.png is gone"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_ground_truth_that_is_not_as_it_was_written_is_written_again(
+    task: PhotographTask, damage: str
+) -> None:
+    before = {path: path.read_bytes() for path in task.folder.rglob("*") if path.is_file()}
+    assert len(before) == 5
+    do, said = DAMAGE[damage]
+    do(task.folder)
+    wrong = write_photographs(task)
+    assert wrong is not None
+    assert said in wrong
+    assert {path: path.read_bytes() for path in task.folder.rglob("*") if path.is_file()} == before
+    times = {path: path.stat().st_mtime_ns for path in before}
+    assert write_photographs(task) is None
+    assert {path: path.stat().st_mtime_ns for path in before} == times, "what holds is left alone"
+
+
+def test_no_number_stands_on_an_edited_photograph(again: ProtocolFile) -> None:
+    before = cell(again, "two_dts/standard").quality
+    for path in (again.results / "ground_truth").rglob("*.png"):
+        invert(path)
+    watch = Notes()
+    found = run_protocol(again, only=["two_dts/standard"], redo=True, watch=watch)
+    assert planned(found) == {"two_dts/standard": {"quality": "asked for", "timing": "asked for"}}
+    assert cell(again, "two_dts/standard").quality == before
+    said = [text.partition(": ")[2] for text in watch.said if "ground_truth" in text]
+    assert said == ["test/r_0.png was changed; the ground truth was written again"]
+
+
+def test_photographs_are_written_again_also_where_all_cells_are_done(again: ProtocolFile) -> None:
+    (path, *_) = (again.results / "ground_truth").rglob("*.png")
+    right = path.read_bytes()
+    path.write_bytes(right[:-100])
+    assert set(planned(run_protocol(again, only=["two_dts/dedicated"])).values()) == {"done"}
+    assert path.read_bytes() == right
+
+
+def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_again(
+    again: ProtocolFile,
+) -> None:
+    here = again.results / CELLS
+    names = [f"two_dts/{name}" for name in ("non_engine", "dedicated", "standard")]
+    names += [f"diffsoup/{name}" for name in ("non_engine", "dedicated")]
+    before = {name: cell(again, name) for name in names}
+    invert(here / "two_dts/non_engine/images/test/r_1.png")
+    (here / "two_dts/dedicated/images/test/r_2.png").unlink()
+    shutil.rmtree(here / "two_dts/standard/images")
+    edit(here / "diffsoup/dedicated/result.json", cell__method="two_dts")
+    edit(here / "diffsoup/non_engine/result.json", quality__psnr=-3.0)
+    place = "nerf_synthetic/pebble/two_dts/dedicated"
+    wrong = {
+        "two_dts/non_engine": {"quality": "images/test/r_1.png changed"},
+        "two_dts/dedicated": {"quality": "images/test/r_2.png gone"},
+        "two_dts/standard": {"quality": "images/test/r_0.png gone"},
+        "diffsoup/dedicated": dict.fromkeys(
+            ("quality", "timing"), f"bad record: it is of {place}, and does not lie there"
+        ),
+    }
+    watch = Notes()
+    told = planned(run_protocol(again, jobs=2, watch=watch))
+    assert {name: told[name] for name in wrong} == wrong
+    assert [text.partition(":")[0] for text in watch.said if "result.json" in text] == [
+        "RECORD_INVALID",
+        "RECORD_MISPLACED",
+    ]
+    (why,) = told["diffsoup/non_engine"].values()
+    assert why.startswith("bad record: /quality/psnr: it is -3.0, and the mean of its images is ")
+    assert told["two_dts/exported_mesh"] == "done"
+    for name, record in before.items():
+        now = cell(again, name)
+        assert (now.cell, now.quality, now.setup) == (record.cell, record.quality, record.setup)
+    assert set(planned(run_protocol(again, dry=True)).values()) == {"done", "unsupported"}
+
+
+def test_records_without_hashes_are_read_and_their_images_drawn_again(again: ProtocolFile) -> None:
+    path = again.results / CELLS / "two_dts/dedicated/result.json"
+    data = json.loads(path.read_text())
+    for image in data["quality"]["images"]:
+        del image["sha256"]
+    path.write_text(json.dumps(data))
+    assert len(read_results(again.results)) == 8
+    told = planned(run_protocol(again, dry=True))
+    assert told["two_dts/dedicated"] == {"quality": "images not hashed"}
+    assert told["two_dts/standard"] == "done"
+
+
+def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) -> None:
+    path = again.results / CELLS / "two_dts/dedicated/result.json"
+    edit(path, cell__method="mesh_splatting")
+    with pytest.raises(InputError) as caught:
+        read_results(again.results)
+    what = "it is of nerf_synthetic/pebble/mesh_splatting/dedicated, and does not lie there"
+    assert str(caught.value) == f"RECORD_MISPLACED: {path}: {what}"
+    path.parent.rename(path.parent.with_name("standard_of_before"))
+    with pytest.raises(MsbError, match="RECORD_MISPLACED"):
+        read_results(again.results)
+
+
+def test_a_report_names_renderings_it_cannot_show(again: ProtocolFile) -> None:
+    here = again.results / CELLS / "two_dts"
+    gone = here / "dedicated/images/test/r_0.png"
+    for path in gone.parent.iterdir():
+        path.unlink()
+    for path in (here / "standard/images/test").iterdir():
+        invert(path)
+    made = build_report(read_results(again.results))
+    assert f"rendering gone: {gone}, and 3 more; msb run draws it again" in made.notes
+    changed = [note for note in made.notes if note.startswith("rendering changed since it was compared: ")]
+    (section,) = [section for section in made.sections if section.name == "looks"]
+    shots = {shot.heading: shot for shot in section.views[0].shots["two_dts"]}
+    assert {name: shot.picture is None for name, shot in shots.items()} == {
+        "Non-Engine": False,
+        "Dedicated": True,
+        "Standard": True,
+    }
+    assert str(here / "standard/images/test") in changed[0]
+
+
+def test_a_selected_cell_is_all_that_is_read(again: ProtocolFile, monkeypatch: pytest.MonkeyPatch) -> None:
+    from msb.bench import plan
+
+    asked: list[str] = []
+    inputs = plan.inputs_of
+    monkeypatch.setattr(plan, "inputs_of", lambda job, known: (asked.append(job.name), inputs(job, known))[1])
+    run_protocol(again, only=["two_dts/standard"], dry=True)
+    assert asked == ["nerf_synthetic pebble two_dts standard"]

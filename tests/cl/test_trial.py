@@ -1,0 +1,329 @@
+"""A device is what builds: it is tried in a process of its own, and the PoCL wheel is mended if it can be."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.cl import devices, loader, mend, trial
+from msb.cl.devices import choose_device, found_devices, open_device, shared_device
+from msb.cl.trial import Trial, try_device
+from msb.errors import CODES, DeviceError
+from tests.cl.conftest import SELECTOR, answer
+from tests.cl.test_devices import INTEL, NVIDIA, other
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from msb.cl import DeviceRecord
+    from tests.cl.conftest import Child
+
+UNKNOWN = "unknown target CPU 'generic'"
+SYSTEM = other(selector="pocl:0", driver="3.1", platform_index=0)
+WHEEL = other(selector="pocl:1", driver=mend.DRIVER)
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Make this a machine with those devices, of which those in `broken` do not build."""
+    for name in (devices.DEVICE_VARIABLE, devices.PYOPENCL_VARIABLE):
+        monkeypatch.delenv(name, raising=False)
+
+    def make(*records: DeviceRecord, broken: tuple[DeviceRecord, ...] = ()) -> None:
+        monkeypatch.setattr(devices, "found_devices", lambda cl: [(record, record) for record in records])
+        monkeypatch.setattr(devices.mend, "is_wheel", lambda handle: handle.driver == mend.DRIVER)
+        failed = Trial(False, UNKNOWN)
+        monkeypatch.setattr(
+            devices, "try_device", lambda handle, record, **_: failed if record in broken else Trial(True)
+        )
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("there", "broken", "selector", "expected"),
+    [
+        ((WHEEL, SYSTEM, INTEL), (), None, SYSTEM),
+        ((WHEEL, SYSTEM, INTEL), (SYSTEM,), None, WHEEL),
+        ((*NVIDIA, WHEEL, INTEL), (WHEEL,), None, INTEL),
+        ((*NVIDIA, WHEEL), (WHEEL,), None, NVIDIA[0]),
+        ((*NVIDIA, WHEEL), (NVIDIA[0],), "gpu", NVIDIA[1]),
+        ((WHEEL, INTEL), (WHEEL,), "cpu", INTEL),
+        ((WHEEL, SYSTEM), (SYSTEM,), "pocl", WHEEL),
+        ((WHEEL, SYSTEM), (), "pocl", SYSTEM),
+        ((SYSTEM, WHEEL), (), "pocl:1", WHEEL),
+    ],
+)
+def test_what_does_not_build_is_passed_over(
+    machine: Callable[..., None],
+    there: tuple[DeviceRecord, ...],
+    broken: tuple[DeviceRecord, ...],
+    selector: str | None,
+    expected: DeviceRecord,
+) -> None:
+    machine(*there, broken=broken)
+    assert choose_device(selector).record is expected
+
+
+@pytest.mark.parametrize("selector", ["pocl", "pocl:1", "portable", None])
+def test_what_is_asked_for_by_name_and_does_not_build_is_an_error_with_the_compilers_words(
+    machine: Callable[..., None], selector: str | None
+) -> None:
+    machine(WHEEL, *((INTEL,) if selector else ()), broken=(WHEEL,))
+    with pytest.raises(DeviceError) as error:
+        choose_device("pocl:0" if selector == "pocl:1" else selector)
+    assert error.value.code == "DEVICE_BUILD"
+    assert error.value.exit_status == 5
+    for words in (WHEEL.selector, UNKNOWN, "does not know this processor", "pocl-opencl-icd"):
+        assert words in error.value.message
+    assert "\n" not in str(error.value)
+
+
+def test_every_device_that_was_tried_is_in_the_error(machine: Callable[..., None]) -> None:
+    machine(SYSTEM, WHEEL, broken=(SYSTEM, WHEEL))
+    with pytest.raises(DeviceError, match=r"pocl:0 .* does not build kernels: .*; pocl:1 .* does not build"):
+        choose_device()
+
+
+def test_people_find_the_words_they_search_for() -> None:
+    assert "unknown target CPU" in CODES["DEVICE_BUILD"].remedy
+    assert UNKNOWN in (ROOT / "docs" / "opencl.md").read_text()
+
+
+# A device of this machine
+
+
+@pytest.fixture
+def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, DeviceRecord]]:
+    """The tests' device, of which nothing is known yet."""
+    chosen = choose_device(SELECTOR).record
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    trial.forget()
+    found = found_devices(loader.opencl())
+    yield next((handle, record) for record, handle in found if record.selector == chosen.selector)
+    trial.forget()
+
+
+def children(monkeypatch: pytest.MonkeyPatch, code: str | None = None) -> list[Any]:
+    """Count the processes that are started to try a device, and let them run other code."""
+    started: list[Any] = []
+    run = subprocess.run
+
+    def counted(command: list[str], **options: Any) -> Any:
+        started.append(command)
+        return run(command if code is None else [command[0], "-c", code], **options)
+
+    monkeypatch.setattr(trial.subprocess, "run", counted)
+    return started
+
+
+def test_a_device_is_tried_once_and_the_result_is_kept(
+    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started = children(monkeypatch)
+    assert try_device(*real).builds
+    assert len(started) >= 1
+    kept = tmp_path / "meshsplatbench" / "devices.txt"
+    assert [line.split()[1] for line in kept.read_text().splitlines()] == ["builds"]
+    before = len(started)
+    assert try_device(*real).builds
+    trial.forget()  # as a new process
+    assert try_device(*real).builds
+    assert len(started) == before
+    assert try_device(*real, again=True).builds
+    assert len(started) > before
+
+
+def test_another_driver_is_tried_anew(
+    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handle, record = real
+    try_device(handle, record)
+    trial.forget()
+    started = children(monkeypatch)
+    try_device(handle, dataclasses.replace(record, driver="another"))
+    assert started
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\n\0", b"key", b"key perhaps", b"k" * (1 << 20)])
+def test_a_damaged_cache_says_nothing(real: tuple[Any, DeviceRecord], tmp_path: Path, content: bytes) -> None:
+    kept = tmp_path / "meshsplatbench" / "devices.txt"
+    kept.parent.mkdir()
+    kept.write_bytes(content)
+    assert try_device(*real).builds
+    assert len(kept.read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("code", "why"),
+    [
+        ("import os; os.abort()", r"ended the process \(SIGABRT\)"),
+        (
+            "import sys; print('LLVM ERROR: no such intrinsic', file=sys.stderr); sys.exit(8)",
+            "status 8.*LLVM ERROR",
+        ),
+        (f"import json; print('msb-trial ' + json.dumps({UNKNOWN!r}))", UNKNOWN),
+    ],
+)
+def test_a_compiler_that_ends_the_process_ends_the_childs(
+    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, code: str, why: str, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(mend.MEND_VARIABLE, "0")
+    children(monkeypatch, code)
+    found = try_device(*real)
+    assert not found.builds
+    assert re.search(why, found.why or "")
+    # What a compiler says is so the next time; a process that died may have died of something else.
+    assert (tmp_path / "meshsplatbench").exists() == (why == UNKNOWN)
+
+
+# The processor that the wheel does not know
+
+SHOW = """
+from msb.cl import loader, mend
+from msb.cl.devices import open_device
+from msb.cl.trial import try_device
+from msb.cl.devices import found_devices
+from msb.errors import DeviceError
+wheel = next((r, h) for r, h in found_devices(loader.opencl()) if r.driver == mend.DRIVER)
+print(mend.compiler_cpu(wheel[1]))
+try:
+    with open_device(wheel[0].selector) as device:
+        print(device.program("scan_cpu", {"SUM": "uint"}).name)
+except DeviceError as error:
+    print(error)
+print(mend.compiler_cpu(wheel[1]))
+print(try_device(wheel[1], wheel[0]).mended)
+"""
+DRAW = """
+import sys
+import numpy as np
+from tests.cl.test_trial import draw
+np.save(sys.argv[1], draw(sys.argv[2]))
+"""
+
+
+def draw(path: str) -> list[Any]:
+    """Return an asset's image on both tiers."""
+    asset = msb.load(path)
+    camera = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), up=(0, 1, 0), width=64, height=48, fov_y=0.6)
+    tiers = ("standard", "dedicated")
+    return [msb.render(asset, camera, tier=tier, device="pocl").image for tier in tiers]
+
+
+def test_the_wheel_is_mended_where_it_does_not_know_the_processor(
+    child: Child, unknown: dict[str, str]
+) -> None:
+    for _ in range(2):  # the second process remembers
+        assert answer(child(SHOW, **unknown)).splitlines() == [
+            "generic",
+            "msb.cl.kernels/scan_cpu.cl",
+            "haswell",
+            "haswell",
+        ]
+
+
+def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, str]) -> None:
+    lines = answer(child(SHOW, **{**unknown, mend.MEND_VARIABLE: "0"})).splitlines()
+    assert lines[0] == lines[2] == "generic"
+    assert lines[1].startswith("DEVICE_BUILD: pocl:")
+    assert UNKNOWN in lines[1]
+    assert "MSB_MEND_POCL=0 keeps it from being mended" in lines[1]
+    assert lines[3] == "None"
+
+
+def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dict[str, str]) -> None:
+    failing = "from msb.cl import trial\ntrial._is_right = None\nwhy_not = trial._why_not\n"
+    failing += (
+        "trial._why_not = lambda record, mended: ('no', True) if mended else why_not(record, mended=False)\n"
+    )
+    lines = answer(child(failing + SHOW, **unknown)).splitlines()
+    assert lines[0] == lines[2] == "generic"
+    assert lines[1].startswith("DEVICE_BUILD: pocl:")
+
+
+def test_pictures_of_a_mended_wheel_are_those_of_any(
+    child: Child, unknown: dict[str, str], demo_asset: Path, tmp_path: Path
+) -> None:
+    found = tmp_path / "images.npy"
+    answer(
+        child(
+            DRAW.replace("import sys", f"import sys\nsys.argv[1:] = {[str(found), str(demo_asset)]}"),
+            **unknown,
+        )
+    )
+    for ours, theirs in zip(draw(str(demo_asset)), np.load(found), strict=True):
+        assert msb.metrics.psnr(ours, theirs) > 100
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        "fpu sse2",
+        "fpu sse2 avx avx2 fma bmi1 bmi2 f16c movbe",
+        "avx2 bmi1 bmi2 f16c movbe abm",
+        "",
+    ],
+)
+def test_nothing_is_mended_where_the_processor_lacks_what_the_name_promises(
+    monkeypatch: pytest.MonkeyPatch, flags: str
+) -> None:
+    monkeypatch.delenv(mend.MEND_VARIABLE, raising=False)
+    read = Path.read_text
+    monkeypatch.setattr(
+        mend.Path,
+        "read_text",
+        lambda self, *args: f"flags\t\t: {flags}\n" if self.name == "cpuinfo" else read(self),
+    )
+    assert "lacks" in (mend.why_not() or "")
+
+
+def test_nothing_is_read_where_there_is_nothing() -> None:
+    assert mend._read(0, 8) is None
+    assert mend._read(-1, 8) is None
+    assert mend._read(2**63, 8) is None
+
+
+def test_another_platform_is_left_alone() -> None:
+    platform = SimpleNamespace(name="Portable Computing Language")
+    for driver in ("3.1", "3.0", "7.0"):
+        device = SimpleNamespace(platform=platform, driver_version=driver, int_ptr=0)
+        assert not mend.is_wheel(device)
+        assert mend.compiler_cpu(device) is None
+        assert not mend.mend(device)
+
+
+# One device a process
+
+
+def test_what_shares_a_device_opens_it_once() -> None:
+    first = shared_device(SELECTOR)
+    assert shared_device(SELECTOR) is first
+    assert shared_device(first.record.selector) is first
+    with open_device(SELECTOR) as own:
+        assert own is not first
+
+
+def test_a_device_that_has_failed_is_opened_anew() -> None:
+    first = shared_device(SELECTOR, style="gpu")
+    first._queue.failed = True
+    second = shared_device(SELECTOR, style="gpu")
+    assert second is not first
+    second.close()
+    assert shared_device(SELECTOR, style="gpu") is not second
+
+
+def test_a_forked_process_leaves_its_parents_device_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    shared_device(SELECTOR)
+    monkeypatch.setattr(devices.os, "getpid", lambda: -1)
+    with pytest.raises(DeviceError, match="forked"):
+        shared_device(SELECTOR)

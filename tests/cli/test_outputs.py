@@ -1,0 +1,397 @@
+"""What may stand where an output goes: devices, pipes, other outputs, inputs, and what comes meanwhile."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shlex
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from typer.main import get_command
+
+import msb as library
+from msb import atomic
+from msb.atomic import check_place, forget_free_places, new_file, new_folder
+from msb.cli.app import app
+from msb.cli.process import run
+from msb.errors import OutputError, UsageError
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tests.cli.conftest import Msb
+
+ASSET = ROOT / "data_stubs" / "splat_like.triasset"
+POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")
+SOURCE = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
+
+
+GROUP: Any = get_command(app)
+Refused = Callable[[str | list[str]], str]
+
+
+@pytest.fixture(autouse=True)
+def _forgetting() -> Iterator[None]:
+    yield
+    forget_free_places()
+
+
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+
+    monkeypatch.setattr("typer.main.get_command", lambda _: GROUP)
+
+    def line_of(line: str | list[str]) -> str:
+        monkeypatch.setattr(sys, "argv", ["msb", *(shlex.split(line) if isinstance(line, str) else line)])
+        assert run(app, "msb") == 2, sys.argv
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1
+        return err.rstrip()
+
+    return line_of
+
+
+# --- devices and pipes ---------------------------------------------------------------------------------
+
+
+@POSIX
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_a_device_is_written_through_and_stays(msb: Msb, tmp_path: Path, force: tuple[str, ...]) -> None:
+    (tmp_path / "null").symlink_to("/dev/null")
+    result = msb("info", "-q", *force, "--json", tmp_path / "null", ASSET)
+    assert (result.status, result.err) == (0, "")
+    assert (tmp_path / "null").is_symlink()
+    assert Path("/dev/null").is_char_device()
+
+
+@POSIX
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_a_pipe_gets_what_its_reader_waits_for(msb: Msb, tmp_path: Path, force: tuple[str, ...]) -> None:
+    pipe, got = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    assert msb("info", "-q", *force, "--json", pipe, ASSET).status == 0
+    reader.join(60)
+    assert json.loads(got[0])["schema"] == "msb.info/1"
+    assert pipe.is_fifo()
+
+
+@POSIX
+def test_an_asset_can_be_written_through_a_pipe_though_its_writer_seeks(tmp_path: Path) -> None:
+    pipe, got = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    library.save(library.load(ASSET), pipe)
+    reader.join(60)
+    library.save(library.load(ASSET), tmp_path / "file")
+    assert got == [(tmp_path / "file").read_bytes()]
+
+
+@POSIX
+def test_descriptors_go_on_where_they_are(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    line = f"{sys.executable} -m msb info -q --json /dev/fd/3 {ASSET} 3>>{log} && echo after >>{log}"
+    log.write_text("before\n")
+    subprocess.run(["bash", "-c", line], check=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    first, *document, last = log.read_text().splitlines()
+    assert (first, last) == ("before", "after")
+    assert json.loads("\n".join(document))["schema"] == "msb.info/1"
+
+
+@POSIX
+def test_the_systems_name_of_standard_output_means_it(msb: Msb) -> None:
+    assert msb("info", "--json", "/dev/stdout", ASSET).json == msb("info", "--json", "-", ASSET).json
+    result = msb("audit", "--json", "/dev/stdout", "--csv", "-", ASSET)
+    assert (result.status, result.err) == (2, "USAGE: --json and --csv cannot both go to standard output\n")
+
+
+@POSIX
+def test_a_folder_is_not_written_onto_a_device(msb: Msb, tmp_path: Path) -> None:
+    null = tmp_path / "null.triasset"
+    null.symlink_to("/dev/null")
+    result = msb("convert", "-f", "--form", "folder", ASSET, null)
+    assert (result.status, result.out) == (3, "")
+    assert result.err == f"OUTPUT_UNWRITABLE: {null}: it is a device or pipe; a folder is to be written\n"
+    with pytest.raises(OutputError, match="a device or pipe"), new_folder(null):
+        pass
+    assert null.is_symlink()
+
+
+# --- two at once ---------------------------------------------------------------------------------------
+
+_WAITING = """
+import sys, msb.atomic
+move = msb.atomic._moved_to_free_place
+def wait(temporary, target):
+    print("ready", flush=True)
+    sys.stdin.readline()
+    return move(temporary, target)
+msb.atomic._moved_to_free_place = wait
+from msb.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("form", ["packed", "folder"])
+def test_of_programs_that_make_one_new_output_at_once_only_one_succeeds(tmp_path: Path, form: str) -> None:
+    target = tmp_path / "new.triasset"
+    line = [sys.executable, "-c", _WAITING, "convert", "--form", form, str(SOURCE), str(target)]
+    pipe = subprocess.PIPE
+    started = [
+        subprocess.Popen(line, cwd=ROOT, text=True, stdin=pipe, stdout=pipe, stderr=pipe) for _ in range(3)
+    ]
+    streams = [(one.stdin, one.stdout) for one in started if one.stdin and one.stdout]
+    assert [out.readline() for _, out in streams] == ["ready\n"] * 3
+    for begin, _ in streams:
+        begin.write("go\n")
+        begin.flush()
+    said = [process.communicate(timeout=60)[1] for process in started]
+    assert sorted(process.returncode for process in started) == [0, 2, 2]
+    text = f"OUTPUT_EXISTS: {target}: it was made while this ran, by another program; --force replaces it\n"
+    assert sorted(said) == ["", text, text]
+    assert [path.name for path in tmp_path.iterdir()] == ["new.triasset"]
+    assert library.load(target).manifest.method == "mesh"
+
+
+@pytest.mark.parametrize("folder", [False, True])
+@pytest.mark.parametrize("lacks", ["nothing", "the call", "hard links, too"])
+def test_a_free_name_is_taken_once_whatever_the_file_system_knows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacks: str, folder: bool
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "no hard links here")
+
+    if lacks != "nothing":
+        monkeypatch.setattr(atomic, "_renamed_by_the_system", lambda *_: False)
+    if lacks == "hard links, too":
+        monkeypatch.setattr(Path, "hardlink_to", refuse)
+    check_place(tmp_path / "a", free=True)
+    together = threading.Barrier(8)
+
+    def make(number: int) -> str:
+        try:
+            with new_folder(tmp_path / "a") if folder else new_file(tmp_path / "a") as made:
+                if isinstance(made, Path):
+                    (made / "number").write_text(str(number))
+                else:
+                    made.write(str(number).encode())
+                together.wait()
+        except UsageError as error:
+            return error.code
+        return str(number)
+
+    # The first that succeeds would let the place be replaced, by this process: here it stays free.
+    monkeypatch.setattr(atomic, "_FREE", _Kept(atomic._FREE))
+    with ThreadPoolExecutor(8) as pool:
+        codes = list(pool.map(make, range(8)))
+    (winner,) = set(codes) - {"OUTPUT_EXISTS"}
+    assert codes.count("OUTPUT_EXISTS") == 7
+    assert (tmp_path / "a" / "number" if folder else tmp_path / "a").read_text() == winner
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+class _Kept(set[str]):
+    """Free places that stay so when something has moved in, as they do for other programs."""
+
+    def discard(self, _place: str) -> None:
+        return
+
+
+def test_a_file_found_free_is_not_replaced_but_others_are(tmp_path: Path) -> None:
+    check_place(tmp_path / "a", free=True)
+    with pytest.raises(UsageError, match="made while this ran"), new_file(tmp_path / "a"):
+        (tmp_path / "a").write_bytes(b"theirs")
+    assert (tmp_path / "a").read_bytes() == b"theirs"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    forget_free_places()
+    for text in (b"ours", b"ours again"):
+        with new_file(tmp_path / "a") as file:
+            file.write(text)
+        assert (tmp_path / "a").read_bytes() == text
+
+
+def test_a_name_that_was_taken_is_given_back_when_the_renaming_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(atomic, "_renamed_by_the_system", lambda *_: False)
+    monkeypatch.setattr(Path, "hardlink_to", fail)
+    monkeypatch.setattr(Path, "replace", fail)
+    for name, context in (("file", new_file), ("folder", new_folder)):
+        check_place(tmp_path / name, free=True)
+        with pytest.raises(OutputError, match="Input/output error"), context(tmp_path / name):
+            pass
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- places that are taken within one command ----------------------------------------------------------
+
+
+def test_two_outputs_into_one_file_are_refused_however_they_are_spelled(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "o").write_bytes(b"mine")
+    (tmp_path / "hard").hardlink_to(tmp_path / "o")
+    (tmp_path / "soft").symlink_to("o")
+    (tmp_path / "here").symlink_to(".")
+    for first, second in (("new", "./new"), ("new", "here/new"), ("o", "hard"), ("o", "soft"), ("o", "o")):
+        result = msb("audit", "-f", "--json", first, "--csv", second, ASSET, cwd=tmp_path)
+        text = f"{second}: --csv and --json name the same file; an output needs a place of its own\n"
+        assert (result.status, result.out, result.err) == (2, "", f"USAGE: {Path(text)}")
+    assert (tmp_path / "o").read_bytes() == b"mine"
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "null").symlink_to("/dev/null")
+    assert msb("audit", "-q", "--json", "null", "--csv", "null", ASSET, cwd=tmp_path).status == 0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "audit -f --elements {0} {0}",
+        "audit -f --log-file {0} {0}",
+        "bench -f --json {0} --compare {0} asset",
+        "convert -f {0} {0}",
+        "eval -f --csv {0} {0} {0}",
+        "export -f {0} {0}",
+        "info -f --json {0} {0}",
+        "render -f --film a.gif --cameras {0} --json {0} asset",
+        "report -f --published {0} --json {0} results",
+        "run --scene {0} --json {0} asset",
+        "validate -f --jsonl {0} --log-file {0} asset",
+        "view -f --html {0} {0}",
+    ],
+)
+def test_an_output_that_is_an_input_is_refused(line: str, tmp_path: Path, refused: Refused) -> None:
+    place = tmp_path / "a.csv"
+    for content in (None, b"mine"):
+        if content is not None:
+            place.write_bytes(content)
+        assert "name the same file; an output needs a place of its own" in refused(line.format(place))
+        assert (place.read_bytes() if place.exists() else None) == content
+
+
+def test_an_image_is_not_written_where_the_json_goes(tmp_path: Path, refused: Refused) -> None:
+    line = f"render -f --turntable 2 --size 64x64 -o {tmp_path} --json {tmp_path}/00001.png {ASSET}"
+    assert (
+        refused(line) == f"USAGE: {tmp_path}/00001.png: two outputs would be written to it; give each its own"
+    )
+
+
+# --- paths and options ---------------------------------------------------------------------------------
+
+COMMANDS = {name: one for name, one in GROUP.commands.items() if not hasattr(one, "commands")}
+COMMANDS["config show"] = GROUP.commands["config"].commands["show"]
+READ = {
+    "audit": {"paths"},
+    "bench": {"path", "cameras", "compare"},
+    "convert": {"source"},
+    "eval": {"pred", "gt", "vgg_weights"},
+    "export": {"source", "config"},
+    "info": {"path"},
+    "render": {"path", "cameras", "out"},
+    "report": {"folders", "published"},
+    "run": {"path", "scene", "non_engine", "out"},
+    "scenes": {"paths"},
+    "validate": {"paths"},
+    "compare": {"path", "cameras", "images"},
+    "view": {"path"},
+    "web": {"path", "cameras"},
+}
+"""What names a path and is read, or a folder that outputs are put into, each at a name of its own."""
+WRITTEN = {
+    "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
+    "figure", "html",
+}  # fmt: skip
+"""What is written. A new path of a command belongs into one of the two."""
+
+
+def test_every_path_of_every_command_is_known_as_read_or_written() -> None:
+    for name, command in COMMANDS.items():
+        paths = command.callback.paths
+        assert {key for key, written in paths.items() if not written} == READ.get(name, set())
+        assert {key for key, written in paths.items() if written} <= WRITTEN
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_empty_path_is_refused_by_name_and_is_not_the_current_folder(name: str, refused: Refused) -> None:
+    for param in COMMANDS[name].params:
+        if param.name not in COMMANDS[name].callback.paths:
+            continue
+        if param.param_type_name == "option":
+            shown, words = param.opts[0], [param.opts[0], "", "a"]
+        else:
+            before = [one for one in COMMANDS[name].params if one.param_type_name == "argument"]
+            shown = param.metavar.rstrip(".")
+            words = ["" if one is param else "a" for one in before]
+        text = refused([*name.split(), *words])
+        assert text.startswith(
+            f"USAGE: {shown} is empty, which names no file; . is the current folder (usage: "
+        )
+
+
+def test_an_unset_variable_does_not_score_the_current_folder(msb: Msb) -> None:
+    result = msb("eval", "", "", cwd=ROOT / "tests" / "golden" / "metrics" / "gt")
+    assert (result.status, result.out) == (2, "")
+    assert result.err.startswith("USAGE: PRED is empty")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_option_of_one_value_is_not_taken_twice(name: str, refused: Refused) -> None:
+    for param in COMMANDS[name].params:
+        if param.param_type_name == "argument" or param.is_flag or param.count or param.multiple:
+            continue
+        words = [param.opts[-1], "a", f"{param.opts[0]}=b"]
+        long = next(flag for flag in param.opts if flag.startswith("--"))
+        text = refused([*name.split(), *words])
+        assert text.startswith(f"USAGE: {long} is given 2 times; it takes one value (usage: msb ")
+
+
+def test_flags_and_lists_may_be_given_again(msb: Msb) -> None:
+    result = msb("audit", "-q", "-q", "-f", "-f", "--fail-on", "faces<1", "--fail-on", "faces<2", ASSET)
+    assert (result.status, result.err) == (0, "")
+
+
+# --- logs ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("force", [(), ("--force",)])
+@pytest.mark.parametrize(
+    "text", [b"glTF\2\0\0\0", b"ply\nformat ascii 1.0\n", b"\n", b"2024-01-01 10:00 INFO a\n"]
+)
+def test_a_file_that_is_no_log_is_not_added_to(
+    tmp_path: Path, refused: Refused, text: bytes, force: tuple[str, ...]
+) -> None:
+    (tmp_path / "a.glb").write_bytes(text)
+    (tmp_path / "link").symlink_to("a.glb")
+    for name in ("a.glb", "link"):
+        said = refused(["audit", *force, "--log-file", str(tmp_path / name), str(ASSET)])
+        reason = "it is no log of msb's, and a log is only added to one; name another file"
+        assert said == f"OUTPUT_EXISTS: {tmp_path / name}: --log-file: {reason}"
+    assert (tmp_path / "a.glb").read_bytes() == text
+
+
+def test_a_log_is_added_to_where_there_is_none_an_empty_one_or_one_of_ours(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "log").touch()
+    for lines in (1, 2):
+        assert msb("completion", "--log-file", tmp_path / "log", "bash").status == 0
+        assert len((tmp_path / "log").read_text().splitlines()) == lines
+    (tmp_path / "null").symlink_to(os.devnull)
+    assert msb("completion", "--log-file", tmp_path / "null", "bash").status == 0
+
+
+def test_an_input_that_is_not_there_is_not_made_by_the_log(tmp_path: Path, refused: Refused) -> None:
+    assert refused(f"audit --log-file {tmp_path}/a.ply {tmp_path}/a.ply").startswith("USAGE: ")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,156 @@
+"""The tests that draw, on other OpenCL platforms: `python -m tests.machines [NAME ...]`, or `make test-all`.
+
+A platform is shown to the loader alone, and chosen by name: the PoCL of the wheel is always found as well.
+What is not installed is skipped, with the package to install.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.conftest import ROOT, UNKNOWN_CPU
+
+VENDORS = Path("/etc/OpenCL/vendors")
+ALL_CORES = "-n", "auto", "--dist", "worksteal"
+SHOW = (
+    "from msb.cl.devices import choose_device, try_devices\n"
+    "taken = choose_device().record.selector\n"
+    "found = next(device for device in try_devices() if device.record.selector == taken)\n"
+    "print(found.record, f'style {found.record.style}', *filter(None, [found.trial.mended]), sep='; ')"
+)
+
+
+class Machine(NamedTuple):
+    """A platform, and what of the tests it runs.
+
+    Attributes
+    ----------
+    package : str
+        Debian's, which brings it; or pip's.
+    library : str
+        Part of the name of the library that is the platform; "" for the wheel, which the loader finds itself.
+    device : str
+        For MSB_DEVICE.
+    environment : dict
+        What else it needs.
+    tests : tuple of str
+        Arguments of pytest.
+    """
+
+    package: str
+    library: str
+    device: str
+    environment: dict[str, str]
+    tests: tuple[str, ...]
+
+
+KERNELS = *ALL_CORES, "tests/cl", "tests/render"
+RUSTICL_FILES = "diffsoup", "diffsoup_scenes", "splatting", "splatting_golden", "standard", "work_groups"
+MACHINES = {
+    # Both styles of kernels on either PoCL. Where the system has one, that is what `make test` takes.
+    "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, KERNELS),
+    "wheel": Machine("pocl-binary-distribution", "", "pocl:0", {}, KERNELS),
+    # As on a processor that the wheel does not know, so that it has to be mended.
+    "unknown": Machine("pocl-binary-distribution", "", "pocl", {"PYTHONPATH": str(UNKNOWN_CPU)}, KERNELS),
+    # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for images of 8K and long
+    # for random scenes, which are left out; golden images, references and work-groups are not.
+    "rusticl": Machine(
+        "mesa-opencl-icd",
+        "libRusticlOpenCL",
+        "rusticl",
+        {"RUSTICL_ENABLE": "llvmpipe"},
+        (
+            *ALL_CORES,
+            "tests/cl",
+            *(f"tests/render/test_{name}.py" for name in RUSTICL_FILES),
+            *("-k", "not 8k"),
+        ),
+    ),
+    # An interpreter that looks for races, a thousand times as slow: a small scene of each kind.
+    "oclgrind": Machine(
+        "oclgrind",
+        "liboclgrind-rt-icd",
+        "oclgrind",
+        {
+            "OCLGRIND_CHECK_API": "1",
+            "OCLGRIND_DATA_RACES": "1",
+            # Optimised code has intrinsics that the interpreter does not know.
+            "OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable",
+            "OCLGRIND_MAX_ERRORS": "1000000",
+        },
+        (*ALL_CORES, "tests/machines/oclgrind_scenes.py"),
+    ),
+}
+
+
+def library_of(machine: Machine) -> str | None:
+    """Return what an entry for the loader has to name, None where the machine is not installed."""
+    if not machine.library:
+        try:
+            return metadata.distribution(machine.package).version
+        except metadata.PackageNotFoundError:
+            return None
+    named = [line.strip() for file in sorted(VENDORS.glob("*.icd")) for line in file.read_text().splitlines()]
+    beside = map(str, Path("/usr/lib").glob("oclgrind/*.so"))  # Debian registers no entry for it
+    return next((name for name in (*named, *beside) if machine.library in name), None)
+
+
+def shown(environment: dict[str, str]) -> str:
+    """Return which device a process with that environment takes."""
+    done = subprocess.run(
+        [sys.executable, "-c", SHOW], env=environment, cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return done.stdout.strip() if done.returncode == 0 else "none: " + done.stderr.strip()[-300:]
+
+
+def run(name: str) -> bool:
+    """Run the tests of a machine, if it is there; return whether they passed."""
+    machine = MACHINES[name]
+    library = library_of(machine)
+    if library is None:
+        print(f"{name}: skipped, {machine.package} is not installed", flush=True)
+        return True
+    if name == "wheel" and library_of(MACHINES["pocl"]) is None:
+        print(f"{name}: skipped, it is the only PoCL here, so make test runs on it", flush=True)
+        return True
+    with tempfile.TemporaryDirectory(prefix="msb-machine-") as folder:
+        environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}
+        for variable in ("POCL_CACHE_DIR", "PYOPENCL_CTX"):
+            environment.pop(variable, None)
+        without = shown(environment) if machine.library else ""
+        environment |= machine.environment
+        if machine.library:
+            Path(folder, f"{name}.icd").write_text(f"{library}\n")
+        device = shown(environment)
+        if device == without or device.startswith("none"):
+            print(f"{name}: FAILED, {library} is there and what is taken is {device}", flush=True)
+            return False
+        print(f"{name}: {device}", flush=True)
+        start = time.monotonic()
+        command = sys.executable, "-m", "pytest", "-q", *machine.tests
+        passed = subprocess.run(command, env=environment, cwd=ROOT, check=False).returncode == 0
+    print(f"{name}: {'passed' if passed else 'FAILED'} in {time.monotonic() - start:.0f} s", flush=True)
+    return passed
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("machines", nargs="*", metavar="NAME", help=f"of {', '.join(MACHINES)}; default: all")
+    chosen = parser.parse_args().machines or list(MACHINES)
+    unknown = sorted({*chosen} - {*MACHINES})
+    if unknown:
+        parser.error(f"{', '.join(unknown)}: there are {', '.join(MACHINES)}")
+    results = [run(name) for name in chosen]
+    return 0 if all(results) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

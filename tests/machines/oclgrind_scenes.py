@@ -1,0 +1,200 @@
+"""Kernels of the GPU style under Oclgrind: no data race, no invalid access, no divergent barrier.
+
+Run by `python -m tests.machines oclgrind`, which sets what it needs.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from msb.cl import exclusive_scan, sort_pairs
+from msb.reference import render_reference
+from msb.render.dedicated import DedicatedRenderer
+from msb.render.splat.pipeline import SplattingPipeline
+from msb.render.standard.renderer import StandardRenderer
+from tests.cl.conftest import KERNELS, WITHOUT_ATOMICS, open_styled
+from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from msb.cl import Device
+
+pytestmark = pytest.mark.skipif(
+    "OCLGRIND_DATA_RACES" not in os.environ, reason="python -m tests.machines oclgrind runs this"
+)
+BACKGROUND = (0.0, 0.5, 1.0)
+
+
+class Report(NamedTuple):
+    """What Oclgrind said: a first line without addresses, and all of it."""
+
+    title: str
+    text: str
+
+
+class Known(NamedTuple):
+    """Reports judged to be of no consequence: patterns of the first line and of the whole, and why."""
+
+    title: str
+    text: str
+    reason: str
+
+
+KNOWN = (
+    Known(
+        r"Read-write data race at global memory address",
+        r"(?s)Kernel: (triangles|listed_triangles|raster)\n"
+        r"(?=.* = load volatile )(?=.*@_Z(8atom|10atomic)_(max|min))",
+        "A pixel is read before the atomic that may change it. It only ever grows, or shrinks: what was read "
+        "before another work-item's atomic costs one in vain, or saves one that would have changed nothing.",
+    ),
+    Known(
+        r"Oclgrind - OpenCL runtime error",
+        r"Function: clGetDeviceInfo\s+Error: +CL_INVALID_VALUE",
+        "pyopencl asks devices of OpenCL 1.2 for properties of later versions.",
+    ),
+)
+
+
+def reports_of(text: str) -> list[Report]:
+    """Split what Oclgrind wrote: a report is a line that is not indented and those below it that are."""
+    found = re.findall(r"^[^\s].*\n(?:(?:\t.*)?\n)*", text + "\n", re.MULTILINE)
+    return [Report(re.sub(r"0x[0-9a-f]+", "", one.partition("\n")[0]).strip(), one) for one in found]
+
+
+def is_known(report: Report) -> bool:
+    return any(re.match(k.title, report.title) and re.search(k.text, report.text) for k in KNOWN)
+
+
+class Watch:
+    """What Oclgrind has written since it was last asked: races in its log, errors of calls on stderr."""
+
+    def __init__(self, log: Path, capfd: pytest.CaptureFixture[str]) -> None:
+        self._log, self._capfd = log, capfd
+        self._seen = log.stat().st_size if log.exists() else 0
+
+    def findings(self) -> list[Report]:
+        text = self._log.read_bytes()[self._seen :].decode() if self._log.exists() else ""
+        self._seen += len(text.encode())
+        return [r for r in reports_of(text) + reports_of(self._capfd.readouterr().err) if not is_known(r)]
+
+
+@pytest.fixture(scope="session")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where this process's Oclgrind writes; it reads the variable when a context is made."""
+    path = tmp_path_factory.mktemp("oclgrind") / "log"
+    os.environ["OCLGRIND_LOG"] = str(path)
+    return path
+
+
+@pytest.fixture
+def watch(log: Path, capfd: pytest.CaptureFixture[str]) -> Watch:
+    return Watch(log, capfd)
+
+
+@pytest.fixture(params=["gpu", WITHOUT_ATOMICS])
+def device(request: pytest.FixtureRequest, log: Path) -> Iterator[Device]:
+    with open_styled(request.param) as opened:
+        yield opened
+
+
+@pytest.fixture
+def gpu(log: Path) -> Iterator[Device]:
+    with open_styled("gpu") as opened:
+        yield opened
+
+
+def drawn_equals_the_reference(renderer: Any, asset: Any, **options: Any) -> None:
+    try:
+        frame = renderer.render(front_camera(), BACKGROUND)
+    finally:
+        renderer.close()
+    expected = render_reference(asset, front_camera(), BACKGROUND, **options)
+    assert (frame.image != np.array(BACKGROUND, np.float32)).any(axis=-1).sum() > 100
+    assert (np.abs(frame.image - expected.image).max(axis=-1) > 1e-3).mean() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("kernel", "title"),
+    [
+        ("races", "Write-write data race at global memory address"),
+        ("reaches_beyond", "Invalid write of size 4 at global memory address"),
+        ("diverges", "Work-group divergence detected (barrier)"),
+    ],
+)
+def test_what_is_wrong_is_found(kernel: str, title: str, gpu: Device, watch: Watch) -> None:
+    program = gpu.program("wrong", package=KERNELS)
+    assert watch.findings() == []
+    getattr(program, kernel)(4, 4, gpu.allocate(4, np.int32))
+    gpu.finish()
+    assert title in [report.title for report in watch.findings()]
+
+
+def test_scan_and_sort(gpu: Device, watch: Watch) -> None:
+    values = np.random.default_rng(0).integers(0, 256, 2100, np.uint32)
+    offsets = gpu.allocate(len(values) + 1, np.uint32)
+    exclusive_scan(gpu, gpu.upload(values), offsets)
+    assert np.array_equal(offsets.read()[1:], np.cumsum(values))
+    keys, order = sort_pairs(gpu, gpu.upload(values), bits=8)
+    assert np.array_equal(keys.read(), np.sort(values))
+    assert np.array_equal(order.read(), np.argsort(values, kind="stable"))
+    assert watch.findings() == []
+
+
+@pytest.mark.parametrize("sampling", ["official", "engine"])
+@pytest.mark.parametrize("method", SPLATTING)
+def test_splatting(method: str, sampling: Any, gpu: Device, watch: Watch) -> None:
+    asset = soup(method, random_triangles(1), degree=1)
+    renderer = DedicatedRenderer(asset, device=gpu, sampling=sampling)
+    drawn_equals_the_reference(renderer, asset, sampling=sampling)
+    assert watch.findings() == []
+
+
+def test_splatting_in_drawing_order_with_more_faces_a_tile_than_are_staged_at_once(
+    gpu: Device, watch: Watch
+) -> None:
+    asset = soup("two_dts", random_triangles(1, 100, 2.0))
+    with gpu:
+        pipeline = SplattingPipeline(asset, device=gpu)
+        pipeline._order_faces(at_frame=1)
+        pipeline.render(front_camera(16, 12), BACKGROUND)
+        assert pipeline.counts["pairs"] > 64
+    assert watch.findings() == []
+
+
+@pytest.mark.parametrize("sampling", ["official", "engine"])
+@pytest.mark.parametrize("method", SPLATTING)
+def test_projection_decides_by_nothing_that_was_not_set(
+    method: str, sampling: Any, log: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only that stage can be watched so: to Oclgrind what clEnqueueFillBuffer wrote was not set."""
+    monkeypatch.setenv("OCLGRIND_UNINITIALIZED", "1")
+    monkeypatch.delenv("OCLGRIND_DATA_RACES")
+    with open_styled("gpu") as device:
+        renderer = DedicatedRenderer(soup(method, random_triangles(1, 40)), device=device, sampling=sampling)
+        renderer.render(front_camera(16, 12), BACKGROUND)
+        renderer.close()
+    decided = [r for r in watch.findings() if "Controlflow depends on uninitialized" in r.title]
+    assert [report for report in decided if "Kernel: project\n" in report.text] == []
+
+
+def test_diffsoup(device: Device, watch: Watch) -> None:
+    asset = soup("diffsoup", random_triangles(1))
+    drawn_equals_the_reference(DedicatedRenderer(asset, device=device), asset)
+    assert watch.findings() == []
+
+
+def test_standard(device: Device, watch: Watch) -> None:
+    """Small triangles, those of a work-group, and those of many."""
+    sizes = [
+        random_triangles(seed, count, size) for seed, count, size in ((1, 40, 0.3), (2, 10, 2.0), (3, 2, 40))
+    ]
+    StandardRenderer(soup("two_dts", np.concatenate(sizes)), device=device).render(front_camera(), BACKGROUND)
+    assert watch.findings() == []

@@ -1,0 +1,190 @@
+"""What the public functions that draw are given: the same is refused, and the same is taken, on all tiers."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.errors import UsageError
+from msb.scenes.colors import check_background
+from tests.reference.soups import METHODS, front_camera, random_triangles, soup
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.cl import Device
+
+TIERS = ("reference", "dedicated", "standard")
+
+
+@pytest.fixture(scope="module")
+def asset() -> Asset:
+    return soup("two_dts", random_triangles(1, count=4))
+
+
+@pytest.fixture(scope="module")
+def renderers(asset: Asset, cpu: Device) -> list[msb.Renderer]:
+    return [msb.Renderer(asset, tier=tier, device=cpu) for tier in TIERS]
+
+
+@pytest.mark.parametrize(
+    "background",
+    [
+        (np.nan, 0, 0),
+        (0, np.inf, 0),
+        (0, 0, 1e300),
+        (0, 0),
+        (0, 0, 0, 1),
+        [[0, 0, 0]],
+        1.0,
+        None,
+        ("0", "0", "0"),
+        (0, None, 0),
+        (0, [0, 1], 0),
+        {0, 1, 2},
+        {"red": 1},
+        1j * np.ones(3),
+        np.ma.masked_equal([0, 0.5, 1], 0.5),
+        "transparent",
+        "",
+        "0.1,0.2",
+        "0,0,2",
+        "#12345",
+        b"white",
+        np.zeros((3, 1)),
+    ],
+    ids=repr,
+)
+def test_a_background_that_is_no_colour_is_refused_on_every_tier(
+    background: Any, renderers: list[msb.Renderer]
+) -> None:
+    with pytest.raises(UsageError, match=r"^USAGE: background is ") as caught:
+        check_background(background)
+    for renderer in renderers:
+        for draw in (renderer.render, renderer.draw):
+            with pytest.raises(UsageError) as here:
+                draw(front_camera(), background)
+            assert str(here.value) == str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("background", "color"),
+    [
+        ("white", (1, 1, 1)),
+        (" Black ", (0, 0, 0)),
+        ("#ff0033", (1, 0, 0.2)),
+        ("0.5,0,1", (0.5, 0, 1)),
+        ("official", (1, 1, 1)),
+        ((-1, 2, 0.25), (-1, 2, 0.25)),
+        (np.array([0.25, 0.5, 1], np.float16), (0.25, 0.5, 1)),
+        ([0, 1, np.int8(0)], (0, 1, 0)),
+    ],
+    ids=repr,
+)
+def test_a_background_is_three_numbers_or_a_name(background: Any, color: Any) -> None:
+    assert check_background(background, "white") == pytest.approx(color)
+
+
+def test_names_of_backgrounds_are_those_of_the_command_line(asset: Asset, cpu: Device) -> None:
+    empty = replace(front_camera(8, 8), world_to_camera=np.diag([-1.0, 1, -1, 1]))
+    trained = replace(asset, manifest=replace(asset.manifest, appearance={"background": "white"}))
+    for tier in TIERS:
+        frame = msb.render(trained, empty, tier, background="official", device=cpu)
+        assert (frame.image == 1).all()
+    with pytest.raises(UsageError, match="background is 'official'"):
+        msb.render(asset, empty, background="official", device=cpu)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+@pytest.mark.parametrize(
+    ("changed", "code", "named"),
+    [
+        ({"asset": "garden.triasset"}, "USAGE", "asset is of type str; it must be an Asset, as msb.load"),
+        ({"asset": None}, "USAGE", "asset is of type NoneType"),
+        ({"camera": np.eye(4)}, "USAGE", "camera is of type ndarray; it must be an msb.Camera"),
+        ({"camera": None}, "USAGE", "camera is of type NoneType"),
+        ({"device": 3}, "DEVICE_SELECTOR", "device is of type int"),
+        ({"settings": [("gamma", 2.0)]}, "USAGE", "settings is of type list"),
+        ({"tier": 1}, "USAGE", "tier is of type int"),
+        ({"name": 1}, "USAGE", "name is of type int"),
+    ],
+    ids=repr,
+)
+def test_an_argument_of_another_type_is_refused_by_name(
+    tier: Any, changed: dict[str, Any], code: str, named: str, asset: Asset, cpu: Device
+) -> None:
+    given = {"asset": asset, "camera": front_camera(), "tier": tier, "device": cpu, **changed}
+    with pytest.raises(UsageError, match=named) as caught:
+        msb.render(**given)
+    assert caught.value.code == code
+
+
+def test_saving_what_is_no_asset_is_refused(tmp_path: Any) -> None:
+    with pytest.raises(UsageError, match="asset is of type dict"):
+        msb.save({}, tmp_path / "a.triasset")  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("layout", ["colmap", "synthetic"])
+@pytest.mark.parametrize(
+    "planes",
+    [
+        {"z_near": 1e-30},
+        {"z_near": 1e-300},
+        {"z_far": 1e30},
+        {"z_far": 1e299},
+        {"z_near": 0.1, "z_far": 1e8},
+        {"z_near": 2.0, "z_far": 2.0},
+        {"z_near": 3.0, "z_far": 2.0},
+    ],
+    ids=repr,
+)
+def test_planes_that_float32_cannot_hold_are_refused_on_both_tiers(
+    planes: dict[str, float], layout: str, cpu: Device
+) -> None:
+    asset = soup("diffsoup", random_triangles(1, count=4))
+    said = set()
+    for tier in ("reference", "dedicated"):
+        with pytest.raises(UsageError, match="z_near") as caught:
+            msb.render(asset, front_camera(), tier, settings={"layout": layout, **planes}, device=cpu)
+        assert caught.value.code == "SETTING_VALUE"
+        said.add(str(caught.value))
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("layout", ["colmap", "synthetic"])
+@pytest.mark.parametrize(
+    "planes", [{"z_near": 0.01, "z_far": 1e4}, {"z_near": 2e-4, "z_far": 400.0}], ids=repr
+)
+def test_planes_that_float32_can_hold_give_finite_pictures(
+    planes: dict[str, float], layout: str, cpu: Device
+) -> None:
+    asset = soup("diffsoup", random_triangles(1, count=20))
+    for tier in ("reference", "dedicated"):
+        frame = msb.render(asset, front_camera(), tier, settings={"layout": layout, **planes}, device=cpu)
+        assert frame.alpha.any()
+        assert np.isfinite(frame.image).all()
+
+
+def test_a_sigma_that_is_zero_in_float32_is_drawn_without_a_warning(cpu: Device) -> None:
+    asset = soup("mesh_splatting", random_triangles(1, count=20), welded=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pictures = [
+            msb.render(asset, front_camera(), tier, settings={"sigma": 1e-300}, device=cpu).image
+            for tier in ("reference", "dedicated")
+        ]
+    assert np.abs(pictures[0] - pictures[1]).max() < 1e-4
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_all_methods_take_a_background_by_name(method: str, cpu: Device) -> None:
+    asset = soup(method, random_triangles(1, count=4))
+    for tier in ("reference", "dedicated"):
+        by_name = msb.render(asset, front_camera(), tier, background="white", device=cpu)
+        by_number = msb.render(asset, front_camera(), tier, background=(1, 1, 1), device=cpu)
+        np.testing.assert_array_equal(by_name.image, by_number.image)

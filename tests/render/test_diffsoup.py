@@ -1,0 +1,197 @@
+"""DiffSoup's kernels against the official evaluator's and viewer's images, in both styles of kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.scenes import Camera
+from tests.cl.conftest import STYLES, WITHOUT_ATOMICS, open_styled
+from tests.conftest import ROOT
+from tests.golden.views import compare, scenes, views
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from msb.cl import Device
+    from msb.render import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One official image; `stored` are the official kernel's buffers, `shown` the official viewer's."""
+
+    name: str
+    scene: Path
+    camera: Camera
+    background: tuple[float, float, float]
+    settings: dict[str, Any]
+    image: np.ndarray
+    stable: np.ndarray
+    stored: dict[str, np.ndarray]
+    shown: dict[str, np.ndarray]
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def arrays_of(path: Path, number: int) -> dict[str, np.ndarray]:
+    prefix = f"v{number}_"
+    with np.load(path) as file:
+        return {key.removeprefix(prefix): file[key] for key in file.files if key.startswith(prefix)}
+
+
+def golden() -> list[View]:
+    found = []
+    for scene in scenes(ROOT / "tests" / "golden", "diffsoup"):
+        for number, (name, camera, background, settings, image, ok) in enumerate(views(scene, "diffsoup")):
+            stored, shown = (arrays_of(scene / f"{kind}views.npz", number) for kind in ("", "viewer_"))
+            found.append(View(name, scene, Camera(**camera), background, settings, image, ok, stored, shown))
+    return found
+
+
+VIEWS = golden()
+TAME = [view for view in VIEWS if not view.name.startswith("soup")]
+"""Without triangles that cross the camera plane, which the viewer clips and the evaluator drops."""
+
+
+@cache
+def exported(path: Path) -> msb.Asset:
+    return msb.export(path)
+
+
+@pytest.fixture(scope="module", params=["cpu", "gpu"])
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_styled(request.param) as opened:
+        yield opened
+
+
+def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
+    path = view.scene / "web_export" / view.scene.name if web else view.scene / "checkpoint"
+    pipeline = DiffSoupPipeline(exported(path), device=device, settings=view.settings, **options)
+    try:
+        return pipeline.render(view.camera, view.background)
+    finally:
+        pipeline.close()
+
+
+def raster_rows(view: View, image: np.ndarray) -> np.ndarray:
+    """Return an image in the raster's order of rows."""
+    return image[::-1] if view.stored["flip_rows"] else image
+
+
+@pytest.mark.parametrize("view", VIEWS, ids=str)
+def test_official_evaluation(device: Device, view: View) -> None:
+    frame, stored = draw(device, view), view.stored
+    same = frame.raw["tri_id"] == stored["tri_id"]
+    assert same[stored["stable"]].all()
+    assert (~same).mean() <= 0.005
+    assert np.abs(frame.image - view.image)[view.stable].max() <= 1e-4
+    quality, off = compare(frame.image, view.image, view.stable)
+    assert quality > 128
+    assert off == 0
+    np.testing.assert_array_equal(frame.raw["mvp"], stored["mvp"])
+    scale = np.abs(stored["mvp_inv"]).max()
+    assert np.abs(frame.raw["mvp_inv"] - stored["mvp_inv"]).max() <= 2e-5 * scale  # 3e-7 where near is 0.5
+    assert frame.raw["num_fragments"] == stored["num_fragments"]
+    assert np.abs(frame.raw["bary01"] - stored["bary01"])[same].max() <= 2e-4
+    assert np.abs(frame.raw["depth"] - stored["depth"])[same].max() <= 2e-5
+    for name in {"features", "sh"} & stored.keys():
+        assert np.abs(frame.raw[name] - stored[name])[same].max() <= 1e-5
+    if "clip_vertices" in stored:
+        indices = exported(view.scene / "checkpoint").buffers["indices"]
+        np.testing.assert_allclose(
+            frame.raw["clip_corners"], stored["clip_vertices"][indices], rtol=0, atol=5e-7
+        )
+
+
+@pytest.mark.parametrize("view", [VIEWS[0], VIEWS[-1]], ids=str)
+def test_frame(device: Device, view: View) -> None:
+    frame = draw(device, view)
+    hit = frame.face_id >= 0
+    assert (frame.image.dtype, frame.depth.dtype, frame.face_id.dtype) == (np.float32, np.float32, np.int32)
+    assert frame.normal is None
+    np.testing.assert_array_equal(raster_rows(view, frame.face_id), frame.raw["tri_id"])
+    np.testing.assert_array_equal(frame.alpha, hit)
+    np.testing.assert_array_equal(np.flatnonzero(frame.visible), np.unique(frame.face_id[hit]))
+    assert (frame.image[~hit] == np.float32(view.background)).all()
+    assert (frame.depth[~hit] == 0).all()
+    for name in ("bary01", "depth", "features", "sh"):
+        assert (frame.raw[name][~raster_rows(view, hit)] == 0).all()
+    near, far = view.settings["z_near"], view.settings["z_far"]
+    z = frame.depth[hit].astype(np.float64)
+    ndc = (far + near - 2 * far * near / z) / (far - near)
+    assert np.abs(ndc - raster_rows(view, frame.raw["depth"])[hit]).max() <= 1e-4
+    assert set(frame.timings) == {"project", "clear", "raster", "decode", "read"}
+    # Without the option nothing else changes.
+    plain = draw(device, view, outputs=())
+    assert set(plain.raw) == {"mvp", "mvp_inv", "tri_id"}
+    np.testing.assert_array_equal(plain.image, frame.image)
+
+
+@pytest.mark.parametrize("view", TAME, ids=str)
+def test_official_viewer(device: Device, view: View) -> None:
+    """The viewer's render targets and colours: bytes in its textures, bytes again after interpolation."""
+    frame = draw(device, view, web=True, viewer=True)
+    shown = view.shown["viewer_image"]
+    hit = raster_rows(view, frame.alpha) > 0
+    levels = np.abs(np.rint(255 * raster_rows(view, frame.image)) - shown.astype(int)).max(-1)
+    assert (levels <= 1).mean() > 0.998  # a few pixels at edges, and noise where features differ by a level
+    assert (levels == 0).mean() > 0.99
+    if "gbuf_a" in view.shown:
+        target = np.concatenate([view.shown["gbuf_a"], view.shown["gbuf_b"][..., :3]], axis=-1)
+        drawn = view.shown["gbuf_b"][..., 3] > 0
+        assert (hit != drawn).sum() <= 2
+        both = hit & drawn
+        bytes_ = np.rint(255 * frame.raw["features"])
+        assert (bytes_ == target).all(-1)[both].mean() > 0.999
+    # The truncated bytes can be made from the checkpoint, with the same result.
+    again = draw(device, view, viewer=True)
+    np.testing.assert_array_equal(again.image, frame.image)
+
+
+@pytest.mark.parametrize("view", TAME[:1], ids=str)
+def test_web_export_is_near_the_checkpoint(device: Device, view: View) -> None:
+    """Bytes without the viewer's second rounding: the truncation alone, and pixels where it moves an edge."""
+    frame = draw(device, view, web=True)
+    assert (frame.raw["tri_id"] != view.stored["tri_id"]).mean() < 0.01
+    assert 30 < -10 * np.log10(np.mean((frame.image - view.image) ** 2)) < 60
+
+
+def test_styles_agree_to_the_bit() -> None:
+    frames: list[list[Frame]] = []
+    for style in STYLES:
+        with open_styled(style) as device:
+            frames.append([draw(device, view) for view in (VIEWS[2], VIEWS[4], VIEWS[5])])
+    for first, *others in zip(*frames, strict=True):
+        for other in others:
+            for name in ("image", "alpha", "depth", "face_id", "visible"):
+                np.testing.assert_array_equal(getattr(first, name), getattr(other, name), err_msg=name)
+            for name, array in first.raw.items():
+                np.testing.assert_array_equal(array, other.raw[name], err_msg=name)
+
+
+def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
+    """Bands, one work-item a group, are right there too, and no way to use a GPU."""
+    asset = exported(VIEWS[0].scene / "checkpoint")
+    with open_styled(WITHOUT_ATOMICS) as device:
+        assert DiffSoupPipeline(asset, device=device)._program.name == "msb.methods.diffsoup/diffsoup_gpu.cl"
+
+
+def test_same_image_again_and_after_another_camera(device: Device) -> None:
+    large, small = TAME[0], TAME[2]
+    asset = exported(large.scene / "checkpoint")
+    pipeline = DiffSoupPipeline(asset, device=device, settings=large.settings)
+    first = pipeline.render(large.camera, (1, 1, 1))
+    pipeline.render(small.camera, (0, 0, 0))
+    again = pipeline.render(large.camera, (1, 1, 1))
+    np.testing.assert_array_equal(first.image, again.image)
+    np.testing.assert_array_equal(first.visible, again.visible)
+    pipeline.close()

@@ -1,0 +1,314 @@
+"""DiffSoup's kernels on random scenes against the NumPy reference, and at their limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.asset import Description, build_asset
+from msb.asset.manifest import StoredSetting
+from msb.asset.reader import Asset
+from msb.cl import Device, open_device
+from msb.errors import AssetError, DeviceError, UsageError
+from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.reference import render_reference
+from msb.scenes import Camera
+from tests.cl.conftest import SELECTOR, STYLES, open_styled
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.render import Frame
+
+BLACK = (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module", params=STYLES)
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_styled(request.param) as opened:
+        yield opened
+
+
+def model(
+    positions: np.ndarray,
+    indices: np.ndarray,
+    level: int,
+    *,
+    seed: int = 0,
+    opacity: np.ndarray | None = None,
+    quantised: bool = False,
+    layout: str = "colmap",
+    near: float = 0.5,
+    far: float = 100.0,
+) -> Asset:
+    """Return an asset with random features and decoder; opacities are random if not given."""
+    rng = np.random.default_rng(seed)
+    faces, samples = len(indices), (2**level + 1) * (2**level + 2) // 2
+    if opacity is None:
+        opacity = np.clip(rng.normal(0.6, 0.3, (faces, samples)), 0, 1)
+        opacity[::5] = 1
+        opacity[1::7] = 0.5  # what no gradient ever reached
+    lattices = {"lattice": rng.random((faces, samples, 7)), "opacity": opacity}
+    dtype, scale = (np.uint8, 255) if quantised else (np.float32, 1)
+    buffers = {f"features.{name}": (array * scale).astype(dtype) for name, array in lattices.items()}
+    for layer, outputs in (("mlp.0", 16), ("mlp.2", 16), ("mlp.4", 3)):
+        buffers[f"decoder.{layer}.weight"] = rng.normal(0, 0.6, (outputs, 16)).astype(np.float32)
+        buffers[f"decoder.{layer}.bias"] = rng.normal(0, 0.3, outputs).astype(np.float32)
+    settings = {"layout": layout, "z_near": near, "z_far": far}
+    return build_asset(
+        {"positions": positions.astype(np.float32), "indices": indices.astype(np.uint32), **buffers},
+        {name: "global" if name.startswith("decoder") else "face" for name in buffers},
+        Description(
+            method="diffsoup",
+            opacity={"encoding": "feature", "threshold": 0.5},
+            appearance={
+                "kind": "neural_decoder",
+                "level": level,
+                "feature_encoding": "lut" if quantised else "sigmoid",
+                "blend_feature": 3,
+                "background": "#000000",
+            },
+            compositing={"kind": "binary_z_buffer"},
+            settings={name: StoredSetting(value, "default") for name, value in settings.items()},  # type: ignore[arg-type]
+        ),
+    )
+
+
+def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles of all sizes in front of, across and behind the camera, with shared vertices.
+
+    Some are doubled, with the same and with rotated order of vertices, some stacked within the depth key's
+    rounding, some are slivers and some have no area.
+    """
+    rng = np.random.default_rng(seed)
+    center = rng.normal(0, 1, (150, 1, 3)) * (1.5, 1.2, 3) + (0, 0, 4)
+    size = np.exp(rng.normal(-1, 1.2, (150, 1, 1)))
+    triangles = center + size * rng.normal(0, 1, (150, 3, 3))
+    triangles[:8] = rng.normal(0, 6, (8, 3, 3))
+    triangles[8:16, 2] = triangles[8:16, 1] + 1e-4 * rng.normal(0, 1, (8, 3))
+    triangles[16:18, 2] = triangles[16:18, 1]
+    triangles[18:26] = triangles[18] + (0, 0, 1e-6) * np.arange(8)[:, None, None]
+    positions = triangles.reshape(-1, 3)
+    indices = np.arange(450).reshape(-1, 3)
+    shared = rng.integers(60, 450, (30, 3))
+    indices = np.concatenate([indices, shared, indices[30:50], np.roll(indices[50:60], 1, axis=1)])
+    return positions, rng.permutation(indices)
+
+
+def camera(width: int = 61, height: int = 45, **changes: Any) -> Camera:
+    focal = 0.9 * width
+    made = Camera(width, height, focal, 1.1 * focal, width / 2, height / 2, np.eye(4))
+    return replace(made, **changes)
+
+
+def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK, **options: Any) -> Frame:
+    pipeline = DiffSoupPipeline(asset, device=device, **options)
+    try:
+        return pipeline.render(seen_by, background)
+    finally:
+        pipeline.close()
+
+
+@pytest.mark.parametrize("level", range(6))
+@pytest.mark.parametrize("quantised", [False, True], ids=["numbers", "bytes"])
+def test_reference(device: Device, level: int, quantised: bool) -> None:
+    layout = ("colmap", "synthetic")[(level + quantised) % 2]
+    asset = model(*soup(level), level, seed=level, quantised=quantised, layout=layout, near=0.2)
+    seen_by = camera(cx=28.3, cy=24.9) if level % 3 == 0 else camera(64, 37)
+    frame = draw(device, asset, seen_by, (0.25, 0.5, 0.75))
+    expected = render_reference(asset, seen_by, (0.25, 0.5, 0.75))
+    assert (expected.face_id >= 0).mean() > 0.3
+    same = frame.face_id == expected.face_id
+    if device.record.correctly_rounded:  # then every operation before the decoder is the reference's
+        assert same.all()
+        assert frame.raw["num_fragments"] == expected.raw["num_fragments"]
+        for name in ("mvp", "mvp_inv", "bary01", "depth", "features", "sh"):
+            np.testing.assert_array_equal(frame.raw[name], expected.raw[name], err_msg=name)
+        np.testing.assert_array_equal(frame.visible, expected.visible)
+        np.testing.assert_array_equal(frame.depth, expected.depth)
+    assert same.mean() > 0.995
+    assert np.abs(frame.image - expected.image)[same].max() < 1e-5
+
+
+def test_lowest_of_equal_triangles_wins(device: Device) -> None:
+    positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3]])
+    for count in (2, 9, 40):
+        asset = model(positions, np.tile([0, 1, 2], (count, 1)), 1, opacity=np.ones((count, 6)))
+        frame = draw(device, asset, camera(33, 20))
+        assert set(np.unique(frame.face_id)) == {-1, 0}
+        assert frame.visible.tolist() == [True] + [False] * (count - 1)
+        assert frame.raw["num_fragments"] == count * frame.alpha.sum()
+
+
+def test_opacity_threshold_keeps_a_half(device: Device) -> None:
+    positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3.5], [-2, -2, 4], [2, -2, 4], [0, 3, 4]])
+    opacity = np.full((2, 3), 0.5)
+    opacity[0] = np.nextafter(np.float32(0.5), np.float32(0)) - 1e-6
+    asset = model(positions, np.arange(6).reshape(2, 3), 0, opacity=opacity)
+    frame = draw(device, asset, camera(40, 31))
+    expected = render_reference(asset, camera(40, 31))
+    np.testing.assert_array_equal(frame.face_id, expected.face_id)
+    assert set(np.unique(frame.face_id)) == {-1, 1}
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 1), (1, 9), (8, 16), (17, 33)])
+def test_small_images(device: Device, size: tuple[int, int]) -> None:
+    asset = model(*soup(3), 1)
+    seen_by = camera(*size)
+    frame, expected = draw(device, asset, seen_by), render_reference(asset, seen_by)
+    assert (frame.face_id == expected.face_id).mean() > 0.995
+    assert frame.image.shape == (*size[::-1], 3)
+
+
+def test_large_image() -> None:
+    """8K: a band of it is drawn, the rest is background."""
+    positions = np.array([[-9, -0.02, 3], [9, -0.02, 3], [9, 0.02, 3], [-9, 0.02, 3]])
+    asset = model(positions, np.array([[0, 1, 2], [0, 2, 3]]), 5, opacity=np.ones((2, 561)))
+    with open_device(SELECTOR) as device:
+        frame = draw(device, asset, camera(7680, 4320), (0.0, 0.5, 1.0), outputs=())
+    rows = np.flatnonzero((frame.face_id >= 0).all(axis=1))
+    # y = +-0.02 at depth 3, focal length 1.1 * 0.9 * 7680 pixels
+    assert (rows[0], rows[-1]) == (2109, 2210)
+    assert not (frame.face_id[: rows[0]] >= 0).any()
+    assert (frame.image[0, 0] == np.float32((0, 0.5, 1))).all()
+    assert frame.visible.all()
+
+
+def test_empty_view(device: Device) -> None:
+    asset = model(*soup(1), 2)
+    away = np.diag([-1.0, 1, -1, 1])
+    away[2, 3] = -500
+    frame = draw(device, asset, camera(world_to_camera=away), (0.1, 0.2, 0.3))
+    assert (frame.image == np.float32((0.1, 0.2, 0.3))).all()
+    assert not frame.visible.any()
+    assert (frame.face_id == -1).all()
+    assert not frame.depth.any()
+    assert frame.raw["num_fragments"] == 0
+
+
+def test_one_triangle_over_everything(device: Device) -> None:
+    positions = np.array([[-90, -90, 3], [90, -90, 3], [0, 90, 3]])
+    frame = draw(device, model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3))), camera(100, 75))
+    assert (frame.face_id == 0).all()
+    np.testing.assert_allclose(frame.depth, 3, rtol=1e-6)
+
+
+def test_many_triangles_in_one_tile(device: Device) -> None:
+    """Each covers all of the picture: the nearest is seen, wherever it stands among the 100,000."""
+    count = 100_000
+    depth = np.random.default_rng(0).permutation(np.linspace(3, 9, count))
+    corners = np.array([[-20, -20], [20, -20], [0, 20]]) * depth[:, None, None] / 9
+    positions = np.concatenate([corners, np.repeat(depth, 3).reshape(-1, 3, 1)], axis=2)
+    positions[77_777, :, 2] = 2.9
+    indices = np.arange(3 * count).reshape(-1, 3)
+    asset = model(positions.reshape(-1, 3), indices, 0, opacity=np.ones((count, 3)))
+    frame = draw(device, asset, camera(16, 16), outputs=())
+    assert (frame.face_id == 77_777).all()
+    np.testing.assert_allclose(frame.depth, 2.9, rtol=1e-6)
+
+
+def test_a_corner_behind_the_camera_drops_the_triangle(device: Device) -> None:
+    positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, -0.001]])
+    asset = model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))
+    assert not draw(device, asset, camera()).alpha.any()
+
+
+def test_near_plane_cuts_pixels(device: Device) -> None:
+    positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 0.3]])
+    asset = model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))
+    depth = draw(device, asset, camera()).depth
+    assert depth.any()
+    assert depth[depth > 0].min() >= 0.4999
+
+
+def test_large_coordinates(device: Device) -> None:
+    """Products beyond float32 are infinities and NaN, which are outside, not crashes."""
+    positions, indices = soup(5)
+    positions[:30] *= 1e30
+    positions[30:60] *= 1e-30
+    asset = model(positions, indices, 1)
+    frame = draw(device, asset, camera())
+    expected = render_reference(asset, camera())
+    assert (frame.face_id == expected.face_id).mean() > 0.995
+
+
+def test_viewer_rounds_features_to_bytes(device: Device) -> None:
+    asset = model(*soup(2), 2)
+    frame = draw(device, asset, camera(), viewer=True)
+    levels = 255 * frame.raw["features"]
+    assert np.abs(levels - np.rint(levels)).max() < 1e-4
+    assert np.abs(frame.image - draw(device, asset, camera()).image).mean() > 0
+
+
+def changed(asset: Asset, **buffers: np.ndarray) -> Asset:
+    """Return `asset` with other buffers, unchecked, as an opened file's values are."""
+    return Asset(asset.manifest, MappingProxyType({**asset.buffers, **buffers}))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["positions", "features.lattice", "features.opacity", "decoder.mlp.2.weight", "decoder.mlp.4.bias"],
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_finite(device: Device, name: str, value: float) -> None:
+    asset = model(*soup(1), 1)
+    array = asset.buffers[name].copy()
+    array.reshape(-1)[-1] = value
+    with pytest.raises(AssetError, match=f"{name} holds") as caught:
+        DiffSoupPipeline(changed(asset, **{name: array}), device=device)
+    assert caught.value.code == "TRIASSET_VALUE_NONFINITE"
+
+
+def test_refused_assets(device: Device) -> None:
+    asset = model(*soup(1), 1)
+    indices = asset.buffers["indices"].copy()
+    indices[3, 1] = asset.manifest.vertex_count
+    manifest = replace(asset.manifest, appearance={**asset.manifest.appearance, "level": 9})
+    rest = {name: array for name, array in asset.buffers.items() if name != "features.opacity"}
+    byte = np.zeros(asset.buffers["features.opacity"].shape, np.uint8)
+    cases = {
+        "TRIASSET_INDEX_OUT_OF_RANGE": changed(asset, indices=indices),
+        "TRIASSET_FIELD_VALUE": Asset(manifest, asset.buffers),
+        "TRIASSET_BUFFER_REQUIRED": Asset(asset.manifest, MappingProxyType(rest)),
+        "TRIASSET_BUFFER_SHAPE": changed(
+            asset, **{"features.opacity": rest["features.lattice"][:, :, 0][:, :5]}
+        ),
+        "TRIASSET_BUFFER_DTYPE": changed(asset, **{"features.opacity": byte}),
+    }
+    for code, bad in cases.items():
+        with pytest.raises(AssetError) as caught:
+            DiffSoupPipeline(bad, device=device)
+        assert caught.value.code == code
+
+
+def test_settings(device: Device) -> None:
+    asset = model(*soup(1), 1)
+    with pytest.raises(UsageError, match="no setting"):
+        DiffSoupPipeline(asset, device=device, settings={"gamma": 2.0})
+    for near, far in ((1.0, 1.0), (2.0, 1.0), (1e-200, 1e200)):
+        with pytest.raises(UsageError, match="z_near"):
+            draw(device, asset, camera(), settings={"z_near": near, "z_far": far})
+
+
+def test_device_of_ones_own_and_of_others() -> None:
+    asset = model(*soup(1), 1)
+    with open_device(SELECTOR) as shared:
+        pipeline = DiffSoupPipeline(asset, device=shared)
+        pipeline.render(camera(), BLACK)
+        held = pipeline.memory()
+        assert held["lattice features"] == asset.buffers["features.lattice"].nbytes
+        pipeline.close()
+        pipeline.close()
+        assert "lattice features" not in shared.memory()
+        assert "positions" not in pipeline.memory()
+        DiffSoupPipeline(asset, device=shared).render(camera(), BLACK)
+    own = DiffSoupPipeline(asset, device=SELECTOR)
+    own.render(camera(), BLACK)
+    assert own.memory().keys() == held.keys()
+    own.close()
+    with pytest.raises(DeviceError):
+        own.render(camera(), BLACK)

@@ -1,0 +1,165 @@
+"""Faces with corners very far away, beside a ray caster in long double that shares no code with us."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from data_stubs.surface import icosphere
+from msb.engines.agreement import interior
+from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, twin, unshared
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.cl import Device
+    from msb.scenes import Camera
+    from tests.render.standard_scenes import Arrays
+
+REAL = np.longdouble
+NEAR = REAL(np.float32(0.01))
+
+
+class Cast(NamedTuple):
+    """What the rays of all pixels meet; `clear` (H, W): neither an edge nor another depth is near."""
+
+    face_id: NDArray[np.int64]
+    depth: NDArray[np.float64]
+    image: NDArray[np.float64]
+    clear: NDArray[np.bool_]
+
+
+def cast(mesh: Arrays, colors: NDArray[np.uint8], view: Camera) -> Cast:
+    """Meet every face with the ray of every pixel: sides by the volumes that ray and corners span."""
+    pose = view.world_to_camera.astype(REAL)
+    corners = (mesh[0].astype(REAL) @ pose[:3, :3].T + pose[:3, 3])[mesh[1]]
+    rgb = colors[mesh[1]].astype(REAL) / 255
+    y, x = np.mgrid[: view.height, : view.width].astype(REAL) + REAL(0.5)
+    rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1)
+    nearest, second = np.zeros((2, view.height, view.width), REAL)
+    face_id = np.full(x.shape, -1)
+    image = np.broadcast_to(np.array(BACKGROUND, REAL), rays.shape).copy()
+    for face, (a, b, c) in enumerate(corners):
+        volumes = rays @ np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
+        one, two, three = sorted((a, b, c), key=lambda corner: np.abs(corner).max())
+        normal = np.cross(two - one, three - one)
+        if normal @ one == 0:
+            continue
+        inverse = rays @ normal / (normal @ one)
+        same_sign = (volumes >= 0).all(axis=-1) | (volumes <= 0).all(axis=-1)
+        met = same_sign & (inverse > 0) & (inverse <= 1 / NEAR)
+        wins = met & (inverse > nearest)
+        second = np.where(wins, nearest, np.where(met, np.maximum(second, inverse), second))
+        nearest[wins], face_id[wins] = inverse[wins], face
+        weights = volumes[wins] / volumes[wins].sum(axis=-1, keepdims=True)
+        image[wins] = weights @ rgb[face]
+    hit = nearest > 0
+    depth = np.where(hit, 1 / np.where(hit, nearest, 1), 0)
+    clear = interior(face_id) & (second < nearest * REAL(0.999))
+    return Cast(face_id, depth.astype(np.float64), image.astype(np.float64), clear)
+
+
+def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArray[np.float64]:
+    """Return triangles (n, 3, 3) in camera coordinates that reach `size` far, other corners at 1 to 5."""
+    near = random.normal(size=(10, 3, 3)) * 1.2 + (0, 0, 4)
+    away = size * random.uniform(0.5, 2, (10, 2, 1))
+    match kind:
+        case "one corner":
+            near[:, :1] = unit(random.normal(size=(10, 1, 3))) * away[:, :1]
+        case "two corners":
+            near[:, :2] = unit(random.normal(size=(10, 2, 3))) * away
+        case "along an axis":  # others keep their places: the far corner may have the least depth
+            near[range(10), 0, random.integers(0, 3, 10)] = away[:, 0, 0] * random.choice([-1, 1], 10)
+        case "floor":  # all corners of two triangles that pass the camera at 0.3 to 3
+            up = unit(random.normal(size=3))
+            right = unit(np.cross(up, random.normal(size=3)))
+            ahead = np.cross(up, right)
+            a, b, c, d = (up * random.uniform(0.3, 3) + size * (right * i + ahead * j) for i, j in CORNERS)
+            near = np.concatenate([near[:4], [[a, b, c], [a, c, d]]])
+        case "strip":  # three wide, past the camera, and as long as anything
+            along = unit(random.normal(size=(10, 3)))
+            across = 3 * unit(np.cross(along, random.normal(size=(10, 3))))
+            middle = random.normal((0, 0, 3), size=(10, 3))
+            ends = middle - along * size, middle + along * size
+            near = np.stack([*ends, ends[1] + across], axis=1)
+    order = random.permuted(np.tile(np.arange(3), (len(near), 1)), axis=1)
+    return np.take_along_axis(near, order[:, :, None], axis=1)
+
+
+CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+
+def turned(random: np.random.Generator) -> Camera:
+    """Return a camera in no special place, so that far corners are rounded on their way to it."""
+    rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    pose = np.eye(4)
+    pose[:3, :3] = rotation * np.sign(np.linalg.det(rotation))
+    pose[:3, 3] = random.normal(size=3)
+    return camera(pose=pose)
+
+
+def seen_by(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places in the world of places in camera coordinates."""
+    return (triangles - view.world_to_camera[:3, 3]) @ view.world_to_camera[:3, :3]
+
+
+def check(found: Any, expected: Cast) -> None:
+    clear = expected.clear
+    np.testing.assert_array_equal(found.face_id[clear], expected.face_id[clear])
+    assert (found.face_id != expected.face_id).mean() < 0.002  # the very edges
+    hit = clear & (expected.face_id >= 0)
+    assert hit.sum() > 500
+    np.testing.assert_allclose(found.depth[hit], expected.depth[hit], rtol=5e-5)
+    np.testing.assert_allclose(found.image[hit], expected.image[hit], atol=2e-4)
+
+
+CASES = [
+    (kind, size)
+    for kind in ("one corner", "two corners", "along an axis", "floor", "strip")
+    for size in (1e4, 1e6, 7e7, 1e9)
+    if not (kind == "strip" and size > 1e7)  # a float32 so far away tells places no three units apart
+]
+
+
+@pytest.mark.parametrize(("kind", "size"), CASES)
+def test_a_corner_far_away_leaves_face_depth_and_colour_right(
+    cpu: Device, gpu: Device, kind: str, size: float
+) -> None:
+    random = np.random.default_rng([int(size), len(kind)])
+    view = turned(random)
+    mesh = unshared(seen_by(view, far_triangles(kind, size, random)))
+    colors = random_colors(7, len(mesh[0]))
+    expected = cast(mesh, colors, view)
+    check(twin(mesh, colors, view), expected)
+    for device in (cpu, gpu):
+        if kind in ("floor", "strip") and not device.record.fp64:
+            continue  # no near corner says where the plane is: float32 cannot
+        check(draw(device, mesh_asset(mesh, colors), view), expected)
+
+
+@pytest.mark.parametrize("largest", [2, 4, 6, 9])
+def test_a_shell_around_the_camera_has_no_cracks_however_far_its_corners_are(
+    cpu: Device, gpu: Device, largest: int
+) -> None:
+    random = np.random.default_rng(largest)
+    directions, faces = icosphere(3)
+    is_far = random.random(len(directions)) < 0.3
+    radii = 10 ** random.uniform(np.where(is_far, 1, -0.5), np.where(is_far, largest, 1))
+    view = turned(random)
+    mesh = seen_by(view, directions * radii[:, None]).astype(np.float32), np.array(faces, np.uint32)
+    colors = random_colors(1, len(directions))
+    expected = cast(mesh, colors, view)
+    frames = [draw(device, mesh_asset(mesh, colors), view) for device in (cpu, gpu)]
+    for frame in frames:
+        assert frame.alpha.all()
+        np.testing.assert_array_equal(frame.face_id[expected.clear], expected.face_id[expected.clear])
+    for one, other in zip(
+        (frames[0].image, frames[0].depth), (frames[1].image, frames[1].depth), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)

@@ -1,0 +1,61 @@
+"""Devices that allow small work-groups only: what needs larger ones is refused with the sizes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from msb.errors import DeviceError
+from msb.render.dedicated import DedicatedRenderer
+from msb.render.standard.renderer import StandardRenderer
+from tests.cl.conftest import open_styled
+from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.asset import Asset
+    from msb.cl import Device
+    from msb.render import Frame
+
+
+@pytest.fixture(params=[64, 128])
+def limited(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_styled("gpu") as device:
+        device.record = device._queue.record = replace(device.record, max_work_group=request.param)
+        yield device
+
+
+def model(method: str) -> Asset:
+    return soup(method, random_triangles(1, 200, 0.5), degree=0)
+
+
+def draw(tier: type, method: str, device: Device) -> Frame:
+    renderer = tier(model(method), device=device)
+    try:
+        frame: Frame = renderer.render(front_camera(90, 60), (0.0, 0.5, 1.0))
+    finally:
+        renderer.close()
+    return frame
+
+
+@pytest.mark.parametrize("method", SPLATTING)
+def test_blending_is_refused_where_a_group_cannot_be_a_tile(method: str, limited: Device) -> None:
+    allowed = limited.record.max_work_group
+    with pytest.raises(DeviceError) as caught:
+        draw(DedicatedRenderer, method, limited)
+    assert (caught.value.code, caught.value.exit_status) == ("DEVICE_LIMIT", 5)
+    assert f"kernel blend needs work-groups of 16 x 16 = 256, and {limited.record}" in caught.value.message
+    assert f"allows {allowed} for it" in caught.value.message
+
+
+@pytest.mark.parametrize(("tier", "method"), [(DedicatedRenderer, "diffsoup"), (StandardRenderer, "two_dts")])
+def test_z_buffers_draw_with_small_groups(tier: type, method: str, limited: Device, gpu: Device) -> None:
+    frame, expected = draw(tier, method, limited), draw(tier, method, gpu)
+    assert expected.face_id is not None
+    assert (expected.face_id >= 0).sum() > 500
+    for name in ("image", "depth", "face_id"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(expected, name))

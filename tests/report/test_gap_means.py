@@ -1,0 +1,51 @@
+"""The means beside a gap, in a sentence and in the chart, where a scene is missing on one side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from matplotlib.axes import Axes
+
+from msb.report.collect import collect
+from msb.report.figures import deployment_gap
+from msb.report.findings import find
+from msb.report.numbers import MEAN, Key, Numbers
+from msb.report.results import read_results
+from tests.report.factory import make_result, quality, write
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def gap_with_a_scene_missing(tmp_path: Path) -> Numbers:
+    """20 and 40 dB under one condition, 15 dB and a failure on the next."""
+    for scene, dedicated, standard in (("garden", 20.0, 15.0), ("bonsai", 40.0, None)):
+        for condition, psnr in (("dedicated", dedicated), ("standard", standard)):
+            made = make_result("mipnerf360", scene, "two_dts", condition)
+            parts: dict[str, Any] = {"status": "failed", "quality": None, "timing": None}
+            if psnr is not None:
+                parts = {"quality": quality(made.cell, psnr, 0.5, None)}
+            write(tmp_path, made.model_copy(update=parts))
+    return collect(read_results(tmp_path))
+
+
+def test_the_means_beside_a_gap_are_of_its_own_scenes(gap_with_a_scene_missing: Numbers) -> None:
+    assert gap_with_a_scene_missing.value(Key("mipnerf360", MEAN, "two_dts", "dedicated", "psnr")) == 30
+    said = [one.sentence for one in find(gap_with_a_scene_missing) if one.kind == "port_gap"]
+    assert said == [
+        "Dedicated to Standard costs 2DTS on Mip-NeRF 360 5.00 dB (20.00 to 15.00, over 1 of 9 scenes)."
+    ]
+
+
+def test_the_chart_of_gaps_joins_means_of_the_same_scenes(
+    gap_with_a_scene_missing: Numbers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+    plot = Axes.plot
+    monkeypatch.setattr(
+        Axes, "plot", lambda self, *data, **style: (drawn.append(data), plot(self, *data, **style))[1]
+    )
+    assert deployment_gap(gap_with_a_scene_missing, "mipnerf360") is not None
+    assert drawn == [((1, 2), (20.0, 15.0))]

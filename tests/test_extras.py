@@ -1,0 +1,83 @@
+"""What the Python API says where an extra is not installed: one code, one status, the extra by name."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.errors import EXIT_STATUS, UsageError
+from msb.extras import install, need_extra
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CALLS = {
+    "ssim": ("bench", "metrics.ssim(image, image)"),
+    "read EXR": ("bench", "metrics.read_image('a.exr')"),
+    "write EXR": ("bench", "images.write_image(Path('b.exr'), image, 'exr')"),
+    "results": ("bench", "folder.exclusive(Path('r')).__enter__()"),
+    "track": ("bench", "track.track(['true'])"),
+    "page": ("bench", "pages._environment()"),
+    "figure": ("bench", "figures._figure('n', 't', 'c', print)"),
+    "film": ("video", "images.write_film(Path('f.mp4'), [image], 24)"),
+    "lpips": ("lpips", "metrics.lpips_vgg(image, image, vgg_weights='vgg.pth')"),
+    "cluster": ("distributed", "pool.DaskWorkers('tcp://127.0.0.1:1')"),
+    "window": ("view", "gl.GlProbe.start()"),
+    "topology figure": ("view", "figure.write_figure(None, Path('t.png'))"),
+}
+"""What is called -> the extra it needs, and the call."""
+DRIVER = """
+import json, sys
+from pathlib import Path
+calls, absent = json.load(sys.stdin)
+sys.modules.update(dict.fromkeys(absent))
+import numpy as np
+from msb import metrics
+from msb.bench import folder, pool, track
+from msb.errors import MsbError
+from msb.render import images
+from msb.report import figures, pages
+from msb_viewers import figure, gl
+image, found = np.zeros((8, 8, 3), np.float32), {}
+Path("a.exr").touch()
+for name, call in calls.items():
+    try:
+        eval(call)
+    except MsbError as error:
+        found[name] = [error.code, error.exit_status, error.value, str(error)]
+print(json.dumps([found, sorted(path.name for path in Path().iterdir())]))
+"""
+ABSENT = ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av")
+ABSENT += ("torch", "lpips", "distributed", "pyvista", "vtkmodules")
+
+
+def test_the_api_names_the_extra_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVER],
+        input=json.dumps([{name: call for name, (_, call) in CALLS.items()}, ABSENT]),
+        capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False,
+        env={"PYTHONPATH": f"{ROOT}:{ROOT / 'viewers'}"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found, left = json.loads(done.stdout)
+    for name, (extra, _) in CALLS.items():
+        code, status, value, text = found[name]
+        assert (code, status, value) == ("EXTRA_MISSING", 2, extra)
+        assert install(extra) in text
+    assert left == ["a.exr"]
+
+
+def test_what_is_there_is_not_asked_for() -> None:
+    need_extra("bench", "numpy", what="this")
+    with pytest.raises(UsageError) as info:
+        need_extra("bench", "numpy", "no_such", what="this", instead="that needs none")
+    assert str(info.value) == (
+        "EXTRA_MISSING: this needs the extra bench (no_such is not installed): "
+        'pip install "meshsplatbench[bench]"; that needs none'
+    )
+    assert EXIT_STATUS[UsageError] == 2

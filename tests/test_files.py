@@ -1,0 +1,80 @@
+"""Files are opened by one function: regular ones only, with the same two codes whoever asks."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from msb.bench.checked import read_json
+from msb.cli.defaults import _read as read_settings_file
+from msb.errors import InputError, MsbError
+from msb.files import file_sha256, map_file, read_file, regular_file
+from msb.meshes import read_mesh
+from msb.metrics import read_image
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+OPENERS: dict[str, Callable[[Path], Any]] = {
+    "regular_file": regular_file,
+    "read_file": read_file,
+    "map_file": map_file,
+    "file_sha256": file_sha256,
+    "a mesh": read_mesh,
+    "an image": read_image,
+    "a record": lambda path: read_json(path, 100),
+}
+
+
+@pytest.fixture
+def places(tmp_path: Path) -> dict[str, Path]:
+    (tmp_path / "folder.ply").mkdir()
+    (tmp_path / "file").write_bytes(b"x")
+    (tmp_path / "device.ply").symlink_to("/dev/zero")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.ply")
+    names = ("folder.ply", "device.ply", "pipe.ply", "none.ply", "file/x.ply", "nul\0.ply")
+    return {name: tmp_path / name for name in names}
+
+
+@pytest.mark.parametrize("opener", OPENERS)
+def test_only_regular_files_are_opened(opener: str, places: dict[str, Path]) -> None:
+    special = "it is a pipe, socket or device; it must be a regular file"
+    wanted = {
+        "folder.ply": ("FILE_UNREADABLE", "it is a folder; it must be a regular file"),
+        "device.ply": ("FILE_UNREADABLE", special),
+        "pipe.ply": ("FILE_UNREADABLE", special),
+        "none.ply": ("FILE_NOT_FOUND", "there is no such file"),
+        "file/x.ply": ("FILE_NOT_FOUND", "there is no such file"),
+        "nul\0.ply": ("FILE_NOT_FOUND", "there is no such file"),
+    }
+    for name, path in places.items():
+        with pytest.raises(InputError) as caught:
+            OPENERS[opener](path)
+        assert (caught.value.code, caught.value.message) == wanted[name]
+        assert caught.value.file == str(path)
+
+
+def test_a_file_of_settings_that_is_a_pipe_is_not_waited_for(places: dict[str, Path]) -> None:
+    with pytest.raises(MsbError, match=r"CONFIG_INVALID: .*: it is a pipe, socket or device"):
+        read_settings_file(places["pipe.ply"])
+
+
+def test_one_byte_more_than_asked_for_tells_a_longer_file(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    assert [read_file(path, most) for most in (None, 5, 4, 0)] == [b"12345", b"12345", b"12345", b"1"]
+
+
+def test_a_file_is_hashed_and_mapped_whole(tmp_path: Path) -> None:
+    path, seen = tmp_path / "a", list[int]()
+    for data in (b"", b"x" * 5_000_000):
+        path.write_bytes(data)
+        seen.clear()
+        assert file_sha256(path, seen.append) == hashlib.sha256(data).hexdigest()
+        assert sum(seen) == len(data)
+        assert bytes(map_file(path)) == data

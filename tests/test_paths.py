@@ -1,0 +1,133 @@
+"""Paths as callers give them, and names that another system spelled in another Unicode normal form."""
+
+from __future__ import annotations
+
+import shutil
+import unicodedata
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import msb
+from msb import metrics
+from msb.adapters.exporter import detect
+from msb.asset import validate
+from msb.bench.renders import find_renders
+from msb.cli.camera_options import choose_cameras
+from msb.errors import InputError, MetricError, SceneError
+from msb.files import file_sha256
+from msb.metrics.dtu_data import read_dtu_scan
+from msb.paths import SpelledFiles
+from msb.report.results import read_results
+from msb.scenes.datasets import read_scene
+from msb.scenes.views_json import write_cameras
+from msb_viewers.deployment.views import dataset_views
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+SCENE = ROOT / "data_stubs" / "scenes" / "nerf_synthetic" / "pebble"
+COLMAP = ROOT / "data_stubs" / "scenes" / "tanksandtemples" / "pebble"
+COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "caf\u00e9") for form in ("NFC", "NFD"))
+
+
+# --- empty paths ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        msb.load,
+        msb.export,
+        msb.read_cameras,
+        validate,
+        detect,
+        read_scene,
+        read_results,
+        metrics.read_image,
+        lambda path: metrics.pair_images(path, ROOT),
+        lambda path: metrics.pair_images(ROOT, path),
+        lambda path: read_dtu_scan(path, 1),
+    ],
+)
+def test_an_empty_path_is_not_the_current_folder(
+    read: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(COLMAP)
+    with pytest.raises(InputError) as caught:
+        read("")
+    assert str(caught.value) == "FILE_NOT_FOUND: the path is empty; the current folder is called ."
+
+
+# --- normal forms --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def both_forms(tmp_path: Path) -> None:
+    """Skip where the file system takes the two spellings for one name (macOS)."""
+    (tmp_path / COMPOSED).touch()
+    if (tmp_path / DECOMPOSED).exists():
+        pytest.skip("this file system knows one spelling only")
+    (tmp_path / COMPOSED).unlink()
+
+
+def picture(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return shutil.copy(ROOT / "tests" / "golden" / "metrics" / "gt" / "r_0.png", path)
+
+
+@pytest.mark.usefixtures("both_forms")
+def test_images_pair_whose_names_differ_in_their_normal_form_only(tmp_path: Path) -> None:
+    pred = picture(tmp_path / "pred" / DECOMPOSED / f"{DECOMPOSED}.png")
+    gt = picture(tmp_path / "gt" / COMPOSED / f"{COMPOSED}.png")
+    pairs = metrics.pair_images(tmp_path / "pred", tmp_path / "gt")
+    assert pairs == [(f"{COMPOSED}/{COMPOSED}", pred, gt)]
+
+
+@pytest.mark.usefixtures("both_forms")
+def test_two_images_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) -> None:
+    for name in (COMPOSED, DECOMPOSED):
+        picture(tmp_path / "pred" / f"{name}.png")
+    with pytest.raises(MetricError, match="the same name, in different Unicode normal forms; leave one"):
+        metrics.pair_images(tmp_path / "pred", tmp_path / "pred")
+    with pytest.raises(InputError, match=r"2 files in it are called .* in different Unicode normal forms"):
+        SpelledFiles(tmp_path / "pred").find(f"{COMPOSED}.png")
+
+
+def renamed(folder: Path, file: str, old: str, new: str) -> None:
+    (folder / file).write_text((folder / file).read_text("utf-8").replace(old, new), "utf-8")
+
+
+@pytest.mark.usefixtures("both_forms")
+def test_cameras_find_photographs_that_are_spelled_otherwise(tmp_path: Path) -> None:
+    scene = shutil.copytree(SCENE, tmp_path / "pebble")
+    renamed(scene, "transforms_test.json", "test/r_0", f"{COMPOSED}/r_{COMPOSED}_0")
+    for photograph in (scene / "test").glob("r_0*"):
+        picture = scene / DECOMPOSED / photograph.name.replace("r_0", f"r_{DECOMPOSED}_0")
+        picture.parent.mkdir(exist_ok=True)
+        photograph.rename(picture)
+    for cameras in (read_scene(scene, dataset="nerf_synthetic").test, msb.read_cameras(scene)):
+        (camera,) = (one for one in cameras if COMPOSED in str(one.name))
+        assert camera.image_path is not None
+        assert camera.image_path.is_file()
+    assert choose_cameras(list(cameras), [f"r_{DECOMPOSED}_0"], None, None) == [camera]
+    (view,) = dataset_views([camera], scene)
+    assert view.photograph == camera.image_path
+
+
+@pytest.mark.usefixtures("both_forms")
+def test_official_renderings_are_found_by_names_that_are_spelled_otherwise(tmp_path: Path) -> None:
+    cameras = [replace(msb.read_cameras(SCENE)[0], name=f"{COMPOSED}.png")]
+    file = picture(tmp_path / f"{DECOMPOSED}.png")
+    (tmp_path / "SHA256SUMS").write_text(f"{file_sha256(file)}  {COMPOSED}.png\n", "utf-8")
+    assert find_renders(tmp_path, cameras).files == (file,)
+
+
+def test_two_cameras_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) -> None:
+    camera = msb.read_cameras(SCENE)[0]
+    cameras = [replace(camera, name=name) for name in (COMPOSED, DECOMPOSED)]
+    with pytest.raises(SceneError, match="cameras 0 and 1 are both called"):
+        write_cameras(cameras, tmp_path / "views.json")

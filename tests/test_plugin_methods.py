@@ -1,0 +1,136 @@
+"""A method in somebody else's package: that of docs/extending.md, installed, missing, and broken."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb import methods
+from msb.adapters.exporter import detect
+from msb.cl import open_device
+from msb.methods import BUILT_IN, METHODS, MethodWarning
+from tests.conftest import ROOT
+from tests.test_docs_commands import installed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+TWO_DTS = ROOT / "data_stubs" / "models" / "walled" / "two_dts"
+CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height=72, fov_y=0.9)
+
+
+def forget() -> None:
+    methods._installed.cache_clear()
+    methods._loadable.cache_clear()
+    for name in [name for name in sys.modules if name.partition(".")[0] == "msb_facets"]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The package, installed, and a model of it in the folder we are in."""
+    folder = installed("docs/extending.md", tmp_path / "site")
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.chdir(tmp_path)
+    forget()
+    runpy.run_path(str(folder / "make_facets.py"))
+    yield folder
+    monkeypatch.undo()
+    forget()
+
+
+@pytest.fixture
+def uninstalled(site: Path) -> Callable[[], None]:
+    def uninstall() -> None:
+        sys.path.remove(str(site))
+        forget()
+
+    return uninstall
+
+
+def test_it_is_one_of_the_methods(site: Path) -> None:
+    assert list(METHODS) == [*BUILT_IN, "facets"]
+    assert METHODS["facets"].title == "Facets"
+    assert detect("facets.npz") == "facets"
+    assert detect(".") == "facets"
+    assert msb.export(".", settings={"sharpness": 2}).manifest.settings["sharpness"].value == 2
+    assert detect(TWO_DTS) == "two_dts"
+
+
+@pytest.mark.parametrize("style", ["cpu", "gpu"])
+@pytest.mark.parametrize("order", ["tile", "none"])
+def test_its_kernels_draw_what_its_reference_draws(site: Path, style: Any, order: str) -> None:
+    asset = msb.export("facets.npz")
+    modes: dict[str, Any] = {"background": (1, 1, 1), "settings": {"sharpness": 2.5}, "order": order}
+    wanted = msb.render(asset, CAMERA, tier="reference", **modes)
+    with open_device("cpu", style=style) as device:
+        found = msb.render(asset, CAMERA, tier="dedicated", device=device, **modes)
+    np.testing.assert_allclose(found.image, wanted.image, atol=2e-6)
+    np.testing.assert_array_equal(found.visible, wanted.visible)
+    assert found.alpha.max() > 0.9
+    assert found.image.std() > 0.05
+
+
+def test_without_its_package_an_asset_has_the_standard_tier(
+    site: Path, uninstalled: Callable[[], None]
+) -> None:
+    asset = msb.export("facets.npz")
+    before = msb.audit(asset).to_dict(), msb.render(asset, CAMERA).image
+    msb.save(asset, "facets.triasset")
+    uninstalled()
+    asset = msb.load("facets.triasset")
+    assert [(w.code, w.severity) for w in asset.warnings] == [("TRIASSET_METHOD_NOT_INSTALLED", "warning")]
+    assert "facets" in asset.warnings[0].message
+    assert msb.audit(asset).to_dict()["counts"] == before[0]["counts"]
+    np.testing.assert_array_equal(msb.render(asset, CAMERA).image, before[1])
+    msb.save(asset, "again.triasset")
+    assert msb.load("again.triasset").manifest.method == "facets"
+    for tier in ("dedicated", "reference"):
+        with pytest.raises(msb.Unsupported, match="facets") as caught:
+            msb.Renderer(asset, tier=tier)  # type: ignore[arg-type]
+        assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_TIER", 4)
+
+
+@pytest.mark.parametrize(
+    ("entry", "text", "why"),
+    [
+        ("facets = msb_facets", "import nothing_of_that_name\n", "ModuleNotFoundError"),
+        ("facets = msb_facets", "1 / 0\n", "ZeroDivisionError"),
+        ("facets = msb_facets", "", "no attribute 'METHOD'"),
+        ("facets = msb_facets", "METHOD = 'Facets'\n", "no msb.methods.Method"),
+        ("two_dts = msb_facets", None, "the name is taken by msb.methods.two_dts"),
+        ("Face-ts = msb_facets", None, "its name must match"),
+    ],
+)
+def test_a_package_that_cannot_be_used_is_one_warning(
+    site: Path, entry: str, text: str | None, why: str
+) -> None:
+    (site / "msb_facets-1.0.dist-info" / "entry_points.txt").write_text(f"[msb.methods]\n{entry}\n")
+    if text is not None:
+        (site / "msb_facets" / "__init__.py").write_text(text)
+    forget()
+    with pytest.warns(MethodWarning, match=f"^METHOD_NOT_LOADED: .*{why}") as caught:
+        assert list(METHODS) == list(BUILT_IN)
+    assert len(caught) == 1
+    assert msb.export(TWO_DTS).manifest.method == "two_dts"
+
+
+@pytest.mark.parametrize("text", ["1 / 0\n", "def recognises(content):\n    1 / 0\n"])
+def test_an_adapter_that_fails_leaves_other_models_alone(site: Path, text: str) -> None:
+    (site / "msb_facets" / "adapter.py").write_text(text)
+    forget()
+    with pytest.warns(MethodWarning, match="facets.*adapter.*ZeroDivisionError"):
+        assert detect(TWO_DTS) == "two_dts"
+
+
+def test_nothing_is_warned_of_where_all_is_well(site: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert "facets" in METHODS

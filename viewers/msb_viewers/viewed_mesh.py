@@ -1,0 +1,124 @@
+"""The mesh that a viewer shows: exactly as it is audited, with its own colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+Domain = Literal["vertex", "face", "corner"]
+NO_COLOR = "its colours depend on the view and have no static part: drawn in grey"
+
+
+@dataclass(frozen=True, eq=False)
+class Colors:
+    """Colours as sRGB bytes, which are shown unlit and unchanged.
+
+    Attributes
+    ----------
+    values : (V | F | 3F, 3) uint8
+    domain : {"vertex", "face", "corner"}
+    """
+
+    values: NDArray[np.uint8]
+    domain: Domain
+
+
+@dataclass(frozen=True, eq=False)
+class ViewedMesh:
+    """A mesh to look at.
+
+    Attributes
+    ----------
+    name : str
+        What the window is called.
+    path : Path or None
+        The file; None for arrays.
+    vertices : (V, 3) floating, faces : (F, 3) integers
+        The mesh as stored; nothing is checked yet.
+    colors : Colors or None
+    method : str or None
+    up : str
+        The axis that is up, such as "+y", or "unknown".
+    notes : tuple of str
+        What the viewer has to say about how it is drawn.
+    """
+
+    name: str
+    path: Path | None
+    vertices: NDArray[Any]
+    faces: NDArray[Any]
+    colors: Colors | None = None
+    method: str | None = None
+    up: str = "unknown"
+    notes: tuple[str, ...] = ()
+
+
+def read_viewed_mesh(path: Path) -> ViewedMesh:
+    """Return the mesh at `path`: a `.triasset`, a mesh file or a checkpoint.
+
+    It has all stored faces, even those that an STE threshold hides, because the audit counts them.
+
+    Raises
+    ------
+    InputError, AssetError, CheckpointError, MeshFileError, Unsupported
+        The same errors as of `msb audit`.
+    """
+    from msb.adapters.locate import is_checkpoint, is_primitive_table
+    from msb.asset import is_asset
+
+    if is_asset(path):
+        from msb.asset import load
+
+        asset = load(path)
+        domains = {name: spec.domain for name, spec in asset.manifest.buffers.items()}
+        frame = asset.manifest.coordinate_frame
+        return _from_buffers(path, asset.buffers, domains, asset.manifest.method, frame.up)
+    if is_checkpoint(path) or is_primitive_table(path):
+        from msb.adapters import read_model
+
+        model = read_model(path, check_values=False)
+        description = model.description
+        frame = description.coordinate_frame
+        return _from_buffers(path, model.buffers, model.domains, description.method, frame.up)
+    from msb.meshes import read_mesh
+
+    mesh = read_mesh(path)
+    colors = None
+    if mesh.vertex_colors is not None:
+        colors = Colors(color_bytes(mesh.vertex_colors), "vertex")
+    elif mesh.face_colors is not None:
+        colors = Colors(color_bytes(mesh.face_colors), "face")
+    return ViewedMesh(path.name, path, mesh.vertices, mesh.faces, colors)
+
+
+def _from_buffers(
+    path: Path, buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, Any], method: str, up: str
+) -> ViewedMesh:
+    colors = _static_colors(buffers, domains)
+    notes = () if colors is not None or method == "mesh" else (NO_COLOR,)
+    return ViewedMesh(path.name, path, buffers["positions"], buffers["indices"], colors, method, up, notes)
+
+
+def _static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, Any]) -> Colors | None:
+    """Return the colours the standard tier draws: those brought along, or the zeroth SH coefficient."""
+    from msb.asset.look import static_colors
+
+    found = static_colors(buffers, domains)
+    return None if found is None else Colors(color_bytes(found.values), found.domain)
+
+
+def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours (n, 3 | 4) as bytes (n, 3): floor(255 c + 0.5); alpha is left out, NaN becomes 0."""
+    rgb = values[:, :3]
+    if rgb.dtype == np.uint8:
+        return np.ascontiguousarray(rgb)
+    clean = np.clip(np.nan_to_num(np.asarray(rgb, np.float32), nan=0.0), 0, 1)
+    return np.asarray(np.floor(clean * 255 + np.float32(0.5)).astype(np.uint8))
