@@ -1,4 +1,5 @@
 # Two commands: `make demo` shows what this is for, `make test` proves that it works. Both install into .venv.
+# `make test-all` is the rest; `make engines` first, on Debian, for fewer skips.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -44,15 +45,17 @@ demo: $(FOR_DEMO)
 	  $(BIN)/python -m webbrowser "file://$(CURDIR)/out/demo/report/index.html" >/dev/null; \
 	else echo "open it in a browser: file://$(CURDIR)/out/demo/report/index.html"; fi
 
-test: $(FOR_TEST) engines
-	$(BIN)/python -m pytest -n auto --dist worksteal
+# What a change is checked with: no test marked slow, nothing installed but Python packages.
+test: $(FOR_TEST)
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-# What takes minutes: the tests of kernels on every other OpenCL platform that is installed.
-test-all: $(STAMP) engines
+# The rest: what takes minutes and rarely breaks, then the kernels on every other OpenCL platform that is installed.
+test-all: $(FOR_TEST)
+	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 	$(BIN)/python -m tests.machines
 
-# What draws in Vulkan and in a browser, and OpenCL platforms to test on, on Debian where apt-get asks nobody; tests of
-# what is missing are skipped.
+# On Debian, where apt-get asks nobody: what draws in Vulkan and in a browser, and OpenCL platforms to test on. It says what
+# it installed or could not; tests of what is missing are skipped.
 engines:
 	@if grep -qs '^ID=debian' /etc/os-release; then \
 	  missing=; \

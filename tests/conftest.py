@@ -6,9 +6,13 @@ import os
 import tempfile
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
@@ -29,6 +33,19 @@ def pytest_configure(config: pytest.Config) -> None:
         folder = tempfile.TemporaryDirectory(prefix="msb-test-", ignore_cleanup_errors=True)
         os.environ[variable] = folder.name
         config.add_cleanup(folder.cleanup)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """List what was skipped, and why."""
+    reasons = (str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", ()))
+    list_skips(reason.removeprefix("Skipped: ") for reason in reasons)
+
+
+def list_skips(reasons: Iterable[str]) -> None:
+    """Add lines to the file that MSB_TEST_SKIPS names, for whoever runs several sessions; without it do nothing."""
+    if file := os.environ.get("MSB_TEST_SKIPS"):
+        with Path(file).open("a", encoding="utf-8") as stream:
+            stream.writelines(f"{reason}\n" for reason in reasons)
 
 
 def _the_wheel_is_installed() -> bool:

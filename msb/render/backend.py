@@ -1,4 +1,4 @@
-"""What a renderer is, and how one is found: by tier, or by the name of an entry point."""
+"""The contract of a renderer, and how a renderer is found: by tier, or by the name of an entry point."""
 
 from __future__ import annotations
 
@@ -30,35 +30,36 @@ BUILT_IN = {
     "dedicated": "msb.render.dedicated:DedicatedRenderer",
     "reference": "msb.reference.renderer:ReferenceRenderer",
 }
-"""Tier -> our renderer of it; the same stand in pyproject.toml, for those who list entry points."""
+"""Tier -> our renderer of it. pyproject.toml repeats them for who lists entry points."""
 ON_OPENCL = ("standard", "dedicated")
-"""Those of ours that need an OpenCL device."""
+"""The tiers whose renderer needs an OpenCL device."""
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
     "blender_cycles": "msb.engines.blender:CyclesRenderer",
     "blender_workbench": "msb.engines.blender:WorkbenchRenderer",
 }
-"""Name -> a foreign engine that comes with us; in pyproject.toml, too."""
+"""Name -> the renderer that drives a foreign engine. pyproject.toml repeats these, too."""
 
 Group = Literal["geometry", "appearance", "scratch", "targets"]
-"""What device memory is for: the mesh, its colours, what a frame computes in passing, colour and depth."""
+"""The use of device memory: the mesh, its colours, intermediate results of a frame, or its images."""
 
 SETTLED_AT = 3
-"""The frame from which a renderer has what it keeps in its final form: from then on its memory depends on
-which cameras it has drawn, and no more on how many frames."""
+"""The number of the frame after which a renderer no longer reorganises what it keeps.
+
+From that frame on its memory depends on which cameras it has drawn, not on the number of frames."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """How long a frame took on the device.
+    """The time that a frame took on the device.
 
     Attributes
     ----------
     stages : mapping of str to float
-        Stage -> milliseconds its commands ran; their sum is the time the device was busy.
+        Stage -> milliseconds for which its commands ran. Their sum is the time for which the device was busy.
     span : float
-        Milliseconds from when the first command started to when the last one ended.
+        Milliseconds from the start of the first command to the end of the last one.
     """
 
     stages: Mapping[str, float]
@@ -66,50 +67,55 @@ class Drawn:
 
 
 class Backend(Protocol):
-    """One asset, ready to be drawn.
+    """A renderer that holds one asset and draws it.
 
-    Made as ``Class(asset, device=None, settings={})``: `device` says where to compute, by selector ("cpu",
-    "gpu", "pocl:0") or as an open device, for renderers that have a choice; `settings` override those the
-    asset stores.
+    A renderer is made as ``Class(asset, device=None, settings={})``. `device` is where to compute: a selector
+    ("cpu", "gpu", "pocl:0") or an open device; a renderer without a choice ignores it. `settings` override
+    those that the asset stores.
 
-    More is used where a renderer has it. `device_info`, a mapping with `platform`, `name` and `kind`
-    ("cpu", "gpu"), says what draws if that is no OpenCL device. `tiers`, of the class, lists the tiers it
-    draws if that is not all of them. The class method `missing()` says what must be installed first, or
-    returns None; it is quick. So does `installed()` return what would draw, as versions, where `version` is
-    known only once it draws; `msb run` draws again when that changes. `memory_groups()` returns for each use
-    that `memory()` names its `Group`; what it does not name counts as scratch.
+    A renderer may have these members as well:
+
+    - The attribute `device_info` is a mapping with `platform`, `name` and `kind` ("cpu" or "gpu"). It
+      describes what draws if that is no OpenCL device.
+    - The class attribute `tiers` lists the tiers that the class draws. Without it, it draws all of them.
+    - The class method `missing()` returns what must be installed first, or None. It must be quick.
+    - The class method `installed()` returns the version string without starting the engine. A renderer whose
+      `version` is known only after its first frame needs it, because `msb run` draws again when it changes.
+    - The method `memory_groups()` returns a mapping from each use that `memory()` names to its `Group`. A use
+      that it does not name counts as scratch.
     """
 
     name: str
-    """Of the renderer, for reports."""
+    """The name of the renderer in reports."""
     version: str
+    """The version of what draws; results of different versions are not mixed."""
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
         """Draw the asset from `camera` over `background`."""
 
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
-        """Draw and wait until it is done, but read nothing back: what is timed."""
+        """Draw and wait until the frame is complete, but read nothing back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes held for this asset; empty where that cannot be known."""
+        """Return use -> bytes held for this asset; an empty mapping if the renderer cannot know them."""
 
     def close(self) -> None:
-        """Release everything. Twice is harmless."""
+        """Release everything. A second call does nothing."""
 
 
 def groups_of(backend: Backend) -> Mapping[str, str]:
-    """Return use -> group of what a renderer's `memory` names, empty for one that does not say."""
+    """Return the `memory_groups` of a renderer, or an empty mapping if it has none."""
     say: Callable[[], Mapping[str, str]] | None = getattr(backend, "memory_groups", None)
     return {} if say is None else say()
 
 
 def find_renderer(name: str) -> Factory:
-    """Return what makes the renderer `name`: a tier, or an entry point of group `msb.renderers`.
+    """Return the class of the renderer `name`, which is a tier or an entry point of group `msb.renderers`.
 
     Raises
     ------
     UsageError
-        `RENDERER_UNKNOWN`, listing those there are.
+        `RENDERER_UNKNOWN`; the message lists the renderers that exist.
     """
     found = renderers().get(name)
     if found is None:
@@ -124,7 +130,7 @@ def find_renderer(name: str) -> Factory:
 
 @cache
 def renderers() -> dict[str, str]:
-    """Return name -> where it is ("module:Class"), ours first, then engines; nothing is imported."""
+    """Return name -> "module:Class": ours first, then engines, then others. Nothing is imported."""
     others: dict[str, str] = {}
     entry: EntryPoint
     for entry in entry_points(group=GROUP):
@@ -134,7 +140,7 @@ def renderers() -> dict[str, str]:
 
 
 def what_is_missing(name: str) -> str | None:
-    """Return what has to be installed before the renderer `name` can draw, None if nothing is known to be.
+    """Return what must be installed before the renderer `name` can draw, or None if nothing is missing.
 
     Raises
     ------
@@ -169,7 +175,7 @@ def check_supported(asset: Asset, tier: str) -> None:
 
 
 def check_tier(make: Factory, tier: str, name: str) -> None:
-    """Refuse a tier that the renderer called `name` in messages does not draw, whatever the method.
+    """Refuse a tier that a renderer does not draw for any method. Messages call the renderer `name`.
 
     Raises
     ------
@@ -187,9 +193,9 @@ def check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name:
     Parameters
     ----------
     make : callable
-        Makes the renderer; one that takes anything is left to see for itself.
+        The class of the renderer. If it takes any keyword, nothing is checked here.
     name : str
-        Of the tier or renderer, for the message.
+        The name of the tier or renderer in the message.
 
     Raises
     ------
@@ -210,7 +216,7 @@ def check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name:
 
 
 def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
-    """Return the options with which our renderer of `tier` computes no more than is written."""
+    """Return the options with which our renderer of `tier` computes only what a command writes."""
     if tier != "dedicated" or renderer is not None:
         return {}
     return {"outputs": ("face_id",) if ids else ()}

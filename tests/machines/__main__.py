@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.conftest import ROOT, UNKNOWN_CPU
+from tests.conftest import ROOT, UNKNOWN_CPU, list_skips
 
 VENDORS = Path("/etc/OpenCL/vendors")
 ALL_CORES = "-n", "auto", "--dist", "worksteal"
@@ -111,16 +111,21 @@ def shown(environment: dict[str, str]) -> str:
     return done.stdout.strip() if done.returncode == 0 else "none: " + done.stderr.strip()[-300:]
 
 
+def skip(reason: str) -> bool:
+    """Say why the tests of a machine do not run; return that none failed."""
+    print(f"skipped {reason}", flush=True)
+    list_skips([f"machine {reason}"])
+    return True
+
+
 def run(name: str) -> bool:
     """Run the tests of a machine, if it is there; return whether they passed."""
     machine = MACHINES[name]
     library = library_of(machine)
     if library is None:
-        print(f"{name}: skipped, {machine.package} is not installed", flush=True)
-        return True
+        return skip(f"{name}: {machine.package} is not installed")
     if name == "wheel" and library_of(MACHINES["pocl"]) is None:
-        print(f"{name}: skipped, it is the only PoCL here, so make test runs on it", flush=True)
-        return True
+        return skip(f"{name}: it is the only PoCL here, so make test runs on it")
     with tempfile.TemporaryDirectory(prefix="msb-machine-") as folder:
         environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}
         for variable in ("POCL_CACHE_DIR", "PYOPENCL_CTX"):

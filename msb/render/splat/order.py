@@ -1,8 +1,9 @@
-"""A model on the device: faces in an order that suits drawing, with bounding spheres.
+"""A model on the device: its faces, in an order that makes drawing fast, and their bounding spheres.
 
-Checkpoints hold faces in the order in which training made them, so what a view keeps is scattered over all
-of memory. Here what is close together in space lies together, in soups faces of about the same size. Nobody
-sees that: faces keep their numbers, and those of equal depth are blended in the order of the asset.
+Checkpoints hold faces in the order in which training made them, so the faces that a view shows are scattered
+over all of memory. This module sorts them along a space-filling curve; in soups, faces of similar size also
+lie together. The order cannot be seen from outside: faces keep their numbers, and faces of equal depth are
+blended in the order of the asset.
 """
 
 from __future__ import annotations
@@ -24,26 +25,28 @@ if TYPE_CHECKING:
     from msb.render.device_scope import DeviceScope
 
 _GROUP = 64
-"""GROUP in splat_bounds.cl."""
+"""Faces in a group; equals GROUP in splat_bounds.cl."""
 _AXIS_BITS = 18
-"""AXIS_BITS in splat_order.cl."""
+"""Bits of a sort key for each axis; equals AXIS_BITS in splat_order.cl."""
 _SIZE_BITS = 8
+"""Bits of a sort key for the size of a face."""
 _PIECE = 1 << 14
-"""Rows that are put in order at a time: what is read and written of them stays in the cache."""
+"""Rows that are put in order at a time; this few stay in the processor's cache."""
 _NOTHING = np.zeros(1, np.float32)
-"""Stands for an array the kernels of a method do not read."""
+"""Stands for an array that a method's kernels do not read."""
 _MOST = 4
-"""A model that takes more than one in so many of the device's bytes is left as it is."""
+"""Faces are reordered only if the model takes at most 1 / _MOST of the device's memory."""
 
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
-"""What the kernels read of a model, "positions" and "indices" among it."""
+"""Name -> an array of the model that kernels read; "positions" and "indices" are always there."""
 
 
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
-    """Keep a model of `count` faces as it is stored.
+    """Keep a model of `count` faces on the device, in the order in which it is stored.
 
-    The scope gets all of the arrays by their names, "numbers" (uint32, of the face in each row), "bounds"
-    and, for the CPU style, "groups" (splat_bounds.cl says what they hold). `program` is the method's.
+    The scope receives every array under its name, "numbers" (uint32, the number of the face in each row),
+    "bounds" and, for the CPU style, "groups" (splat_bounds.cl says what these two hold). `program` is the
+    method's.
     """
     kept, device = scope.kept, scope.device
     for name, array in arrays.items():
@@ -59,11 +62,12 @@ def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays)
 
 
 def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> bool:
-    """Put a model that is kept in drawing order: `count` faces, and with them what belongs to each.
+    """Sort the `count` faces of a model that the scope keeps, and return whether that was done.
 
-    Of a mesh that are the indices alone; its vertices, with what belongs to them, follow the same curve. The
-    model becomes a copy of what may have been a mapped file. Return False, and leave everything as it is,
-    where there is little room for that.
+    In a soup, all per-face arrays are permuted together. In a mesh, the index rows are permuted, and the
+    vertex arrays are sorted along the same curve. The kept model becomes a copy in memory, also if the arrays
+    were a mapped file before. Where memory is too small for that copy, the model stays as it is and the
+    result is False.
     """
     kept, device = scope.kept, scope.device
     given = {name: array for name, array in arrays.items() if array is not None}
@@ -99,7 +103,7 @@ def _lanes_up(device: Device, count: int) -> int:
 
 
 def _bound(scope: DeviceScope, program: Program, count: int) -> None:
-    """Find the bounding spheres of faces, by which most of those out of view are dropped, and of groups."""
+    """Compute the bounding spheres of faces and groups. Most faces out of view are dropped by them."""
     kept, style = scope.kept, scope.device.style
     bounds = kept["bounds"]
     faces, stride = np.uint32(count), np.uint32(bounds.shape[1])
@@ -112,7 +116,10 @@ def _bound(scope: DeviceScope, program: Program, count: int) -> None:
 
 
 def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -> NDArray[np.uint32]:
-    """Return the number of the face or vertex in each row; `points` are (4, n) and have coordinates first."""
+    """Return the face or vertex number for each row of the new order.
+
+    The first three rows of `points`, (4, n), are x, y and z.
+    """
     with points.mapped() as found:
         low, high = found[:3, :count].min(axis=1), found[:3, :count].max(axis=1)
     span = np.max(high.astype(np.float64) - low)
@@ -133,7 +140,7 @@ def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.
 
 
 def _renumbered(indices: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return `indices` into rows that were put in that order."""
+    """Return `indices` with each vertex number replaced by its row in `order`."""
     places = np.zeros_like(order)
     places[order] = np.arange(len(order), dtype=np.uint32)
     found: NDArray[np.uint32] = places[indices]
@@ -141,7 +148,7 @@ def _renumbered(indices: NDArray[np.generic], order: NDArray[np.uint32]) -> NDAr
 
 
 def _in_order(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
-    # In huge pages, unlike zeros.
+    # Unlike zeros, empty uses huge pages.
     found = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below
     for start in range(0, len(order), _PIECE):
         here = slice(start, start + _PIECE)

@@ -1,4 +1,4 @@
-"""What the splatting kernels are told of a camera: one record, laid out as `View` in splat_common.cl."""
+"""The record of a camera for the splatting kernels; `View` in splat_common.cl has the same layout."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ VIEW = np.dtype(
         ("limits", LIMITS),
     ]
 )
-"""What `View` has for every method; each member has four bytes, so there is no padding on any side."""
+"""The members that `View` has for every method. Each takes four bytes, so there is no padding."""
 _C_TYPES: dict[np.dtype[Any], str] = {
     np.dtype(np.float32): "float",
     np.dtype(np.int32): "int",
@@ -54,25 +54,25 @@ _C_TYPES: dict[np.dtype[Any], str] = {
 
 
 def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
-    """Return the define that gives `View` a method's own members, in their order."""
+    """Return the kernel definition that adds a method's own members to `View`, in their order."""
     members = "".join(f"{_C_TYPES[value.dtype]} {name}; " for name, value in own.items())
     return {"OWN_MEMBERS": members.rstrip()} if own else {}
 
 
 @dataclass(frozen=True)
 class Culling:
-    """Which faces a method drops whatever else they are.
+    """The bounds outside which a method draws no face.
 
     Attributes
     ----------
     nearest : float
-        Camera z up to which a face is dropped,
+        A face whose camera z is at most `nearest` is dropped.
     clipped : bool
-        if that is the z of all of it; else of its centroid.
+        If true, the largest z of the face is compared with `nearest`; otherwise the z of its centroid is.
     dilation : float
-        A face is seen no farther than its corners so many times as far from the centroid,
+        A face reaches at most this multiple of its corners' distances from the centroid.
     margin : float
-        and so many samples around them.
+        It also reaches this number of samples beyond that.
     """
 
     nearest: float
@@ -91,27 +91,27 @@ def make_view(
     culling: Culling,
     extent: NDArray[np.float32],
 ) -> NDArray[Any]:
-    """Return the record for a raster of `scale` times as many samples along each axis as `camera` has pixels.
+    """Return the `View` record of a camera. Along each axis the raster has `scale` samples per pixel.
 
     Parameters
     ----------
     near, far : float
-        Planes of the projection; they act on its z row alone.
+        The planes of the projection. They change only its z row.
     fields : mapping
-        The members that do not depend on the camera.
+        Values of those common members that do not depend on the camera.
     own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
-        The method's own members.
+        Values of the method's own members.
     culling : Culling
     extent : (3,) float32
         The largest magnitude of a coordinate along each axis of the world.
 
     Notes
     -----
-    The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose elements are summed from
-    first to last. The centre is that of the float32 W, taken in double and rounded: the last bits of
-    upstream's float32 inverse depend on the linear algebra library. Upstream ignores the principal point;
-    its distance from the middle of the image is added to sample positions, which changes nothing where it
-    is 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
+    The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
+    to last. The camera centre is computed from the float32 W in double precision and then rounded, because
+    the last bits of upstream's float32 inverse depend on the linear algebra library. Upstream ignores the
+    principal point. We add its distance from the middle of the image to the sample positions, which changes
+    nothing where that distance is 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
     trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py.
     """
     view = np.zeros((), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in own.items()])])
@@ -142,12 +142,12 @@ def make_view(
 
 
 def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -> tuple[Any, ...]:
-    """Return the members of `Limits`, wider than the official tests by what rounding can do."""
+    """Return the members of `Limits`. They exceed the official ones by the largest rounding error."""
     pose = view["world_to_camera"].reshape(3, 4).astype(np.float64)
     size = np.array([view["width"], view["height"]], np.float64)
     tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
     rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
-    # Sample x of the raster is that of x / z = tan (2 (x - shift) + 1 - width) / width.
+    # Sample x of the raster looks along x / z = tan (2 (x - shift) + 1 - width) / width.
     ends = np.array([view["columns"], view["rows"]]) * TILE
     margin = culling.margin + 0.004 * size.max()
     low, high = -margin, ends + margin
