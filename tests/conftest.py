@@ -42,7 +42,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def list_skips(reasons: Iterable[str]) -> None:
-    """Add lines to the file that MSB_TEST_SKIPS names, for whoever runs several sessions; without it do nothing."""
+    """Add lines to the file that MSB_TEST_SKIPS names, for who runs several sessions; else do nothing."""
     if file := os.environ.get("MSB_TEST_SKIPS"):
         with Path(file).open("a", encoding="utf-8") as stream:
             stream.writelines(f"{reason}\n" for reason in reasons)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from data_stubs.trained import _WRITERS
 from msb.adapters.exporter import adapters
 from msb.methods import BUILT_IN, METHODS, with_role
-from msb.scenes.datasets.rules import OURS, RULES
+from msb.scenes.datasets.rulebook import OURS, RULES
 from tests.conftest import ROOT
 
 TRAINED = {name for name, method in METHODS.items() if method.native is not None}

@@ -21,25 +21,22 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from msb._version import __version__
 from msb.atomic import new_file
 from msb.cl import mend
-from msb.cl.device import Device
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import user_cache
-from msb.errors import DeviceError, OutputError, one_line, shorten
+from msb.errors import OutputError, one_line, shorten
 
 if TYPE_CHECKING:
     from msb.cl.records import DeviceRecord
 
-_COUNT = 64
 _SECONDS = 120.0
 """What a trial of a tenth of a second may take on a busy machine, a compiler's own start included."""
 _MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
-_CHILD = "import sys; from msb.cl.trial import answer; answer(sys.argv[1], mended=sys.argv[2] == '1')"
-_ANSWER = "msb-trial "
+_CHILD = "msb.cl.trial_child"
+ANSWER = "msb-trial "
+"""What precedes the child's answer in its output."""
 
 _lock = threading.Lock()
 _known: dict[int, Trial] = {}
@@ -112,7 +109,7 @@ def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     paths = os.pathsep.join(filter(None, (package, before)))
     # A kernel out of a cache says nothing of the compiler.
     variables = {**os.environ, "PYTHONPATH": paths, "POCL_KERNEL_CACHE": "0"}
-    command = [sys.executable or "python3", "-c", _CHILD, record.selector, str(int(mended))]
+    command = [sys.executable or "python3", "-m", _CHILD, record.selector, str(int(mended))]
     try:
         child = subprocess.run(
             command,
@@ -127,9 +124,9 @@ def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
         return f"its compiler did not answer within {_SECONDS:g} s", False
     except OSError as error:
         return f"no process could be started to try it: {shorten(str(error), 100)}", False
-    answers = [line for line in child.stdout.splitlines() if line.startswith(_ANSWER)]
+    answers = [line for line in child.stdout.splitlines() if line.startswith(ANSWER)]
     if child.returncode == 0 and answers:
-        why: str | None = json.loads(answers[-1].removeprefix(_ANSWER))
+        why: str | None = json.loads(answers[-1].removeprefix(ANSWER))
         return why, True
     last = next((line for line in reversed(child.stderr.splitlines()) if line.strip()), "")
     return (
@@ -143,40 +140,6 @@ def _ending(status: int) -> str:
         with contextlib.suppress(ValueError):
             return signal.Signals(-status).name
     return f"status {status}"
-
-
-def answer(selector: str, *, mended: bool) -> None:
-    """Print for the parent process why the device does not work, or null: what the child process runs."""
-    from msb.cl.devices import found_devices
-    from msb.cl.loader import opencl
-
-    cl = opencl()
-    why: str | None = f"{selector} is not there in a process of its own"
-    for record, handle in found_devices(cl):
-        if record.selector == selector:
-            if mended and not mend.mend(handle):
-                why = "its compiler's processor could not be named"
-                break
-            try:
-                with Device(cl, handle, record) as device:
-                    why = None if _is_right(device) else "it computes a small kernel wrongly"
-            except DeviceError as error:
-                why = str(error.value or error.message)
-            break
-    print(_ANSWER + json.dumps(why), flush=True)  # noqa: T201 - to the parent
-
-
-def _is_right(device: Device) -> bool:
-    given = (np.arange(8 * _COUNT, dtype=np.float32) / 16).reshape(_COUNT, 8)
-    found = device.allocate(given.shape, np.float32)
-    rounded = device.allocate(given.shape, np.int32)
-    program = device.program("trial")
-    program.trial(_COUNT, 1, device.upload(given), found, rounded, np.uint32(_COUNT))
-    wanted = np.maximum(np.sqrt(given), 1) / 2
-    return bool(
-        np.allclose(found.read(), wanted, rtol=1e-6, atol=0)
-        and (rounded.read() == given.astype(np.int32) - (given > 4)).all()
-    )
 
 
 def _key(handle: Any, record: DeviceRecord) -> str:

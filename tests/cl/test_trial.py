@@ -242,7 +242,7 @@ def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, st
 
 
 def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dict[str, str]) -> None:
-    failing = "from msb.cl import trial\ntrial._is_right = None\nwhy_not = trial._why_not\n"
+    failing = "from msb.cl import trial\nwhy_not = trial._why_not\n"
     failing += (
         "trial._why_not = lambda record, mended: ('no', True) if mended else why_not(record, mended=False)\n"
     )

@@ -11,7 +11,8 @@ from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
 from msb.scenes.datasets.layout import find_layout, find_scenes
 from msb.scenes.datasets.neus import read_matrices
 from msb.scenes.datasets.read import read_scene
-from msb.scenes.datasets.rules import OURS, RULES, Photographs, Rules, evaluation_background
+from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
+from msb.scenes.datasets.rules import Photographs, Rules
 from msb.scenes.datasets.scene import Scene
 
 __all__ = [

@@ -15,7 +15,7 @@ from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
 from msb.scenes.datasets.masks import MASKS
 from msb.scenes.datasets.neus import MATRICES
 from msb.scenes.datasets.read import read_scene
-from msb.scenes.datasets.rules import OURS, RULES
+from msb.scenes.datasets.rulebook import OURS, RULES
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.masks import find_masks
 from msb.scenes.datasets.photographs import choose_photographs, photograph_sizes
-from msb.scenes.datasets.rules import CONVENTIONS, OURS, RULES, evaluation_background
+from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
+from msb.scenes.datasets.rules import CONVENTIONS
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.datasets.sizes import ROUNDINGS, check_resolution
 

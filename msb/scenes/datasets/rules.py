@@ -7,14 +7,15 @@ be reproduced. docs/datasets.md prints this as a table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from msb.methods import METHODS
 from msb.scenes.colors import BLACK, Color
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.sizes import AS_IS, Rounding
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 Convention = Literal["gs_fov", "full_K"]
 CONVENTIONS: tuple[Convention, ...] = ("gs_fov", "full_K")
@@ -99,49 +100,3 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 """What the code that comes from 3DGS takes."""
-
-OURS = "ours"
-_OURS = Rules(
-    "MeshSplatBench",
-    "docs/datasets.md",
-    rounding="half_even",
-    photographs={
-        "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
-        "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
-        "tanksandtemples": Photographs(),
-        "nerf_synthetic": Photographs(".", 2, "before_resize"),
-        "dtu": Photographs(resolution=2, compositing="after_resize"),
-        CUSTOM: Photographs(compositing="before_resize"),
-    },
-)
-
-
-class _EveryRules(Mapping[str, Rules]):
-    """Looked up when asked for: a method's package takes `Rules` from here."""
-
-    def __getitem__(self, name: str) -> Rules:
-        found = _OURS if name == OURS else METHODS[name].rules
-        if found is None:
-            raise KeyError(name)
-        return found
-
-    def __iter__(self) -> Iterator[str]:
-        yield OURS
-        yield from (name for name, method in METHODS.items() if method.rules is not None)
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-
-RULES: Mapping[str, Rules] = _EveryRules()
-"""Name -> rules: "ours", and what the methods declare, by their names in `msb.methods`."""
-
-
-def evaluation_background(dataset: str, method: str | None = None) -> Color:
-    """Return the colour behind models in the benchmark: the dataset's, else that of the method's training.
-
-    Masked datasets are evaluated over white whatever the method; where there is no mask each method keeps
-    the background its official evaluation has, black for one that has none.
-    """
-    fixed = DATASETS[dataset].background if dataset in DATASETS else None
-    return fixed or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)

@@ -1,0 +1,59 @@
+"""The rules by which datasets are read, by name: ours, and those of each method's official code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from msb.methods import METHODS
+from msb.scenes.datasets.catalog import CUSTOM, DATASETS
+from msb.scenes.datasets.rules import Photographs, Rules
+
+if TYPE_CHECKING:
+    from msb.scenes.colors import Color
+
+OURS = "ours"
+_OURS = Rules(
+    "MeshSplatBench",
+    "docs/datasets.md",
+    rounding="half_even",
+    photographs={
+        "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
+        "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
+        "tanksandtemples": Photographs(),
+        "nerf_synthetic": Photographs(".", 2, "before_resize"),
+        "dtu": Photographs(resolution=2, compositing="after_resize"),
+        CUSTOM: Photographs(compositing="before_resize"),
+    },
+)
+
+
+class _EveryRules(Mapping[str, Rules]):
+    """Our own rules and those that methods declare, looked up when one is asked for."""
+
+    def __getitem__(self, name: str) -> Rules:
+        found = _OURS if name == OURS else METHODS[name].rules
+        if found is None:
+            raise KeyError(name)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        yield OURS
+        yield from (name for name, method in METHODS.items() if method.rules is not None)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+RULES: Mapping[str, Rules] = _EveryRules()
+"""Name -> rules: "ours", and the name of each method that declares some."""
+
+
+def evaluation_background(dataset: str, method: str | None = None) -> Color:
+    """Return the colour behind models in the benchmark: the dataset's, else that of the method's training.
+
+    Masked datasets are evaluated over white whatever the method; where there is no mask each method keeps
+    the background its official evaluation has, black for one that has none.
+    """
+    fixed = DATASETS[dataset].background if dataset in DATASETS else None
+    return fixed or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
