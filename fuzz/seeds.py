@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from data_stubs.torch_file import write_torch
+from msb.meshes import Mesh, write_mesh
+from msb.meshes.formats import written_suffixes
 from tests.adapters import assemble, models
 from tests.adapters.bad_checkpoints import CASES as BAD_CHECKPOINTS
 from tests.adapters.bad_pickles import CASES as BAD_PICKLES
@@ -22,7 +24,7 @@ from tests.corpus.forge import forge
 from tests.corpus.good import decoder, mesh, parts, soup
 from tests.meshes.bad_files import BAD as BAD_MESHES
 from tests.meshes.builders import SMALL as MESHES
-from tests.meshes.builders import glb_file, glb_square
+from tests.meshes.builders import SQUARE, SQUARE_FACES, glb_file, glb_square
 from tests.scenes.bad_cameras import BAD as BAD_CAMERAS
 from tests.scenes.bad_cameras import SMALL as CAMERAS
 
@@ -97,7 +99,11 @@ def web_export() -> dict[str, bytes]:
 
 
 def meshes(suffix: str) -> Iterator[bytes]:
-    """Return small meshes of a format, whole and broken."""
+    """Return small meshes of a format, whole and broken; one that we write, if we write the format."""
+    if suffix in written_suffixes():
+        stream = io.BytesIO()
+        write_mesh(Mesh(np.array(SQUARE), np.array(SQUARE_FACES)), stream, suffix=suffix)
+        yield stream.getvalue()
     yield from (content for key, content in MESHES.items() if key.lower() == suffix)
     yield from (content for key, content, *_ in BAD_MESHES.values() if key.lower() == suffix)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from fuzz import readers, seeds
 from fuzz.target import Target
+from msb.meshes import MESH_SUFFIXES
 from tests.adapters import assemble
 from tests.scenes.bad_cameras import SMALL as CAMERAS
 
@@ -71,11 +72,7 @@ TARGETS: dict[str, Target] = {
     "cfg_args": Target(readers.cfg_args, seeds.stub("checkpoint/cfg_args"), "cfg_args"),
     "two_dts_yaml": Target(readers.two_dts_config, seeds.configs, "config.yaml"),
     "two_dts_log": Target(readers.two_dts_config, seeds.configs, "a.log", wrap=seeds.log),
-    "ply": mesh_target(".ply"),
-    "obj": mesh_target(".obj"),
-    "off": mesh_target(".off"),
-    "stl": mesh_target(".stl"),
-    "glb": mesh_target(".glb"),
+    **{suffix[1:]: mesh_target(suffix) for suffix in MESH_SUFFIXES},
     "glb_json": Target(readers.mesh, seeds.glb_texts, "mesh.glb", wrap=seeds.around_gltf),
     "colmap_cameras_bin": camera_target("binary", "cameras.bin"),
     "colmap_images_bin": camera_target("binary", "images.bin"),

@@ -475,7 +475,7 @@ CODES: dict[str, Code] = {
             ),
             "FILE_NOT_RECOGNISED": (
                 "Neither the name nor the content is of a kind we read.",
-                "Give a .triasset, a .ply, .obj, .off, .stl or .glb file, or a folder of these.",
+                "Give a .triasset, a mesh file (docs/meshes.md has the formats), or a folder of these.",
             ),
             "RECORD_INVALID": (
                 "A result record is not one of ours, or was changed by hand.",

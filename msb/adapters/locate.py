@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.files import open_error
+from msb.meshes import MESH_SUFFIXES
 from msb.methods import METHODS
 from msb.paths import given_path
 
@@ -26,7 +27,6 @@ STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
 """Meshes 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting: render.py)."""
-_OTHER_MESHES = (".obj", ".off", ".stl", ".glb")
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _of_file(file: Path) -> Place:
     suffix = file.suffix.lower()
     if any(in_bundle(file, method.bundle) for method in METHODS.values()):
         return Place(file, file.parent, "bundle")
-    kind: Kind = "ply" if suffix == ".ply" else "mesh" if suffix in _OTHER_MESHES else "torch"
+    kind: Kind = "ply" if suffix == ".ply" else "mesh" if suffix in MESH_SUFFIXES else "torch"
     if kind == "torch" and suffix not in TORCH_SUFFIXES and _is_declared(file):
         kind = "other"
     return Place(file, _root(file), kind)

@@ -18,14 +18,13 @@ EPILOG = epilog(
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-_FACE_COLOR_SUFFIXES = (".ply", ".off")
 
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A .triasset or a mesh file.")],
     target: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="Its suffix says what is written: .triasset .ply .obj ..."),
+        typer.Argument(metavar="OUT", help="Its suffix says what is written."),
         WRITTEN,
     ],
     form: Annotated[
@@ -45,7 +44,9 @@ def convert(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Convert between .triasset and PLY, OBJ, OFF, STL and GLB, keeping rows, order and vertex colours.
+    """Convert between .triasset and mesh files, keeping rows, order and vertex colours.
+
+    Mesh files are {mesh_suffixes}.
 
     An asset becomes its standard-tier mesh: opaque, unlit, with static colours. With --official it becomes
     what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
@@ -100,13 +101,14 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
     from msb.asset import ASSET_SUFFIX, is_asset
     from msb.atomic import new_file
     from msb.cli.inputs import note_warnings
-    from msb.meshes import MESH_SUFFIXES, read_mesh, write_mesh
+    from msb.meshes import read_mesh, write_mesh
     from msb.meshes.assets import mesh_from_asset, with_vertex_colors
+    from msb.meshes.formats import FORMATS, written_suffixes
     from msb.meshes.transform import turned_upright, with_linear_colors
 
     suffix = target.suffix.lower()
-    if suffix not in MESH_SUFFIXES:
-        wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
+    if suffix not in written_suffixes():
+        wanted = ", ".join((ASSET_SUFFIX, *written_suffixes()))
         raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in one of {wanted}')
     with output.progress(f"reading {source.name}"):
         if is_asset(source):
@@ -117,11 +119,12 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
             mesh = mesh_from_asset(asset)
         else:
             mesh = read_mesh(source)
-    if mesh.face_colors is not None and mesh.vertex_colors is None and suffix not in _FACE_COLOR_SUFFIXES:
+    keeps = FORMATS[suffix].keeps
+    if mesh.face_colors is not None and mesh.vertex_colors is None and "face_colors" not in keeps:
         mesh = with_vertex_colors(mesh)
         output.note(f"{target}: {suffix} has no face colours, so every face gets vertices of its own")
-    if suffix == ".stl" and mesh.vertex_colors is not None:
-        output.note(f"{target}: .stl has no colours; they are left out")
+    if mesh.vertex_colors is not None and "vertex_colors" not in keeps:
+        output.note(f"{target}: {suffix} has no colours; they are left out")
     mesh = turned_upright(mesh, up) if up else mesh
     mesh = with_linear_colors(mesh) if color == "linear" else mesh
     # What is wrong with coordinates and indices is wrong in the source.

@@ -98,6 +98,14 @@ class Command(TyperCommand):
         parser.parse_args = parse_args  # type: ignore[method-assign]
         return parser
 
+    def get_help(self, ctx: Any) -> str:
+        """Return the help page, in which {mesh_suffixes} stands for those of the formats there are."""
+        if "{mesh_suffixes}" in (self.help or ""):
+            from msb.meshes import MESH_SUFFIXES
+
+            self.help = str(self.help).replace("{mesh_suffixes}", ", ".join(MESH_SUFFIXES))
+        return super().get_help(ctx)
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse, then refuse to write over inputs and to write two outputs to one place.
 

@@ -4,37 +4,29 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO
 
 from msb.errors import InputError, MeshFileError, OutputError
 from msb.files import read_file
 from msb.meshes import glb, obj, off, ply, stl
+from msb.meshes.formats import FORMATS, Format, written_suffixes
 from msb.meshes.source import Source
 from msb.meshes.writing import check_writable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.meshes.mesh import Mesh
 
+for _each in (
+    ply.FORMAT,
+    obj.FORMAT,
+    off.FORMAT,
+    stl.FORMAT,
+    glb.FORMAT,
+):
+    FORMATS.update(dict.fromkeys(_each.suffixes, _each))
 
-class _Format(NamedTuple):
-    """How one format is read and written."""
-
-    read: Callable[[Source], Mesh]
-    write: Callable[[Mesh, BinaryIO], None]
-
-
-_FORMATS = {
-    ".ply": _Format(ply.read, ply.write),
-    ".obj": _Format(obj.read, obj.write),
-    ".off": _Format(off.read, off.write),
-    ".stl": _Format(stl.read, stl.write),
-    ".glb": _Format(glb.read, glb.write),
-}
-
-MESH_SUFFIXES = tuple(_FORMATS)
-"""The suffixes of the files `read_mesh` and `write_mesh` know, in lower case."""
+MESH_SUFFIXES = FORMATS.keys()
+"""The suffixes of the files `read_mesh` knows, in lower case."""
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -89,12 +81,12 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     target : str, Path or binary file
         Where to write. A path is overwritten; whoever wants no half-written file gives a temporary name.
     suffix : str
-        One of `MESH_SUFFIXES`, in any case: the format.
+        One of `MESH_SUFFIXES`, in any case: the format. Some may be only read.
 
     Raises
     ------
     InputError
-        FILE_NOT_RECOGNISED: no such format.
+        FILE_NOT_RECOGNISED: no such format, or one that is only read.
     OutputError
         OUTPUT_COORDINATES: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT:
         the format cannot hold this mesh. OUTPUT_UNWRITABLE: the path cannot be written; what a file
@@ -104,6 +96,9 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     """
     name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
     chosen = _format(str(name), suffix)
+    if chosen.write is None:
+        message = f"{chosen.title} is only read; {' '.join(written_suffixes())} are written"
+        raise InputError("FILE_NOT_RECOGNISED", message, file=str(name), value=suffix)
     check_writable(mesh)
     if not isinstance(target, str | os.PathLike):
         chosen.write(mesh, target)
@@ -116,11 +111,10 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error
 
 
-def _format(name: str, suffix: str) -> _Format:
+def _format(name: str, suffix: str) -> Format:
     """Return the format of `suffix`."""
-    found = _FORMATS.get(suffix.lower())
+    found = FORMATS.get(suffix.lower())
     if found is None:
-        known = " ".join(MESH_SUFFIXES)
-        message = f"'{suffix}' is not the suffix of a mesh file; {known} are read and written"
+        message = f"'{suffix}' is not the suffix of a mesh file; {' '.join(MESH_SUFFIXES)} are read"
         raise InputError("FILE_NOT_RECOGNISED", message, file=name, value=suffix)
     return found

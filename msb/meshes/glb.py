@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from msb.errors import OutputError, shorten
 from msb.meshes.colors import stored_colors
+from msb.meshes.formats import Format
 from msb.meshes.gltf import CHUNK, HEADER, Accessor, Document, accessor, open_document
 from msb.meshes.gltf_nodes import IDENTITY, placed_meshes
 from msb.meshes.mesh import Mesh
@@ -327,3 +329,6 @@ def _join_colors(parts: list[_Part]) -> NDArray[Any]:
             colors = (colors / 255).astype(np.float32)
         joined.append(_with_alpha(colors) if wide else colors)
     return np.concatenate(joined)
+
+
+FORMAT = Format("GLB", (".glb",), read, write, begins=re.compile(rb"glTF"), keeps=("vertex_colors",))

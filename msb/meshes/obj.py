@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from msb.meshes.colors import stored_colors
+from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
 from msb.meshes.source import Source
@@ -151,3 +152,6 @@ def _line_of(is_face: NDArray[np.bool_], counts: NDArray[np.int64], corner: int)
     """Return the line of corner number `corner`; the face lines (L,) hold `counts` corners each."""
     face = np.searchsorted(np.cumsum(counts), corner, side="right")
     return int(np.flatnonzero(is_face)[face])
+
+
+FORMAT = Format("OBJ", (".obj",), read, write, keeps=("vertex_colors",))

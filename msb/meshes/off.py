@@ -10,6 +10,7 @@ import numpy as np
 
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
+from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate, steps
 from msb.meshes.text import Table, read_table
@@ -192,3 +193,13 @@ def _colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
     if table.has_fraction[places].any():
         return stored_colors(values)
     return np.clip(values, 0, 255).astype(np.uint8)
+
+
+FORMAT = Format(
+    "OFF",
+    (".off",),
+    read,
+    write,
+    begins=re.compile(rb"\s*+(ST|[CN4n]){0,5}OFF"),
+    keeps=("vertex_colors", "face_colors"),
+)

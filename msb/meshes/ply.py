@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from msb.meshes.colors import stored_colors
+from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
@@ -165,3 +167,8 @@ def _colors(rows: Rows, body: Body) -> NDArray[Any] | None:
             values = np.clip(np.nan_to_num(values), 0, np.iinfo(declared).max).astype(declared)
         return stored_colors(values)
     return None
+
+
+FORMAT = Format(
+    "PLY", (".ply",), read, write, begins=re.compile(rb"ply[\r\n]"), keeps=("vertex_colors", "face_colors")
+)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msb.errors import MeshFileError
+from msb.meshes.formats import FORMATS
 
-_SIGNATURES = {
-    "PLY": re.compile(rb"ply[\r\n]"),
-    "GLB": re.compile(rb"glTF"),
-    "OFF": re.compile(rb"\s*+(ST|[CN4n]){0,5}OFF"),
-    "STL": re.compile(rb"\s*+solid\b", re.IGNORECASE),
-}
-"""How a file of each format begins. OBJ and binary STL have no signature."""
+if TYPE_CHECKING:
+    from msb.meshes.formats import Format
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -52,16 +47,16 @@ class Source:
         line = lines.count(b"\n", 0, byte) + 1
         return self.error(code, message, pointer=f"line {line}", value=value, limit=limit)
 
-    def looks_like(self) -> str | None:
-        """Return the format whose signature the file begins with, or None."""
-        matches = (name for name, signature in _SIGNATURES.items() if signature.match(self.data))
-        return next(matches, None)
+    def looks_like(self) -> Format | None:
+        """Return the format whose files begin so, or None."""
+        formats = FORMATS.values()
+        return next((each for each in formats if each.begins and each.begins.match(self.data)), None)
 
     def not_a(self, name: str, why: str) -> MeshFileError:
         """Return the error that the file is not of format `name`: it begins like another, or `why`."""
         other = self.looks_like()
-        if other not in (None, name):
-            why = f"the content begins like {other}; rename the file to .{str(other).lower()}"
+        if other is not None and other.title != name:
+            why = f"the content begins like {other.title}; rename the file to {other.suffixes[0]}"
         return self.error("MESH_FILE_HEADER", f"this is not {name}: {why}")
 
     def as_text(self, name: str) -> Source:
@@ -76,7 +71,8 @@ class Source:
         """
         data = self.data
         at = data.find(b"\0")
-        if at >= 0 or self.looks_like() not in (None, name):
+        other = self.looks_like()
+        if at >= 0 or (other is not None and other.title != name):
             raise self.not_a(name, f"byte {at} is NUL, which no text holds")
         if data.startswith(_BYTE_ORDER_MARK):
             data = data.replace(_BYTE_ORDER_MARK, b" " * len(_BYTE_ORDER_MARK), 1)

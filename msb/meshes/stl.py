@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import re
 import struct
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
@@ -51,9 +53,10 @@ def read(source: Source) -> Mesh:
     size = _HEADER_BYTES + _FACE_BYTES * declared
     if len(data) == size:
         return _soup(_read_binary(data, declared))
-    if source.looks_like() == "STL" and b"\0" not in data:
+    like = source.looks_like()
+    if like is FORMAT and b"\0" not in data:
         return _soup(_read_text(source.as_text("STL")))
-    if len(data) < _HEADER_BYTES or source.looks_like() not in ("STL", None):
+    if len(data) < _HEADER_BYTES or like not in (FORMAT, None):
         text = f"it has {len(data)} bytes; binary has at least {_HEADER_BYTES}, text begins with 'solid'"
         raise source.not_a("STL", text)
     if len(data) < size:
@@ -146,3 +149,7 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
         raise text.line_error("MESH_FILE_FACE", int(places[line]), message)
     if codes[-1] != _CODES[b"endsolid"]:
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
+
+
+# Binary files begin with anything.
+FORMAT = Format("STL", (".stl",), read, write, begins=re.compile(rb"\s*+solid\b", re.IGNORECASE))

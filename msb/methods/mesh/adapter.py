@@ -1,4 +1,4 @@
-"""Any other mesh: PLY, OBJ, OFF, STL or GLB, among them what the methods' own exporters write."""
+"""Any other mesh file, among them what the methods' own exporters write."""
 
 from __future__ import annotations
 

@@ -1,0 +1,97 @@
+"""A format is one module and one line: that of CONTRIBUTING.md, added here, is one everywhere."""
+
+from __future__ import annotations
+
+import json
+import re
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import msb
+from fuzz.targets import mesh_target
+from msb.adapters.locate import locate
+from msb.cli.app import app
+from msb.errors import InputError, MeshFileError
+from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh, write_mesh
+from msb.meshes.formats import FORMATS, Format
+from tests.conftest import ROOT
+from tests.test_docs_commands import blocks
+
+from .builders import SMALL, SQUARE, SQUARE_FACES
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CORNERS = np.array(SQUARE)[np.array(SQUARE_FACES)].reshape(-1, 3)
+
+
+@pytest.fixture
+def tri(monkeypatch: pytest.MonkeyPatch) -> Format:
+    """The format of CONTRIBUTING.md, registered."""
+    (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "FORMAT = " in block)
+    module = ModuleType("msb.meshes.tri")
+    exec(text, vars(module))
+    monkeypatch.setitem(FORMATS, ".tri", module.FORMAT)
+    found: Format = module.FORMAT
+    return found
+
+
+def run(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_an_added_format_is_converted_audited_and_exported(tri: Format, tmp_path: Path) -> None:
+    source, target = tmp_path / "a.off", tmp_path / "b.tri"
+    source.write_bytes(SMALL[".off"])
+    assert "no colours; they are left out" in run("convert", source, target)
+    np.testing.assert_array_equal(read_mesh(target).vertices, CORNERS)
+    assert json.loads(run("audit", "--json", "-", target))["counts"]["faces"] == 2
+    assert [line for line in run("audit", tmp_path).splitlines() if "b.tri" in line]
+    run("convert", target, tmp_path / "c.triasset")
+    assert len(msb.load(tmp_path / "c.triasset").buffers["indices"]) == 2
+    assert locate(target).kind == "mesh"
+    assert ".glb, .tri." in " ".join(run("convert", "--help").split())
+
+
+def test_an_added_format_is_known_by_its_content(tri: Format, tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_bytes(b"tri\n0 0 0 1 0 0 1 1 0\n")
+    with pytest.raises(MeshFileError, match=r"begins like TRI; rename the file to \.tri"):
+        read_mesh(tmp_path / "a.ply")
+    (tmp_path / "a.xyz").touch()
+    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.glb \.tri are read"):
+        read_mesh(tmp_path / "a.xyz")
+
+
+def test_an_added_format_is_fuzzed(tri: Format, tmp_path: Path) -> None:
+    target = mesh_target(".tri")
+    (seed,) = target.seeds()
+    feed = target.at(tmp_path)
+    assert feed(seed) is None
+    assert "nine coordinates" in str(feed(seed[:-5]))
+
+
+def test_a_format_without_a_writer_is_read_and_not_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(FORMATS, ".old", Format("OLD", (".old",), FORMATS[".off"].read))
+    (tmp_path / "a.old").write_bytes(SMALL[".off"])
+    assert len(read_mesh(tmp_path / "a.old").faces) == 2
+    with pytest.raises(InputError, match=r"OLD is only read; \.ply \.obj \.off \.stl \.glb are written"):
+        write_mesh(Mesh(np.array(SQUARE), np.array(SQUARE_FACES)), tmp_path / "b.old", suffix=".old")
+    done = CliRunner().invoke(app, ["convert", str(tmp_path / "a.old"), str(tmp_path / "b.old")])
+    assert "it must end in one of .triasset, .ply, .obj, .off, .stl, .glb" in str(done.exception)
+
+
+def test_every_format_has_its_rows_in_the_tables_and_its_small_file() -> None:
+    text = (ROOT / "docs" / "meshes.md").read_text()
+    read, written = (text.split(f"## What is {what}")[1].split("\n## ")[0] for what in ("read", "written"))
+    assert set(re.findall(r"^\| ([A-Z]+) \|", read, re.MULTILINE)) == {f.title for f in FORMATS.values()}
+    writers = {each.title for each in FORMATS.values() if each.write is not None}
+    assert set(re.findall(r"^\| ([A-Z]+) \|", written, re.MULTILINE)) == writers
+    assert set(MESH_SUFFIXES) <= set(SMALL)
