@@ -79,7 +79,8 @@ def show(report: Report) -> None:
         quality = result and result.quality
         timing = result and result.timing
         cells = [row.planned.cell.method, row.planned.cell.condition_name]
-        cells.append("--" if not quality or quality.psnr is None else f"{quality.psnr:.2f} dB")
+        psnr = quality and quality.values["psnr"]
+        cells.append("--" if psnr is None else f"{psnr:.2f} dB")
         cells.append("--" if not timing else f"{timing.fps:.1f} FPS, P50 {timing.p50_ms:.1f} ms")
         cells.append(f"{row.seconds:.1f} s")
         reason = row.reasons.get("cell") or row.planned.reason

@@ -56,8 +56,8 @@ ALLOWED: dict[str, set[str]] = {
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
     "methods.reference": GROUND | {"reference"},
     "methods.look": GROUND | {"render", "cl"},
-    # Of bench, the records and what follows from them.
-    "report": {"errors", "extras", "files", "methods", "bench", "paths", "_version"},
+    # Of bench, the records and what follows from them; of metrics, what they are called.
+    "report": {"errors", "extras", "files", "methods", "bench", "metrics", "paths", "_version"},
     "bench": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "reference", "engines", "cl"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "cl"},

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from msb.metrics.registry import IMAGE_METRICS
 from msb.scenes.datasets.catalog import DATASETS
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class Metric(NamedTuple):
 
 
 def _quality(name: str) -> Callable[[Result], float | None]:
-    return lambda result: None if result.quality is None else getattr(result.quality, name)
+    return lambda result: None if result.quality is None else result.quality.values[name]
 
 
 def _timing(name: str) -> Callable[[Result], float | None]:
@@ -44,9 +45,7 @@ def _audit(name: str) -> Callable[[Result], float | None]:
 
 
 METRICS: dict[str, Metric] = {
-    "psnr": Metric("higher", _quality("psnr")),
-    "ssim": Metric("higher", _quality("ssim")),
-    "lpips": Metric("lower", _quality("lpips")),
+    **{key: Metric(metric.better, _quality(key)) for key, metric in IMAGE_METRICS.items()},
     "fps": Metric("higher", _timing("fps")),
     "p50_ms": Metric("lower", _timing("p50_ms")),
     "p95_ms": Metric("lower", _timing("p95_ms")),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 from msb.bench.aggregate import METRICS, mean_over
 from msb.bench.machine import OF_THE_MOMENT
+from msb.metrics.registry import IMAGE_METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -30,7 +31,6 @@ PAIRS: dict[GapName, tuple[str, str]] = {
 }
 """Gap -> from which condition to which."""
 
-_IDENTITIES = {"psnr": "psnr", "ssim": "ssim", "lpips": "lpips_vgg"}
 _OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory"})
 
 
@@ -231,7 +231,7 @@ def incomparable(metric: str, first: Result | None, second: Result | None) -> st
         other = first.setup and second.setup
         convention = other and first.setup.camera_convention != second.setup.camera_convention  # type: ignore[union-attr]
         return "camera_mismatch" if convention else "setup_mismatch"
-    if metric in _IDENTITIES and _identity(first, metric) != _identity(second, metric):
+    if metric in IMAGE_METRICS and _identity(first, metric) != _identity(second, metric):
         return "metric_mismatch"
     return None
 
@@ -287,7 +287,7 @@ def _images(result: Result) -> frozenset[tuple[str, int, int]]:
 
 def _identity(result: Result, metric: str) -> dict[str, object] | None:
     assert result.quality is not None
-    name = _IDENTITIES[metric]
+    name = IMAGE_METRICS[metric].name
     found = next((one for one in result.quality.metrics if one.get("name") == name), None)
     return None if found is None else {key: value for key, value in found.items() if key != "libraries"}
 

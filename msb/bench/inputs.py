@@ -14,7 +14,7 @@ from msb._version import __version__
 from msb.bench.digest import digest
 from msb.bench.parts import mask_files, scan_number
 from msb.bench.photographs import Views, views_of
-from msb.bench.quality import identities, lpips_network
+from msb.bench.quality import image_measures
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
 from msb.files import file_sha256
@@ -70,7 +70,7 @@ def _hash(path: Path) -> str:
 
 
 def _metrics(weights: Path | None) -> str:
-    found = identities(None if weights is None else lpips_network(weights))
+    found = [one.to_dict() for one in image_measures(weights).identities]
     return digest([{key: value for key, value in one.items() if key != "libraries"} for one in found])
 
 

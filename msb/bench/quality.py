@@ -14,7 +14,7 @@ from msb import metrics
 from msb.atomic import new_folder
 from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
-from msb.bench.records import ImageQuality, Quality, RendererInfo, mean_of
+from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import find_renders
 from msb.errors import MetricError
 from msb.files import file_sha256
@@ -47,31 +47,25 @@ def measure_quality(job: Job) -> dict[str, Any]:
     scene = checked_scene(job.scene, job.views)
     source: _Imported | _Drawn = _Imported(job, scene) if job.renders is not None else _Drawn(job, scene)
     names = image_names(scene.test)
-    network = None if job.vgg_weights is None else lpips_network(job.vgg_weights)
+    measures = image_measures(job.vgg_weights)
     rows: list[ImageQuality] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):
             writers.submit(write_image, folder / f"{name}.png", image, "png")
             truth = job.photographs / f"{name}.png"
-            rows.append(_compare(job, camera, name, to_bytes(image), truth, network))
+            rows.append(_compare(job, camera, name, to_bytes(image), truth, measures))
     rows = [row.model_copy(update={"sha256": file_sha256(job.folder / str(row.file))}) for row in rows]
     return {
-        "quality": _summary(rows, network),
+        "quality": _summary(rows, measures, job.vgg_weights),
         "setup": job.views.setup,
         **source.about(),
     }
 
 
 @lru_cache(maxsize=1)
-def lpips_network(weights: Path) -> metrics.LpipsVgg:
-    """Return the network of LPIPS, once for a process."""
-    return metrics.LpipsVgg(weights)
-
-
-def identities(network: metrics.LpipsVgg | None) -> tuple[dict[str, Any], ...]:
-    """Return the full identity of every metric that is computed."""
-    found = [metrics.identity("psnr"), metrics.identity("ssim")]
-    return tuple(one.to_dict() for one in (*found, *([] if network is None else [network.identity()])))
+def image_measures(weights: Path | None) -> metrics.Measures:
+    """Return the image metrics, their weights loaded once for a process."""
+    return metrics.Measures(weights)
 
 
 @dataclass
@@ -155,33 +149,29 @@ def renderer_info(job: Job, name: str) -> RendererInfo:
 
 
 def _compare(
-    job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, network: metrics.LpipsVgg | None
+    job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> ImageQuality:
-    wanted = metrics.read_image(truth)
-    psnr = metrics.psnr(pixels, wanted)
+    found: dict[str, Any] = measures(pixels, metrics.read_image(truth))
+    equal = found["psnr"] == math.inf
     return ImageQuality(
         name=str(camera.name),
         width=camera.width,
         height=camera.height,
-        psnr=None if math.isinf(psnr) else psnr,
-        psnr_infinite=math.isinf(psnr),
-        ssim=metrics.ssim(pixels, wanted),
-        lpips=None if network is None else network(pixels, wanted),
+        psnr_infinite=equal,
+        **{**found, "psnr": None if equal else found["psnr"]},
         file=f"images/{name}.png",
         gt=_relative(truth, job.folder),
     )
 
 
-def _summary(rows: list[ImageQuality], network: metrics.LpipsVgg | None) -> Quality:
-    psnr, infinite = metrics.mean_psnr(math.inf if row.psnr is None else row.psnr for row in rows)
+def _summary(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
+    means: dict[str, Any] = means_of(rows)
     return Quality(
-        psnr=psnr,
-        ssim=mean_of(row.ssim for row in rows),
-        lpips=mean_of(row.lpips for row in rows),
-        lpips_reason=NO_WEIGHTS if network is None else None,
-        psnr_inf_count=infinite,
+        **means,
+        lpips_reason=NO_WEIGHTS if weights is None else None,
+        psnr_inf_count=sum(row.psnr_infinite for row in rows),
         images=tuple(rows),
-        metrics=identities(network),
+        metrics=tuple(one.to_dict() for one in measures.identities),
     )
 
 

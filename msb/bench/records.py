@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from msb._version import __version__
 from msb.bench.checked import checked, read_json
-from msb.errors import InputError, MetricError
+from msb.errors import InputError, shorten
+from msb.metrics.registry import IMAGE_METRICS, mean_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator, Sequence
 
 SCHEMA: Literal["msb.result/1"] = "msb.result/1"
 MAX_BYTES = 64 << 20
@@ -113,16 +114,35 @@ class Setup(Record):
     render_masked_by_gt_alpha: bool = False
 
 
-class ImageQuality(Record):
-    """One test image. `psnr` is None where the images are equal, which `psnr_infinite` says."""
+class _Measured(Record):
+    """Values by the keys of the image metrics, which in JSON stand among the other keys.
+
+    A metric that is not there has no value: records may be older than it.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float | None]
+
+    @model_validator(mode="after")
+    def _are_metrics(self) -> Self:
+        for key in self.__pydantic_extra__:
+            if key not in IMAGE_METRICS:
+                raise ValueError(f"there is no metric {shorten(key)!r}")
+        return self
+
+    @property
+    def values(self) -> dict[str, float | None]:
+        """Every metric's value, by its key."""
+        return {key: self.__pydantic_extra__.get(key) for key in IMAGE_METRICS}
+
+
+class ImageQuality(_Measured):
+    """One test image. PSNR is None where the images are equal, which `psnr_infinite` says."""
 
     name: Name
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
-    psnr: float | None
     psnr_infinite: bool = False
-    ssim: float | None
-    lpips: float | None = None
     file: str | None = None
     """Of the rendering, relative to the record."""
     sha256: Sha256 | None = None
@@ -131,13 +151,11 @@ class ImageQuality(Record):
     """Of the ground truth as it was compared, relative to the record; None where that is not kept."""
 
 
-class Quality(Record):
+class Quality(_Measured):
     """Means over the test images, unweighted, and every image. Infinite PSNRs count `psnr_inf_count`."""
 
-    psnr: float | None
-    ssim: float | None
-    lpips: float | None
     lpips_reason: str | None
+    """Why metrics that need VGG weights are not there."""
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
     metrics: tuple[dict[str, Any], ...]
@@ -267,36 +285,35 @@ def read_result(path: str | os.PathLike[str]) -> Result:
 
 def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:
     """Yield place and fault of what no comparison of images gives."""
-    from msb.metrics import mean_psnr
-
     for number, image in enumerate(quality.images):
-        pointer = f"/quality/images/{number}"
-        if (image.psnr is None) is not image.psnr_infinite:
+        pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
+        if (psnr is None) is not image.psnr_infinite:
             yield f"{pointer}/psnr", "it must be there, or psnr_infinite be true, and not both"
-        elif image.psnr is not None and image.psnr < -_ROUNDING:
+        elif psnr is not None and psnr < -_ROUNDING:
             # The values are in [0, 1], so the mean squared error is at most 1.
-            yield f"{pointer}/psnr", f"{image.psnr:g} dB, and no PSNR is negative"
-    try:
-        mean, infinite = mean_psnr(math.inf if one.psnr is None else one.psnr for one in quality.images)
-    except MetricError:
+            yield f"{pointer}/psnr", f"{psnr:g} dB, and no PSNR is negative"
+    if not quality.images:
         yield "/quality/images", "there are none"
         return
+    infinite = sum(image.psnr_infinite for image in quality.images)
     if quality.psnr_inf_count != infinite:
         yield "/quality/psnr_inf_count", f"it is {quality.psnr_inf_count}, and so many images are {infinite}"
-    means = {"psnr": mean, "ssim": mean_of(one.ssim for one in quality.images)}
-    means["lpips"] = mean_of(one.lpips for one in quality.images)
-    for name, value in means.items():
-        held = getattr(quality, name)
+    means = means_of(quality.images)
+    for name, held in quality.values.items():
+        value = means[name]
         same = held is value if held is None or value is None else _close(held, value)
         if not same:
             yield f"/quality/{name}", f"it is {held}, and the mean of its images is {value}"
 
 
-def mean_of(values: Iterable[float | None]) -> float | None:
-    """Return the mean of what images have, None where one has nothing."""
-    found = list(values)
-    known = [value for value in found if value is not None]
-    return math.fsum(known) / len(known) if known and len(known) == len(found) else None
+def means_of(images: Sequence[ImageQuality]) -> dict[str, float | None]:
+    """Return metric -> the mean of its values, None where an image has none."""
+    return {
+        key: mean_of(
+            math.inf if key == "psnr" and image.psnr_infinite else image.values[key] for image in images
+        )
+        for key in IMAGE_METRICS
+    }
 
 
 def _close(one: float, other: float) -> bool:

@@ -22,11 +22,12 @@ from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.bench.protocol import AUTO, PROTOCOL_NAME
-from msb.bench.quality import lpips_network
+from msb.bench.quality import image_measures
 from msb.bench.records import Reason, Result
 from msb.bench.videos import video_tasks, write_video
 from msb.errors import CODES, EXIT_STATUS, MsbError
 from msb.extras import need_extra
+from msb.metrics.registry import modules_needed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -151,13 +152,13 @@ def run_protocol(
     watch = watch or _Nobody()
     weights = file.protocol.metrics.vgg_weights
     if weights is not None:
-        for warning in lpips_network(file.resolve(weights)).warnings:
+        for warning in image_measures(file.resolve(weights)).warnings:
             watch.note(f"{warning.code}: {warning.message}")
     if dry:
         with contextlib.suppress(MsbError):
             return _dry(file, only, redo, start, machine(file.protocol.device)["device"])
         return _dry(file, only, redo, start, None)
-    need_extra("bench", "filelock", "skimage", what="a run")
+    need_extra("bench", "filelock", *modules_needed(), what="a run")
     if file.protocol.videos is not None:
         need_extra("video", "av", what="[videos]")
     with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:

@@ -1,8 +1,9 @@
-"""`msb eval`: PSNR, SSIM and LPIPS of images against the ground truth."""
+"""`msb eval`: the image metrics of renderings against the ground truth."""
 
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +16,7 @@ from msb.errors import MsbError, UsageError, shorten
 from msb.extras import need_extra
 
 if TYPE_CHECKING:
-    from msb.metrics import ImagePair, LpipsVgg
+    from msb.metrics import ImagePair
 
     Color = tuple[float, float, float]
 
@@ -25,8 +26,7 @@ EPILOG = epilog(
 )
 SCHEMA = "msb.eval/1"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
-_DECIMALS = {"psnr": 2, "ssim": 3, "lpips": 3}
-_COLUMNS = ("name", "pred", "gt", "width", "height", *_DECIMALS)
+_COLUMNS = ("name", "pred", "gt", "width", "height")
 
 
 def evaluate(
@@ -50,7 +50,7 @@ def evaluate(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Compare images with their ground truth: PSNR, SSIM and LPIPS of each image, and their means.
+    """Compare images with their ground truth: PSNR, SSIM, LPIPS, ... of each image, and their means.
 
     Images are paired by their path below the folder without its suffix (png, jpg, npy, exr). Their sizes must
     be equal; nothing is resized. All images are clamped and rounded to 8 bits. A bad image gets a line on
@@ -72,24 +72,24 @@ class _Task:
         self, output: Output, pred: Path, gt: Path, background: Color | None, vgg_weights: Path | None
     ) -> None:
         self.output, self.pred, self.gt, self.background = output, pred, gt, background
-        self.network: LpipsVgg | None = None
-        self.notes: list[str] = []
-        if vgg_weights is not None:
-            from msb.metrics import LpipsVgg
+        self.reason = NO_WEIGHTS if vgg_weights is None else None
+        from msb.metrics import IMAGE_METRICS, Measures
 
-            with output.progress(f"reading {vgg_weights.name}"):
-                self.network = LpipsVgg(vgg_weights)
-            for warning in self.network.warnings:
-                self.notes.append(f"{warning.code}: {vgg_weights}: {warning.message}")
+        self.metrics = IMAGE_METRICS
+        with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
+            self.measures = Measures(vgg_weights)
+        self.notes = [f"{one.code}: {vgg_weights}: {one.message}" for one in self.measures.warnings]
 
     def run(self, pairs: list[ImagePair], *, fail_fast: bool) -> int:
         """Compare all pairs, print and write; return the exit status."""
+        from msb.metrics.registry import modules_needed
+
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         status = 0
         # Once, not for every pair.
         read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
-        need_extra("bench", "skimage", *read, what="msb eval")
+        need_extra("bench", *modules_needed(), *read, what="msb eval")
         for note in self.notes:
             self.output.note(note)
         with self.output.counted("comparing", len(pairs)) as step:
@@ -104,7 +104,7 @@ class _Task:
                 step()
         data = self.summary(rows, failed)
         self.output.write_json(data)
-        self.output.write_csv(_COLUMNS, rows)
+        self.output.write_csv((*_COLUMNS, *self.metrics), rows)
         if self.output.prints_text and rows:
             self.show(rows, data)
         return status
@@ -122,25 +122,14 @@ class _Task:
                 "gt": str(pair.gt),
                 "width": int(gt.shape[1]),
                 "height": int(gt.shape[0]),
-                "psnr": metrics.psnr(pred, gt),
-                "ssim": metrics.ssim(pred, gt),
-                "lpips": None if self.network is None else self.network(pred, gt),
+                **self.measures(pred, gt),
             }
 
     def summary(self, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> dict[str, Any]:
         """Return the JSON document. A mean is over the images that could be compared."""
-        from msb import metrics
         from msb.errors import json_safe
+        from msb.metrics.registry import mean_of
 
-        mean: dict[str, float | None] = dict.fromkeys(_DECIMALS)
-        infinite = 0
-        if rows:
-            mean["psnr"], infinite = metrics.mean_psnr(row["psnr"] for row in rows)
-            for key in ("ssim", "lpips") if self.network else ("ssim",):
-                mean[key] = math.fsum(row[key] for row in rows) / len(rows)
-        identities = [metrics.identity("psnr"), metrics.identity("ssim")]
-        if self.network is not None:
-            identities.append(self.network.identity())
         return {
             "schema": SCHEMA,
             "pred": str(self.pred),
@@ -148,28 +137,28 @@ class _Task:
             "background": None if self.background is None else list(self.background),
             "count": len(rows),
             "partial": bool(failed),
-            "mean": mean,
-            "psnr_inf_count": infinite,
-            "lpips_reason": NO_WEIGHTS if self.network is None else None,
+            "mean": {key: mean_of(row[key] for row in rows) for key in self.metrics},
+            "psnr_inf_count": sum(row["psnr"] == math.inf for row in rows),
+            "lpips_reason": self.reason,
             "warnings": self.notes,
             "images": [{**row, "psnr": json_safe(row["psnr"])} for row in rows],
             "failed": failed,
-            "metrics": [each.to_dict() for each in identities],
+            "metrics": [each.to_dict() for each in self.measures.identities],
         }
 
     def show(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
         """Print the table; with --quiet its last line alone."""
         from rich.markup import escape
 
-        table = plain_table("Image", "Size", "PSNR", "SSIM", "LPIPS", right=(1, 2, 3, 4))
+        titles = [metric.title for metric in self.metrics.values()]
+        table = plain_table("Image", "Size", *titles, right=tuple(range(1, 2 + len(titles))))
         if not self.output.quiet:
             for row in rows:
                 name, size = escape(shorten(row["name"], 200)), f"{row['width']}x{row['height']}"
-                table.add_row(name, size, *(_cell(row, key) for key in _DECIMALS))
+                table.add_row(name, size, *self._cells(row))
         of = f"{len(rows)} of {len(rows) + len(data['failed'])}" if data["failed"] else str(len(rows))
         plural = "" if len(rows) == 1 and not data["failed"] else "s"
-        means = (_cell(data["mean"], key) for key in _DECIMALS)
-        table.add_row(f"[bold]mean of {of} image{plural}[/bold]", "", *means)
+        table.add_row(f"[bold]mean of {of} image{plural}[/bold]", "", *self._cells(data["mean"]))
         console = self.output.console()
         console.print(table)
         if self.output.quiet:
@@ -181,12 +170,15 @@ class _Task:
                 f"{data['psnr_inf_count']} equal to the ground truth: inf counts {PSNR_CAP:g} dB in the mean"
             )
             console.print(text)
-        if data["lpips_reason"]:
-            console.print(f"LPIPS --: {data['lpips_reason']}")
+        if self.reason:
+            without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
+            console.print(f"{without} --: {self.reason}")
 
-
-def _cell(row: dict[str, Any], key: str) -> str:
-    return "--" if row[key] is None else f"{row[key]:.{_DECIMALS[key]}f}"
+    def _cells(self, row: dict[str, Any]) -> list[str]:
+        return [
+            "--" if row[key] is None else f"{row[key]:.{metric.decimals}f}"
+            for key, metric in self.metrics.items()
+        ]
 
 
 def _parse_color(text: str) -> Color:

@@ -27,8 +27,6 @@ EPILOG = epilog(
     "      data_stubs/models/pebble/two_dts",
 )
 SCHEMA = "msb.run/1"
-_SHOWN = {"psnr": 2, "ssim": 3, "lpips": 3, "fps": 0}
-_HEADERS = ("PSNR", "SSIM", "LPIPS", "FPS")
 
 
 def run(
@@ -144,9 +142,10 @@ def _name(row: Row) -> str:
 
 def _numbers(row: Row) -> dict[str, float | None]:
     from msb.bench.aggregate import METRICS
+    from msb.metrics import IMAGE_METRICS
 
     result = row.result
-    return {name: None if result is None else METRICS[name].get(result) for name in _SHOWN}
+    return {name: None if result is None else METRICS[name].get(result) for name in (*IMAGE_METRICS, "fps")}
 
 
 def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
@@ -175,6 +174,10 @@ def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
 def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> None:
     from rich.markup import escape
 
+    from msb.metrics import IMAGE_METRICS
+
+    headers = (*(metric.title for metric in IMAGE_METRICS.values()), "FPS")
+    decimals = {**{key: metric.decimals for key, metric in IMAGE_METRICS.items()}, "fps": 0}
     console = output.console()
     states = [_state(row, dry=dry) for row in found.rows]
     for dataset, group in groupby(
@@ -182,12 +185,13 @@ def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> N
     ):
         if output.quiet:
             break
-        table = plain_table("Scene", "Method", "Condition", *_HEADERS, "", right=(3, 4, 5, 6))
+        right = tuple(range(3, 3 + len(headers)))
+        table = plain_table("Scene", "Method", "Condition", *headers, "", right=right)
         for column in table.columns[:-1]:
             column.no_wrap = True
         for row, state in group:
             cell = row.planned.cell
-            cells = [_cell(value, _SHOWN[name]) for name, value in _numbers(row).items()]
+            cells = [_cell(value, decimals[name]) for name, value in _numbers(row).items()]
             table.add_row(escape(cell.scene), cell.method, escape(cell.condition_name), *cells, escape(state))
         console.print(f"[bold]{escape(dataset)}[/bold]")
         console.print(table)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from msb.errors import InputError, MeshFileError, OutputError
 from msb.files import read_file
-from msb.meshes import glb, obj, off, ply, stl
 from msb.meshes.formats import FORMATS, Format, written_suffixes
 from msb.meshes.source import Source
 from msb.meshes.writing import check_writable
@@ -16,13 +16,17 @@ from msb.meshes.writing import check_writable
 if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
 
-for _each in (
-    ply.FORMAT,
-    obj.FORMAT,
-    off.FORMAT,
-    stl.FORMAT,
-    glb.FORMAT,
-):
+_MODULES = (
+    "ply",
+    "obj",
+    "off",
+    "stl",
+    "glb",
+)
+"""Modules here, each with its `FORMAT`."""
+
+for _name in _MODULES:
+    _each: Format = import_module(f"msb.meshes.{_name}").FORMAT
     FORMATS.update(dict.fromkeys(_each.suffixes, _each))
 
 MESH_SUFFIXES = FORMATS.keys()
@@ -61,7 +65,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         message = "this machine has not enough memory for the file"
         raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None
     source = Source(name, data)
-    chosen = _format(name, Path(name).suffix)
+    chosen = _known(name, Path(name).suffix)
     if not data:
         raise source.error("MESH_FILE_HEADER", "the file is empty")
     try:
@@ -95,7 +99,7 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """
     name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
-    chosen = _format(str(name), suffix)
+    chosen = _known(str(name), suffix)
     if chosen.write is None:
         message = f"{chosen.title} is only read; {' '.join(written_suffixes())} are written"
         raise InputError("FILE_NOT_RECOGNISED", message, file=str(name), value=suffix)
@@ -111,7 +115,7 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error
 
 
-def _format(name: str, suffix: str) -> Format:
+def _known(name: str, suffix: str) -> Format:
     """Return the format of `suffix`."""
     found = FORMATS.get(suffix.lower())
     if found is None:

@@ -9,13 +9,15 @@ from __future__ import annotations
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface
 from msb.metrics.culling import CulledMesh, cull_dtu
 from msb.metrics.dtu_data import DtuScan, read_dtu_scan
-from msb.metrics.identity import METRICS, Identity, identity
+from msb.metrics.identity import Identity
 from msb.metrics.image_files import IMAGE_SUFFIXES, read_image
 from msb.metrics.images import mean_psnr, psnr, ssim
 from msb.metrics.pairs import ImagePair, pair_images
 from msb.metrics.perceptual import LpipsVgg, MetricWarning, lpips_vgg
+from msb.metrics.registry import IMAGE_METRICS, METRICS, Measures, identity
 
 __all__ = [
+    "IMAGE_METRICS",
     "IMAGE_SUFFIXES",
     "METRICS",
     "CulledMesh",
@@ -23,6 +25,7 @@ __all__ = [
     "Identity",
     "ImagePair",
     "LpipsVgg",
+    "Measures",
     "MetricWarning",
     "chamfer_dtu",
     "chamfer_points",

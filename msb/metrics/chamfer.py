@@ -9,7 +9,7 @@ import numpy as np
 from msb.errors import MetricError, MsbError, shorten
 from msb.meshes import read_mesh
 from msb.metrics.dtu_data import read_dtu_scan
-from msb.metrics.identity import identity
+from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def chamfer_surface(
     del samples
     generator.shuffle(cloud, axis=0)
     result = chamfer_points(thin(cloud, DENSITY), data, max_distance=max_distance)
-    about = identity("chamfer_dtu", seed=int(seed), max_distance_mm=float(max_distance))
+    about = CHAMFER.identity(seed=int(seed), max_distance_mm=float(max_distance))
     return {**result, **counts, "seed": int(seed), "identity": about.to_dict()}
 
 
@@ -167,7 +167,7 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
         "n_stl_above": len(above),
         "n_d2s_lt_max": len(to_scan),
         "n_s2d_lt_max": len(to_mesh),
-        "identity": identity("chamfer_dtu", max_distance_mm=float(max_distance)).to_dict(),
+        "identity": CHAMFER.identity(max_distance_mm=float(max_distance)).to_dict(),
     }
 
 
@@ -212,3 +212,18 @@ def _generator(seed: int) -> np.random.Generator:
 def _about(error: MsbError, path: object) -> MetricError:
     where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
     return MetricError(error.code, error.message, file=path, **where)
+
+
+CHAMFER = Definition(
+    name="chamfer_dtu",
+    unit="mm",
+    better="lower",
+    parameters={
+        "density_mm": 0.2,
+        "patch_mm": 60.0,
+        "max_distance_mm": 20.0,
+        "thinning": "greedy, in shuffled order",
+        "generator": "numpy.random.default_rng(seed).shuffle",
+    },
+    libraries=("numpy", "scipy"),
+)

@@ -1,16 +1,22 @@
-"""What a number is: the metric's name, the version of its definition, libraries, parameters and weights."""
+"""What a metric declares of itself, and what its number is: name, version, libraries, parameters, weights."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
-
-from msb.errors import MetricError
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from msb.errors import Finding
+
+    Pixels = NDArray[np.float64]
+    """(H, W, 3), in [0, 1]."""
 
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 """What is done to both images before any image metric; bytes are taken as they are."""
@@ -58,67 +64,93 @@ class Identity:
         }
 
 
-_SSIM = {
-    "window": "gaussian 11 x 11, sigma 1.5",
-    "border": "zero padding 5",
-    "K1": 0.01,
-    "K2": 0.03,
-    "covariance": "population, not clipped",
-    "channels": "mean",
-    "precision": "float64",
-}
-_LPIPS = {
-    "lpips_version": "0.1",
-    "network": "vgg16",
-    "input_range": "[-1, 1]",
-    "spatial": "mean",
-    "precision": "float32",
-}
-_CHAMFER = {
-    "density_mm": 0.2,
-    "patch_mm": 60.0,
-    "max_distance_mm": 20.0,
-    "thinning": "greedy, in shuffled order",
-    "generator": "numpy.random.default_rng(seed).shuffle",
-}
-_KINDS: dict[str, tuple[int, str, str, dict[str, Any], tuple[str, ...]]] = {
-    "psnr": (1, "higher", "dB", {"peak": 1.0, "mse": "all pixels and channels"}, ("numpy",)),
-    "ssim": (1, "higher", "1", _SSIM, ("numpy", "scipy", "scikit-image")),
-    "lpips_vgg": (1, "lower", "1", _LPIPS, ("numpy", "torch", "lpips")),
-    "chamfer_dtu": (1, "lower", "mm", _CHAMFER, ("numpy", "scipy")),
-}
-METRICS: Mapping[str, str] = MappingProxyType({name: kind[1] for name, kind in _KINDS.items()})
-"""Every metric there is, and whether "higher" or "lower" is better."""
+@dataclass(frozen=True)
+class Definition:
+    """What a metric is, whatever it is computed from.
 
-
-def identity(
-    name: str, *, weights: Mapping[str, Any] | None = None, **parameters: str | float | bool | None
-) -> Identity:
-    """Return the identity of the metric `name` as it is computed here and now.
-
-    Parameters
+    Attributes
     ----------
     name : str
-        A key of `METRICS`.
-    weights : mapping, optional
-        For LPIPS: `LpipsVgg.weights`, whose own `identity` fills it in.
-    **parameters
-        What this computation chose: ``quantize=False``, ``seed=3``.
-
-    Raises
-    ------
-    MetricError
-        METRIC_ARGUMENT: there is no such metric.
+        In identities.
+    better : {"higher", "lower"}
+    unit : str
+        "dB", "mm" or "1".
+    parameters : mapping
+        Everything the definition leaves open.
+    libraries : tuple of str
+        Packages whose arithmetic is in the number.
+    version : int
+        Raised when the same input would give another number.
     """
-    if name not in _KINDS:
-        raise MetricError("METRIC_ARGUMENT", f"there is no metric '{name}'; there are {', '.join(_KINDS)}")
-    number, better, unit, fixed, packages = _KINDS[name]
-    chosen: dict[str, Any] = {**fixed, **parameters}
-    if name != "chamfer_dtu":
-        quantize = chosen.pop("quantize", True)
-        chosen = {"input": INPUT_RULE if quantize else "clamp to [0, 1]", **chosen}
-    libraries = {package: package_version(package) for package in packages}
-    return Identity(name, number, better, unit, chosen, libraries, weights)
+
+    name: str
+    better: Literal["higher", "lower"]
+    unit: str
+    parameters: Mapping[str, Any]
+    libraries: tuple[str, ...]
+    version: int = 1
+
+    def identity(
+        self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None
+    ) -> Identity:
+        """Return the identity of a number as it is computed here and now; `chosen` are parameters of it."""
+        packages = {package: package_version(package) for package in self.libraries}
+        parameters = {**self.parameters, **chosen}
+        return Identity(self.name, self.version, self.better, self.unit, parameters, packages, weights)
+
+
+class Network(Protocol):
+    """A metric with its weights loaded."""
+
+    weights: dict[str, Any]
+    """For the identity."""
+    warnings: tuple[Finding, ...]
+
+    def __call__(self, pred: Pixels, gt: Pixels, /) -> float: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageMetric(Definition):
+    """A metric of two images; its module declares it, a line of `msb.metrics.registry` registers it.
+
+    Attributes
+    ----------
+    key : str
+        In records, tables and JSON: "psnr".
+    title : str
+        The heading of its column, without unit: "PSNR".
+    decimals : int
+        With which it is printed.
+    equal : float
+        Its value for equal images. All values are finite, but PSNR's of equal images.
+    measure : callable, optional
+        From rendering and ground truth, (H, W, 3) float64 in [0, 1], of one size and rounded as `INPUT_RULE`
+        says, to the value.
+    load : callable, optional
+        In its place, of a metric that needs them: from the file of VGG weights to what is called so.
+    modules : tuple of str
+        What it imports of the extra `bench`.
+    """
+
+    key: str
+    title: str
+    decimals: int
+    equal: float
+    measure: Callable[[Pixels, Pixels], float] | None = None
+    load: Callable[[Path], Network] | None = None
+    modules: tuple[str, ...] = ()
+
+    def identity(
+        self,
+        *,
+        weights: Mapping[str, Any] | None = None,
+        quantize: bool | str | float | None = True,
+        **chosen: str | float | bool | None,
+    ) -> Identity:
+        """Return the identity as of `Definition`; `quantize` says whether floats are rounded to 8 bits."""
+        found = super().identity(weights=weights, **chosen)
+        rule = INPUT_RULE if quantize else "clamp to [0, 1]"
+        return replace(found, parameters={"input": rule, **found.parameters})
 
 
 def package_version(package: str) -> str | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from msb.errors import MetricError
 from msb.extras import need_extra
+from msb.metrics.identity import ImageMetric
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -55,7 +56,10 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     >>> round(psnr(grey, black), 6)
     13.9794
     """
-    a, b = image_pair(pred, gt, quantize=quantize)
+    return _psnr(*image_pair(pred, gt, quantize=quantize))
+
+
+def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     mse = float(np.mean(np.square(a - b)))
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
@@ -105,8 +109,11 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Definition: Wang et al., Image Quality Assessment: From Error Visibility to Structural Similarity, 2004.
     Border rule: `graphdeco-inria/gaussian-splatting`: utils/loss_utils.py.
     """
+    return _ssim(*image_pair(pred, gt, quantize=quantize))
+
+
+def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     need_extra("bench", "skimage", what="SSIM")
-    a, b = image_pair(pred, gt, quantize=quantize)
     with ThreadPoolExecutor(3) as pool:  # the filters let go of the interpreter, and memory is per channel
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
     return math.fsum(channels) / len(channels)
@@ -196,3 +203,38 @@ def _unit(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
             return clamped.astype(np.float64)
         array = np.floor(clamped * kind.type(255) + kind.type(0.5))
     return array.astype(np.float64) / 255
+
+
+PSNR = ImageMetric(
+    name="psnr",
+    key="psnr",
+    title="PSNR",
+    unit="dB",
+    decimals=2,
+    better="higher",
+    equal=math.inf,
+    measure=_psnr,
+    parameters={"peak": 1.0, "mse": "all pixels and channels"},
+    libraries=("numpy",),
+)
+SSIM = ImageMetric(
+    name="ssim",
+    key="ssim",
+    title="SSIM",
+    unit="1",
+    decimals=3,
+    better="higher",
+    equal=1.0,
+    measure=_ssim,
+    modules=("skimage",),
+    parameters={
+        "window": "gaussian 11 x 11, sigma 1.5",
+        "border": "zero padding 5",
+        "K1": 0.01,
+        "K2": 0.03,
+        "covariance": "population, not clipped",
+        "channels": "mean",
+        "precision": "float64",
+    },
+    libraries=("numpy", "scipy", "scikit-image"),
+)

@@ -16,7 +16,7 @@ import numpy as np
 
 from msb.errors import Finding, MetricError, finding
 from msb.files import regular_file
-from msb.metrics.identity import Identity, identity
+from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import image_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
 
@@ -135,7 +135,7 @@ class LpipsVgg:
 
     def identity(self, *, quantize: bool = True) -> Identity:
         """Return what must be stored beside this network's numbers."""
-        return identity("lpips_vgg", weights=self.weights, quantize=quantize)
+        return LPIPS.identity(weights=self.weights, quantize=quantize)
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
         return float(sum(self.per_layer(pred, gt, quantize=quantize)))
@@ -186,3 +186,23 @@ def _distance(x: Any, y: Any, head: Any) -> float:
 
 def _known(sha256: str) -> str | None:
     return "lpips 0.1.4" if sha256 == HEADS_SHA256 else None
+
+
+LPIPS = ImageMetric(
+    name="lpips_vgg",
+    key="lpips",
+    title="LPIPS",
+    unit="1",
+    decimals=3,
+    better="lower",
+    equal=0.0,
+    load=LpipsVgg,
+    parameters={
+        "lpips_version": "0.1",
+        "network": "vgg16",
+        "input_range": "[-1, 1]",
+        "spatial": "mean",
+        "precision": "float32",
+    },
+    libraries=("numpy", "torch", "lpips"),
+)

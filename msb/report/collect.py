@@ -10,6 +10,7 @@ from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, sce
 from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
 from msb.bench.records import CONDITIONS
 from msb.methods import METHODS
+from msb.metrics.registry import IMAGE_METRICS
 from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
 from msb.report.results import Place
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
@@ -143,8 +144,9 @@ def _why_missing(metric: str, result: Result) -> str:
     part = _PARTS.get(metric)
     if part in result.reasons:
         return result.reasons[part].message
-    if metric == "lpips" and result.quality is not None and result.quality.lpips_reason:
-        return f"LPIPS: {result.quality.lpips_reason}"
+    weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
+    if weights and result.quality is not None and result.quality.lpips_reason:
+        return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}"
     if metric == "chamfer" and result.cell.dataset != "dtu":
         return "the Chamfer distance needs a reference scan, which only DTU has"
     return {

@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.gaps import PAIRS
-from msb.report.metric_format import text
+from msb.report.metric_format import SHOWN, text
 from msb.report.numbers import DRAWN_CONDITIONS, MEAN, Key, condition_title, dataset_title, method_title
 from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
@@ -121,7 +121,7 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
         signs = ", ".join(f"{name} {text_of(key.metric, gaps[name].signed)}" for name in _GAPS)
         sentence = (
             f"{method_title(key.method)} on {dataset_title(key.dataset)} is not monotone in "
-            f"{key.metric.upper()}: {better} (losses: {signs}), so adapt + port exceeds deploy by "
+            f"{SHOWN[key.metric].title}: {better} (losses: {signs}), so adapt + port exceeds deploy by "
             f"{text(key.metric, gaps.triangle_excess or 0.0)}."
         )
         yield Finding("not_monotone", sentence, f"gaps-{slug(key.dataset)}")

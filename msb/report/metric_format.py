@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from msb.bench.aggregate import METRICS
+from msb.metrics.registry import IMAGE_METRICS
 
 _MIB = float(1 << 20)
 _SMALL_MIB = 10.0
@@ -23,9 +24,7 @@ class Shown(NamedTuple):
 
 
 SHOWN: dict[str, Shown] = {
-    "psnr": Shown("PSNR", "dB", 2),
-    "ssim": Shown("SSIM", "1", 3),
-    "lpips": Shown("LPIPS", "1", 3),
+    **{key: Shown(metric.title, metric.unit, metric.decimals) for key, metric in IMAGE_METRICS.items()},
     "fps": Shown("FPS", "1/s", 0),
     "p50_ms": Shown("P50", "ms", 1),
     "p95_ms": Shown("P95", "ms", 1),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from msb.bench.aggregate import TITLES
 from msb.bench.records import CONDITIONS
 from msb.methods import METHODS
+from msb.metrics.registry import IMAGE_METRICS
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 
@@ -34,7 +35,7 @@ CONDITION_TITLES = {
 DRAWN_CONDITIONS = ("non_engine", "dedicated", "standard")
 """The conditions that hold images, in the order in which quality is lost."""
 
-QUALITY = ("psnr", "ssim", "lpips")
+QUALITY = tuple(IMAGE_METRICS)
 
 
 class Key(NamedTuple):

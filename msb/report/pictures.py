@@ -119,7 +119,7 @@ def _gaps(results: ResultSet, place: Place) -> dict[str, float]:
     if len(own) < 2:
         return {}
     first, last = (
-        {image.name: _EQUAL if image.psnr is None else image.psnr for image in _images(loaded)}
+        {image.name: _EQUAL if (psnr := image.values["psnr"]) is None else psnr for image in _images(loaded)}
         for loaded in (own[0], own[-1])
     )
     return {name: first[name] - psnr for name, psnr in last.items() if name in first}
@@ -156,7 +156,7 @@ def _shot(loaded: Loaded, condition: str, image: ImageQuality, name: str) -> Sho
     path = loaded.file(image.file)
     changed = path is not None and image.sha256 not in (None, _sha256(path))
     picture = None if changed else _picture(path, image, name)
-    return Shot(condition_title(condition), image.psnr, picture, path if changed else None)
+    return Shot(condition_title(condition), image.values["psnr"], picture, path if changed else None)
 
 
 def _sha256(path: Path) -> str:

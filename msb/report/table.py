@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from msb.metrics.registry import IMAGE_METRICS
+
 SCHEMA = "msb.table/1"
-_QUALITY = ("psnr", "ssim", "lpips")
 NOT_SUPPORTED, NOT_THERE = "N/A", "--"
 """N/A stands for an unsupported condition, -- for a metric that does not apply or was not reported."""
 
@@ -155,7 +156,7 @@ class Table:
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
             having = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in having):
-                names = ", ".join(metric.upper() for metric in having if metric in _QUALITY)
+                names = ", ".join(IMAGE_METRICS[metric].title for metric in having if metric in IMAGE_METRICS)
                 common[note] = note if len(having) == len(metrics) or not names else f"{names}: {note}"
         if not common:
             return self

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from msb.bench import cell as cells
-from msb.bench import inputs, parts, quality
+from msb.bench import parts
 from msb.bench.cell import compute
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
@@ -17,7 +17,7 @@ from msb.bench.models import prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planner, pairs_of
 from msb.bench.records import read_result
-from msb.metrics import identity
+from msb.metrics import registry
 from msb.render.backend import renderers
 from msb.render.frame import Frame
 from tests.bench.protocols import protocol
@@ -70,18 +70,20 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 class FakeNetwork:
     """Stands for LPIPS: the mean absolute difference, so that no weights are needed."""
 
+    weights = {"vgg": {"sha256": "0" * 64}}  # noqa: RUF012
+    warnings = ()
+
     def __call__(self, pred: Any, gt: Any) -> float:
-        return float(np.abs(pred.astype(float) - gt).mean() / 255)
-
-    def identity(self) -> Any:
-        return identity("lpips_vgg", weights={"vgg": {"sha256": "0" * 64}})
+        return float(np.abs(pred - gt).mean())
 
 
-def test_lpips_is_measured_where_there_are_weights(
-    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for module in (quality, inputs):
-        monkeypatch.setattr(module, "lpips_network", lambda _path: FakeNetwork())
+@pytest.fixture
+def fake_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    metric = replace(registry.IMAGE_METRICS["lpips"], load=lambda _path: FakeNetwork())
+    monkeypatch.setattr(registry, "IMAGE_METRICS", {**registry.IMAGE_METRICS, "lpips": metric})
+
+
+def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path, fake_network: None) -> None:
     table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
     bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
     assert bench.job("standard").vgg_weights == tmp_path / "vgg.pth"
@@ -93,14 +95,10 @@ def test_lpips_is_measured_where_there_are_weights(
     assert found.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
 
 
-def test_the_weights_of_lpips_decide_whether_a_cell_is_done(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_weights_of_lpips_decide_whether_a_cell_is_done(bench: Bench, fake_network: None) -> None:
     bench.compute("standard", "quality", "timing")
     (planned,) = bench.plan("standard")
     assert dict(planned.why) == {}
-    for module in (quality, inputs):
-        monkeypatch.setattr(module, "lpips_network", lambda _path: FakeNetwork())
     table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
     bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
     (planned,) = bench.plan("standard")
