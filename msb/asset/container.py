@@ -9,7 +9,7 @@ import zlib
 from typing import TYPE_CHECKING, Protocol
 
 from msb.asset.manifest import ASSET_SUFFIX, MANIFEST_NAME
-from msb.asset.packed import Member, parse_packed
+from msb.asset.packed import parse_packed
 from msb.asset.paths import map_member
 from msb.asset.strict_json import MAX_BYTES
 from msb.errors import AssetError, Finding, InputError, finding, shorten
@@ -19,6 +19,8 @@ from msb.paths import given_path
 if TYPE_CHECKING:
     import mmap
     from pathlib import Path
+
+    from msb.asset.strict_zip import Member
 
 _CRC_CHUNK = 1 << 24
 _MAX_LISTED = 1000
@@ -64,14 +66,14 @@ class PackedContainer:
 
     def manifest_bytes(self) -> bytes:
         member = self._member(MANIFEST_NAME)
-        start = member.data_offset
+        start = member.offset
         return bytes(self._view[start : start + min(member.size, MAX_BYTES + 1)])
 
     def file_size(self, file: str) -> int:
         return self._member(file).size
 
     def map(self, file: str) -> tuple[memoryview, int]:
-        return self._view, self._member(file).data_offset
+        return self._view, self._member(file).offset
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
         return [
@@ -84,13 +86,13 @@ class PackedContainer:
         found = []
         for member in self._members.values():
             crc = 0
-            end = member.data_offset + member.size
-            for start in range(member.data_offset, end, _CRC_CHUNK):
+            end = member.offset + member.size
+            for start in range(member.offset, end, _CRC_CHUNK):
                 crc = zlib.crc32(self._view[start : min(end, start + _CRC_CHUNK)], crc)
             if crc != member.crc:
                 text = f"{member.name} has CRC-32 {crc:08x}; the ZIP says {member.crc:08x}"
                 found.append(
-                    finding("TRIASSET_ZIP_CRC", text, file=member.name, pointer=f"byte {member.data_offset}")
+                    finding("TRIASSET_ZIP_CRC", text, file=member.name, pointer=f"byte {member.offset}")
                 )
         return found
 

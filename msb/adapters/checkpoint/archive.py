@@ -9,13 +9,16 @@ need. Facts: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/version
 from __future__ import annotations
 
 import zlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msb.adapters.checkpoint.pickle_machine import run_pickle
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.tensors import Place, Storages
-from msb.adapters.checkpoint.zip_members import Member, is_script, read_members, refuse_script
+from msb.adapters.checkpoint.zip_members import is_script, read_members, refuse_script
 from msb.errors import shorten
+
+if TYPE_CHECKING:
+    from msb.asset.strict_zip import Member
 
 MAX_PICKLE = 16 << 20
 """Bytes of data.pkl, which holds no tensor's values: kilobytes in practice. A million losses take 9 MiB."""
