@@ -11,13 +11,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from data_stubs.trained import TRAINED
+from msb.methods import METHODS
+
 if TYPE_CHECKING:
     from msb.asset import Asset
 
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
+BLENDED = tuple(name for name in TRAINED if METHODS[name].native.alpha_compositing)  # type: ignore[union-attr]
+"""Methods whose triangles are sorted and blended, with spherical harmonics."""
 SIZES = ((620, 411), (1237, 822))
 _FOCAL = 1160 / 1237
 """Focal length as a share of the image's width."""
+
+
+def is_connected(method: str) -> bool:
+    """Return whether faces of `method` share vertices."""
+    native = METHODS[method].native
+    return native is not None and native.connectivity
 
 
 def camera(width: int, height: int) -> Any:
@@ -79,15 +89,14 @@ def model(method: str, faces: int) -> Asset:
     """Return an asset of `method` with about so many faces."""
     from msb.asset.build import Description, build_asset
 
-    buffers = grid_mesh(faces) if method == "mesh_splatting" else soup(faces)
-    kernel: dict[str, Any] = {"kernel": "gaussian_power"}
-    if method == "triangle_splatting":
+    connected = is_connected(method)
+    buffers = grid_mesh(faces) if connected else soup(faces)
+    kernel: dict[str, Any] = {"kernel": METHODS[method].coverage}
+    if kernel["kernel"] == "incentre_window":
         sigma = np.exp(0.15 + 0.5 * np.random.default_rng(1).standard_normal(faces))
         buffers["sigma"] = np.log(sigma).astype(np.float32)
-        kernel = {"kernel": "incentre_window", "sigma_encoding": "exp", "sigma_offset": 0.01}
-    elif method == "mesh_splatting":
-        kernel = {"kernel": "edge_window"}
-    domain = "vertex" if method == "mesh_splatting" else "face"
+        kernel |= {"sigma_encoding": "exp", "sigma_offset": 0.01}
+    domain = "vertex" if connected else "face"
     description = Description(
         method=method,
         sh_degree=3,

@@ -20,9 +20,11 @@ import msb
 from benchmarks.measure import machine
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, pose, shell
 from data_stubs.make import splat_like_asset
+from data_stubs.trained import TRAINED
 from msb import Camera
 from msb.asset import Description, build_asset
 from msb.engines.agreement import agreement
+from msb.methods import METHODS
 from msb.render.backend import ENGINES, what_is_missing
 from msb.render.images import to_bytes
 from tests.reference.golden import exported, golden_views
@@ -34,7 +36,6 @@ if TYPE_CHECKING:
     from msb.render import Frame
 
 GARDEN = Path(__file__).parent.parent.parent / "shared" / "golden" / "garden"
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
 
 
 class Task(NamedTuple):
@@ -47,7 +48,7 @@ class Task(NamedTuple):
 
 def goldens() -> Iterator[Task]:
     """Yield the golden scenes: their checkpoints' meshes from their own cameras."""
-    for method in METHODS:
+    for method in (name for name in TRAINED if METHODS[name].supports("standard")):
         for view in golden_views(method):
             chosen = {key: view.settings[key] for key in ("ste_threshold",) if key in view.settings}
             yield Task(exported(view.folder / "checkpoint"), [(view.camera, view.background)], chosen)

@@ -18,12 +18,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_stubs.surface import Surface
-from data_stubs.trained import write_models
+from data_stubs.trained import TRAINED, write_models
 from msb.bench.protocol import parse_protocol
 from msb.bench.run import Report, run_protocol
 from msb.scenes import read_points
 
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 NEIGHBOURS = 8
 SIZE = 1.6
 """Distance from a triangle's middle to its corners, in mean distances to the nearest three neighbours."""
@@ -66,7 +65,7 @@ def protocol_text(scene: Path, image_folder: str | None, reference: bool) -> str
         f"scenes = [{json.dumps(scene.name)}]",
         *([f"image_folder = {json.dumps(image_folder)}"] if image_folder else []),
     ]
-    for method in METHODS:
+    for method in TRAINED:
         lines += ["[[methods]]", f'name = "{method}"', 'model = "models/{method}"']
         lines += ['non_engine = "reference"'] if reference else []
     return "\n".join(lines) + "\n"

@@ -27,11 +27,11 @@ import numpy as np
 from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, soup
 from benchmarks.measure import machine, peak
 from data_stubs.torch_file import write_torch
+from data_stubs.trained import TRAINED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 _ASSET = "scale.triasset"
 _HOLES = 1.287
 """How many faces a grid has for one that is not left out as a hole."""
@@ -175,7 +175,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--faces", type=int, default=10_000_000)
     parser.add_argument(
-        "--method", choices=METHODS, action="append", help="default: all, one after the other"
+        "--method", choices=TRAINED, action="append", help="default: all, one after the other"
     )
     parser.add_argument("--folder", type=Path, help="where 5 GB fit; a temporary folder if not given")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
@@ -194,7 +194,7 @@ def main() -> None:
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     heads = f"{'seconds':>8}{'peak GB':>9}{'private GB':>12}{'a face':>8}{'private':>9}"
     print(f"\n{'method':<20}{'step':<11}{heads}")
-    for method in options.method or METHODS:
+    for method in options.method or TRAINED:
         with tempfile.TemporaryDirectory(dir=options.folder) as name:
             arguments = ["--method", method, "--faces", str(options.faces), "--folder", name]
             run("write", *arguments)

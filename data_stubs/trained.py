@@ -14,6 +14,7 @@ import numpy as np
 
 from data_stubs.torch_file import write_torch
 from msb.asset.sh import SH_C0
+from msb.methods import BUILT_IN, METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float32]
 
+TRAINED = tuple(name for name in BUILT_IN if METHODS[name].native is not None)
+"""Methods with a representation of their own, of which models are made here."""
 SH_C1 = 0.4886025119029199
 NOISE = 0.06
 """Standard deviation of a triangle's colour; blending averages over about a dozen."""
@@ -45,9 +48,9 @@ def write_models(folder: Path, surface: Surface, *, white: bool, layout: str) ->
     layout : {"colmap", "synthetic"}
         Of DiffSoup.
     """
-    for method, write in _WRITERS.items():
+    for method in TRAINED:
         (folder / method).mkdir(parents=True, exist_ok=True)
-        write(folder / method, surface, white, layout)
+        _WRITERS[method](folder / method, surface, white, layout)
 
 
 def _two_dts(folder: Path, surface: Surface, white: bool, layout: str) -> None:

@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 import msb
-import msb.methods
-from benchmarks.dedicated import camera as capture_camera
-from benchmarks.dedicated import model
+from benchmarks.dedicated_scenes import BLENDED, is_connected, model
+from benchmarks.dedicated_scenes import camera as capture_camera
+from data_stubs.trained import TRAINED
+from msb.methods import METHODS
 from tests.golden.views import scenes, views
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROOT = Path(__file__).parent.parent
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
-TITLES = {name: msb.methods.METHODS[name].title for name in METHODS}
+TITLES = {name: METHODS[name].title for name in TRAINED}
 CHOICES: dict[str, dict[str, str]] = {
     "`order=global`": {"order": "global"},
     "`order=none`": {"order": "none"},
@@ -79,11 +79,11 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
     """Return the figures by method and scene, and the rows of the picture."""
     found: dict[Row, Figures] = {}
     strips = []
-    for method in METHODS:
+    for method in TRAINED:
         for scene in (folder for root in roots for folder in scenes(root, method)):
             asset = msb.export(scene / "checkpoint")
             for name, camera, background, settings, official, stable in views(scene, method):
-                for changed in ({}, SINGLE) if method == "mesh_splatting" else ({},):
+                for changed in ({}, SINGLE) if "supersample" in METHODS[method].settings else ({},):
                     row = Row(method, f"`{scene.name}`", ", one sample a pixel" if changed else "")
                     figures = found.setdefault(row, {choice: [] for choice in CHOICES})
                     common = {"background": background, "settings": {**settings, **changed}, "device": device}
@@ -98,10 +98,10 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
 def captures(device: str | None) -> dict[Row, Figures]:
     """Return the figures of the benchmark's models, which have no order that a user could know of."""
     found = {}
-    for method in ("two_dts", "triangle_splatting", "mesh_splatting"):
+    for method in BLENDED:
         asset, camera = model(method, CAPTURE), capture_camera(620, 411)
         shuffled = np.random.default_rng(0).permutation(asset.buffers["indices"])
-        if method == "mesh_splatting":  # soups are as random as this already
+        if is_connected(method):  # soups are as random as this already
             asset = replace(asset, buffers={**asset.buffers, "indices": shuffled})
         official = draw(asset, camera, device=device)
         found[Row(method, f"synthetic capture of {CAPTURE:,} faces, 620 x 411")] = {
@@ -162,7 +162,7 @@ def main() -> None:
     found, strips = golden(arguments.folders, arguments.device)
     sys.stdout.write(table(by_method(found), "PSNR in dB, median (least to most)") + "\n\n")
     everything = found | captures(arguments.device)
-    ordered = sorted(everything, key=lambda row: METHODS.index(row.method))
+    ordered = sorted(everything, key=lambda row: TRAINED.index(row.method))
     rows = {str(row): everything[row] for row in ordered}
     sys.stdout.write(table(rows, "scene") + "\n")
     if arguments.picture is not None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from data_stubs.trained import TRAINED
 from fuzz import readers, seeds
 from fuzz.target import Target
 from msb.meshes import MESH_SUFFIXES
+from msb.methods import METHODS
 from tests.adapters import assemble
 from tests.scenes.bad_cameras import SMALL as CAMERAS
 
@@ -15,12 +17,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def model_target(method: str, file: str) -> Target:
+def model_target(method: str) -> Target:
     """Return the target of one adapter: the program is hostile, the archive around it is sound."""
     return Target(
         readers.export,
         lambda: [seeds.model(method)[0]],
-        file,
+        (METHODS[method].files or (STATE,))[0].format(n=30000),
         wrap=lambda data: assemble.archive(data, seeds.model(method)[1]),
     )
 
@@ -62,10 +64,7 @@ TARGETS: dict[str, Target] = {
     "triasset_manifest": Target(readers.asset, seeds.manifests, "a.triasset", wrap=seeds.around_manifest),
     "checkpoint": Target(readers.checkpoint, seeds.checkpoints, "a.pt"),
     "checkpoint_pickle": Target(readers.checkpoint, seeds.pickles, "a.pt", wrap=assemble.archive),
-    "model_two_dts": model_target("two_dts", "ckpt/30000.ckpt"),
-    "model_triangle_splatting": model_target("triangle_splatting", STATE),
-    "model_mesh_splatting": model_target("mesh_splatting", STATE),
-    "model_diffsoup": model_target("diffsoup", "final_params.pt"),
+    **{f"model_{method}": model_target(method) for method in TRAINED},
     "web_texture": web_target("lut0.png"),
     "web_weights": web_target("mlp_weights.json"),
     "web_meta": web_target("meta.json"),

@@ -112,6 +112,16 @@ class Retained:
 
 
 @dataclass(frozen=True)
+class PaperNote:
+    """What must be known of the paper's own numbers of a method with its own renderer; a footnote there."""
+
+    text: str
+    metrics: tuple[str, ...]
+    dataset: str | None = None
+    """None: on all of them."""
+
+
+@dataclass(frozen=True)
 class Method:
     """What one method declares of itself; docs/extending.md."""
 
@@ -119,6 +129,7 @@ class Method:
     """As tables and messages print it."""
     paper_name: str | None = None
     """What the paper's tables call it; None if they do not have it."""
+    paper_notes: tuple[PaperNote, ...] = ()
     native: Native | None = None
     """None for what is only shown as an extracted mesh, or not at all."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
@@ -154,4 +165,8 @@ BAKED_DC = Retained("Fallback", "baked SH-DC")
 AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort": True}
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
+OTHER_LPIPS = PaperNote(
+    "the paper took this LPIPS from elsewhere, of images in [0, 1]: not comparable with LPIPS on [-1, 1]",
+    ("lpips",),
+)
 NO_APPEARANCE = "it has static colours only, no appearance of its own to draw"

@@ -50,13 +50,6 @@ ENGINE_FLOOR = (
     "the paper's Standard memory is nearly the same for all methods and smaller than their meshes: what its "
     "engine takes without them, so it is not comparable with ours, which counts every buffer"
 )
-OTHER_LPIPS = (
-    "the paper took this LPIPS from elsewhere, of images in [0, 1]: not comparable with LPIPS on [-1, 1]"
-)
-TWO_DIFFSOUPS = (
-    "the paper has two results of DiffSoup on Tanks and Temples: 17.45 / 0.645 / 0.389 in its summary, "
-    "18.90 / 0.685 / 0.352 in its reproducibility table"
-)
 
 
 class _Cell(BaseModel):
@@ -119,6 +112,11 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
     }
 
 
+def methods_in(table: str) -> list[str]:
+    """Return the methods that a paper table has rows of; `table` as of `paper_row`."""
+    return list(dict.fromkeys(key.method for key in _table(table)))
+
+
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published per-scene numbers from a file of the shape of ``paper_tables/*.json``.
 
@@ -156,14 +154,15 @@ def _entry(cell: _Cell) -> tuple[Key, Number]:
 
 def _noted(key: Key, number: Number) -> Number:
     """Return `number` with what is known to be wrong with it (docs/report.md, "in the paper")."""
-    note = None
+    if number.value is None:
+        return number
     if key.metric == "memory" and key.condition == "standard":
-        note = ENGINE_FLOOR
-    elif key.metric == "lpips" and key.method in ("three_dgs", "two_dgs") and key.condition == "non_engine":
-        note = OTHER_LPIPS
-    elif (key.dataset, key.method, key.condition) == ("tanksandtemples", "diffsoup", "non_engine"):
-        note = TWO_DIFFSOUPS if key.metric in QUALITY and key.source in ("", "meshsplatbench") else None
-    return number if note is None or number.value is None else Number(number.value, notes=(note,))
+        return Number(number.value, notes=(ENGINE_FLOOR,))
+    own = METHODS[key.method].paper_notes if key.method in METHODS else ()
+    if key.condition != "non_engine" or key.source not in ("", "meshsplatbench"):
+        own = ()
+    notes = (one.text for one in own if key.metric in one.metrics and one.dataset in (None, key.dataset))
+    return Number(number.value, notes=tuple(notes))
 
 
 def _means(values: dict[Key, Number], condition: str, metric: str) -> dict[tuple[str, str], float]:

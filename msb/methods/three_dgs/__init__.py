@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from msb.methods.declare import TIERS, Method
+from msb.methods.declare import OTHER_LPIPS, TIERS, Method
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(
     title="3DGS",
     paper_name="3dgs",
+    paper_notes=(OTHER_LPIPS,),
     unsupported=dict.fromkeys(TIERS, "its primitives are Gaussians, not triangles"),
     rules=Rules(
         "3DGS",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from msb.methods.declare import NO_APPEARANCE, Method, Retained
+from msb.methods.declare import NO_APPEARANCE, OTHER_LPIPS, Method, Retained
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(
     title="2DGS mesh",
     paper_name="2dgs",
+    paper_notes=(OTHER_LPIPS,),
     retained={"standard": Retained("Fallback", "baked color")},
     unsupported={"reference": NO_APPEARANCE, "dedicated": NO_APPEARANCE},
     passes={"standard": ("opaque_unlit",)},

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from msb.report.layout import Layout, Line, make_table
 from msb.report.metric_format import printed_value, text, title, title_with_unit
 from msb.report.numbers import QUALITY, Key, condition_title, method_title
-from msb.report.paper import paper_row
+from msb.report.paper import methods_in, paper_row
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.tables.gaps import scene_gaps_table
 from msb.report.tables.structure import CONNECTIVITY
@@ -71,7 +71,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
         rows = (
             Row(("this mesh",), tuple(_metric(metric, audit["metrics"].get(metric)) for metric in metrics)),
             Row(
-                (f"{method_title('mesh_splatting')}, mean in the paper",),
+                (f"{', '.join(map(method_title, methods_in('mesh_connectivity')))}, mean in the paper",),
                 tuple(_metric(metric, paper[metric]) for metric in metrics),
                 paper=True,
             ),
