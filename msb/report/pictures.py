@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from msb.errors import MsbError
 from msb.files import file_sha256
+from msb.metrics.images import PSNR_CAP
 from msb.report.numbers import DRAWN_CONDITIONS, condition_title, dataset_title, method_title, scene_title
 from msb.report.safe_names import plain_text, slug
 
@@ -24,8 +25,6 @@ GT = "Ground truth"
 _WIDTH = 480
 _QUALITY = 85
 _MOST_PIXELS = 1 << 26
-_EQUAL = 100.0
-"""The PSNR in dB of an image equal to the ground truth, in means (docs/metrics.md, PSNR)."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,10 @@ def _gaps(results: ResultSet, place: Place) -> dict[str, float]:
     if len(own) < 2:
         return {}
     first, last = (
-        {image.name: _EQUAL if (psnr := image.values["psnr"]) is None else psnr for image in _images(loaded)}
+        {
+            image.name: PSNR_CAP if (psnr := image.values["psnr"]) is None else psnr
+            for image in _images(loaded)
+        }
         for loaded in (own[0], own[-1])
     )
     return {name: first[name] - psnr for name, psnr in last.items() if name in first}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from msb.bench.records import Cell, File, ImageQuality, Quality, Result, Setup, Timing
+from msb.metrics import IMAGE_METRICS
 
 IDENTITIES: tuple[dict[str, Any], ...] = tuple(
     {"name": name, "version": 1, "parameters": {}, "libraries": {"numpy": "2"}, "weights": None}
@@ -18,13 +19,10 @@ SETUP = Setup(
 def quality(
     psnr: float = 20.0, lpips: float | None = 0.2, *, names: tuple[str, ...] = ("a.png", "b.png")
 ) -> Quality:
-    images = tuple(
-        ImageQuality(name=name, width=16, height=12, psnr=psnr, ssim=0.5, lpips=lpips) for name in names
-    )
+    values: dict[str, Any] = dict.fromkeys(IMAGE_METRICS, 0.5) | {"psnr": psnr, "lpips": lpips}
+    images = tuple(ImageQuality(name=name, width=16, height=12, **values) for name in names)
     return Quality(
-        psnr=psnr,
-        ssim=0.5,
-        lpips=lpips,
+        **values,
         lpips_reason=None,
         psnr_inf_count=0,
         images=images,

@@ -105,7 +105,8 @@ def words_of(label: str, cell: dict[str, Any]) -> list[str]:
 def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
     table = printed()[label]
     lookup, cells = Lookup(table), raw_cells(label)
-    assert len(lookup.cells) == len(cells)
+    metrics = {NAMES.get(cell["metric"], cell["metric"]) for cell in cells}
+    assert sum(cell.metric in metrics for cell in lookup.cells.values()) == len(cells)
     for cell in cells:
         found = lookup.find(*words_of(label, cell))
         raw = cell["raw"] + (" M" if cell["unit"] == "1e6" else "")
@@ -122,7 +123,8 @@ def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
 @pytest.mark.parametrize("label", ["method_attributes", "feature_mapping"])
 def test_feature_matrices_are_the_papers(label: str) -> None:
     lookup, cells = Lookup(printed()[label]), raw_cells(label)
-    assert len(lookup.cells) == len(cells)
+    methods = {title_of(cell) for cell in cells}
+    assert sum(not methods.isdisjoint(words) for words in lookup.cells) == len(cells)
     tiers = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
     for cell in cells:
         words = {"sh": "SH", "view_dependence": "View-dep."}
