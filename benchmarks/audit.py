@@ -188,12 +188,12 @@ def first_calls(folder: Path, rounds: int) -> Result:
 
 def processes(folder: Path, rounds: int) -> Result:
     """Return the seconds from starting msb-audit on a file to its printed table."""
-    from msb.asset import save
+    from msb.asset import write_asset
     from msb.meshes import Mesh, write_mesh
     from msb.meshes.assets import asset_from_mesh
 
     mesh = Mesh(np.load(folder / "vertices.npy"), np.load(folder / "faces.npy").astype(np.int64))
-    save(asset_from_mesh(mesh), folder / "mesh.triasset")
+    write_asset(asset_from_mesh(mesh), folder / "mesh.triasset")
     for suffix in (".ply", ".glb"):
         write_mesh(mesh, folder / f"mesh{suffix}", suffix=suffix)
     del mesh

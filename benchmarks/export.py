@@ -88,7 +88,7 @@ def export(source: Path, target: Path) -> dict[str, float]:
     seconds = time.perf_counter() - start
     prepare(target, source.stat().st_size)
     start = time.perf_counter()
-    msb.save(asset, target)
+    msb.save(asset, target, overwrite=True)
     seconds += time.perf_counter() - start
     return {"seconds": seconds, "hashing": hashing, "peak": peak(), "size": target.stat().st_size}
 

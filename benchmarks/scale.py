@@ -99,7 +99,7 @@ def export(folder: Path) -> int:
     import msb
 
     asset = msb.export(folder)
-    msb.save(asset, folder / _ASSET)
+    msb.save(asset, folder / _ASSET, overwrite=True)
     return asset.manifest.face_count
 
 

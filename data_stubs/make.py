@@ -16,7 +16,7 @@ from data_stubs import captures, trained
 from data_stubs.splat_like import splat_like
 from data_stubs.surface import Y_DOWN, pebble, walled
 from data_stubs.torch_file import write_torch
-from msb.asset import Asset, Description, build_asset, save
+from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.manifest import CoordinateFrame, StoredSetting
 from msb.asset.sh import SH_C0
 from msb.methods import METHODS
@@ -115,4 +115,4 @@ if __name__ == "__main__":
     write_scenes(HERE / "scenes")
     write_cameras(cameras(), HERE / "views.json", background=(1, 1, 1))
     write_checkpoint(HERE / "checkpoint")
-    save(splat_like_asset(), HERE / "splat_like.triasset")
+    write_asset(splat_like_asset(), HERE / "splat_like.triasset")

@@ -81,7 +81,7 @@ def tutorial_picture() -> Image.Image:
     """Return what the tutorial's `msb compare` writes."""
     with tempfile.TemporaryDirectory() as folder:
         asset, picture = Path(folder) / "pebble.triasset", Path(folder) / "compare.png"
-        msb.save(msb.export(STUBS / "models" / "walled" / "mesh_splatting"), asset)
+        msb.save(msb.open(STUBS / "models" / "walled" / "mesh_splatting"), asset)
         options = ["--camera", "DSC07950", "--screenshot", str(picture), "--size", "1000x760"]
         command = [sys.executable, "-m", "msb", "compare", *options]
         scene = STUBS / "scenes" / "mipnerf360" / "pebble"

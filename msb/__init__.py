@@ -13,16 +13,20 @@ from msb._version import __version__
 if TYPE_CHECKING:
     from msb import metrics
     from msb.adapters import export
-    from msb.asset import Asset, load, save
+    from msb.asset import Asset, load
+    from msb.auditing import audit
     from msb.errors import MsbError, Unsupported
+    from msb.opening import open
     from msb.render import Frame, Renderer, render
+    from msb.saving import save
     from msb.scenes import Camera, read_cameras
-    from msb.topology import Audit, audit
+    from msb.topology import Audit
 
 _HOME = {
     "Asset": "msb.asset",
     "load": "msb.asset",
-    "save": "msb.asset",
+    "open": "msb.opening",
+    "save": "msb.saving",
     "MsbError": "msb.errors",
     "Unsupported": "msb.errors",
     "Camera": "msb.scenes",
@@ -31,7 +35,7 @@ _HOME = {
     "Frame": "msb.render",
     "Renderer": "msb.render",
     "Audit": "msb.topology",
-    "audit": "msb.topology",
+    "audit": "msb.auditing",
 }
 _PACKAGES = ("metrics", "render")
 """Packages of the public API; render can be called."""
@@ -49,6 +53,7 @@ __all__ = [
     "export",
     "load",
     "metrics",
+    "open",
     "read_cameras",
     "render",
     "save",
@@ -67,4 +72,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

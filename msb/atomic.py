@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterator[BinaryIO]:
+def new_file(
+    path: str | os.PathLike[str], *, size: int | None = None, overwrite: bool = True
+) -> Iterator[BinaryIO]:
     """Yield a binary file that takes the place of `path` when the block ends without an error.
 
     Missing parent folders are made. On any failure the temporary file is removed and `path` is as before.
@@ -37,13 +39,16 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
     path : path-like
     size : int, optional
         Bytes that will be written, if known: the error of a full disk then tells.
+    overwrite : bool
+        What is there may be replaced; a device or pipe is written through in any case.
 
     Raises
     ------
     OutputError
         `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
     UsageError
-        `OUTPUT_EXISTS`: `check_place` was told that the place is free, and it is no more.
+        `OUTPUT_EXISTS`: it is there and not to be replaced, or `check_place` was told that the place is free
+        and it is no more.
     """
     target = _target(path)
     if is_stream(target):
@@ -53,6 +58,7 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
     temporary = _beside(target)
     with _translated(target, size):
         try:
+            _refuse_existing(target, overwrite)
             _make_parent(target)
             if target.is_dir():
                 raise OutputError("OUTPUT_UNWRITABLE", _IS_FOLDER, file=target)
@@ -60,7 +66,7 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            if not _moved_to_free_place(temporary, target):
+            if not _moved_to_free_place(temporary, target, overwrite):
                 temporary.replace(target)
         except BaseException:
             with contextlib.suppress(OSError):
@@ -69,7 +75,9 @@ def new_file(path: str | os.PathLike[str], *, size: int | None = None) -> Iterat
 
 
 @contextlib.contextmanager
-def new_folder(path: str | os.PathLike[str], *, size: int | None = None) -> Iterator[Path]:
+def new_folder(
+    path: str | os.PathLike[str], *, size: int | None = None, overwrite: bool = True
+) -> Iterator[Path]:
     """Yield a new folder that takes the place of `path` when the block ends without an error.
 
     The old folder or file is moved aside, the new one moved in, the old one removed.
@@ -78,6 +86,7 @@ def new_folder(path: str | os.PathLike[str], *, size: int | None = None) -> Iter
     ----------
     path : path-like
     size : int, optional
+    overwrite : bool
         As of `new_file`.
 
     Raises
@@ -92,11 +101,12 @@ def new_folder(path: str | os.PathLike[str], *, size: int | None = None) -> Iter
     with _translated(target, size):
         try:
             _refuse_stream(target)
+            _refuse_existing(target, overwrite)
             _make_parent(target)
             temporary.mkdir()
             yield temporary
             try:
-                if not _moved_to_free_place(temporary, target):
+                if not _moved_to_free_place(temporary, target, overwrite):
                     if os.path.lexists(target):
                         target.rename(aside)
                     temporary.rename(target)
@@ -242,7 +252,12 @@ def _refuse_stream(target: Path) -> None:
         raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
-def _moved_to_free_place(temporary: Path, target: Path) -> bool:
+def _refuse_existing(target: Path, overwrite: bool) -> None:
+    if not overwrite and os.path.lexists(target):
+        raise UsageError("OUTPUT_EXISTS", "it exists; overwrite=True replaces it", file=target)
+
+
+def _moved_to_free_place(temporary: Path, target: Path, overwrite: bool) -> bool:
     """Move in, if the place was found free and still is; return False if it may be taken from what is there.
 
     Raises
@@ -251,12 +266,13 @@ def _moved_to_free_place(temporary: Path, target: Path) -> bool:
         `OUTPUT_EXISTS`.
     """
     place = os.path.abspath(target)  # noqa: PTH100 - see check_place
-    if place not in _FREE:
+    if overwrite and place not in _FREE:
         return False
     try:
         _rename_to_new(temporary, target)
     except FileExistsError as error:
-        text = "it was made while this ran, by another program; --force replaces it"
+        how = "--force" if overwrite else "overwrite=True"
+        text = f"it was made while this ran, by another program; {how} replaces it"
         raise UsageError("OUTPUT_EXISTS", text, file=target) from error
     _FREE.discard(place)
     return True

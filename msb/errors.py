@@ -6,10 +6,14 @@ exactly one exit status. The command line prints ``CODE: FILE: what is wrong, wh
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 Severity = Literal["error", "warning", "info"]
 
@@ -228,6 +232,18 @@ def shorten(text: str, limit: int = 80) -> str:
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
 
 
+@contextlib.contextmanager
+def about(path: object) -> Iterator[None]:
+    """Give errors about arrays, which know no file, the name of the file the arrays came from."""
+    try:
+        yield
+    except MsbError as error:
+        if error.file is not None or path is None:
+            raise
+        where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
+        raise type(error)(error.code, error.message, file=path, **where) from error
+
+
 def one_line(text: str) -> str:
     """Return `text` without control characters: a file's name or content must not break the line."""
     if text.isprintable():
@@ -312,7 +328,7 @@ CODES: dict[str, Code] = {
             ),
             "OUTPUT_EXISTS": (
                 "The output exists and --force was not given.",
-                "Give --force or another name.",
+                "Give --force (overwrite=True in Python) or another name.",
             ),
             "RESULTS_MIXED": (
                 "Results that would stand beside each other differ in a metric's definition, setup or asset.",

@@ -6,7 +6,10 @@ import os
 import unicodedata
 from pathlib import Path
 
-from msb.errors import InputError, shorten
+from msb.errors import InputError, UsageError, shorten
+
+PATH_TYPES = (str, os.PathLike)
+"""What may be given as a path."""
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:
@@ -16,7 +19,12 @@ def given_path(path: str | os.PathLike[str]) -> Path:
     ------
     InputError
         `FILE_NOT_FOUND`.
+    UsageError
+        `USAGE`: it is of a type that is no path.
     """
+    if not isinstance(path, PATH_TYPES):
+        text = f"the path is of type {type(path).__name__}; it must be text or a pathlib.Path"
+        raise UsageError("USAGE", text)
     if not os.fspath(path):
         raise InputError("FILE_NOT_FOUND", "the path is empty; the current folder is called .")
     return Path(path)

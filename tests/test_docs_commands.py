@@ -25,8 +25,6 @@ import msb
 from msb.bench.protocol import read_protocol
 from msb.bench.run import run_protocol
 from msb.cli.app import app
-from msb.meshes import write_mesh
-from msb.meshes.assets import mesh_from_asset
 from msb.render.backend import what_is_missing
 from tests.conftest import ROOT
 
@@ -137,11 +135,10 @@ def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).symlink_to(target)
     asset = msb.export(MODEL)
-    for name in ("garden.triasset", "asset.triasset", "exports/garden.triasset"):
+    assets = ("garden.triasset", "asset.triasset", "exports/garden.triasset")
+    for name in (*assets, "mesh.ply", "scan.obj", "soup.stl"):
         (folder / name).parent.mkdir(exist_ok=True)
         msb.save(asset, folder / name)
-    for name in ("mesh.ply", "scan.obj", "soup.stl"):
-        write_mesh(mesh_from_asset(asset), folder / name, suffix=Path(name).suffix)
     (folder / "train.py").write_text("print('trained')\n")
     (folder / "protocol.toml").write_text(PROTOCOL)
     assert run_protocol(read_protocol(folder / "protocol.toml")).exit_status == 0

@@ -31,7 +31,11 @@ GROUND = {
 """NumPy and the standard library only."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    "__init__": GROUND | {"topology", "render", "adapters", "metrics"},
+    "__init__": GROUND | {"topology", "render", "adapters", "metrics", "opening", "saving", "auditing"},
+    # From a path to what lies there, and back.
+    "opening": GROUND | {"meshes", "adapters"},
+    "saving": GROUND | {"meshes"},
+    "auditing": GROUND | {"opening", "topology"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
     "methods": {"errors", "scenes"},
@@ -48,7 +52,7 @@ ALLOWED: dict[str, set[str]] = {
     "cl": {"errors", "extras", "atomic", "_version"},
     "topology": {"errors", "extras", "cl"},
     "metrics": {"errors", "extras", "bounded_parsing", "files", "paths", "meshes"},
-    "render": GROUND | {"cl"},
+    "render": GROUND | {"cl", "opening"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes"},
     # A method's folder, by role: what draws knows no checkpoint, the reference nothing that draws.
@@ -58,9 +62,20 @@ ALLOWED: dict[str, set[str]] = {
     "methods.look": GROUND | {"render", "cl"},
     # Of bench, the records and what follows from them; of metrics, what they are called.
     "report": {"errors", "extras", "files", "methods", "bench", "metrics", "paths", "_version"},
-    "bench": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "reference", "engines", "cl"},
+    "bench": GROUND
+    | {
+        "auditing",
+        "meshes",
+        "adapters",
+        "topology",
+        "metrics",
+        "render",
+        "reference",
+        "engines",
+        "cl",
+    },
     # What shows is below the commands that open it.
-    "viewers": GROUND | {"meshes", "adapters", "topology", "metrics", "render", "cl"},
+    "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
 }
 ANYTHING = {"cli"}
 LAZY = {
@@ -245,6 +260,12 @@ def test_only_crosscheck_knows_the_peers() -> None:
     }
     assert users
     assert all(user.startswith("topology/crosscheck") for user in users)
+
+
+def test_what_draws_opens_no_path_but_at_its_front_door() -> None:
+    drawing = [path for path in MODULES if part_of(path) == "render"]
+    users = [path.name for path in drawing if any(name == "msb.opening" for name, _ in imports_of(path))]
+    assert users == ["renderer.py"]
 
 
 def test_rules_cover_every_part() -> None:

@@ -11,7 +11,7 @@ from msb.adapters.locate import locate
 from msb.asset import Asset, build_asset
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
-from msb.errors import CheckpointError, MsbError, Unsupported, UsageError, shorten
+from msb.errors import CheckpointError, MsbError, Unsupported, UsageError, about, shorten
 from msb.files import file_sha256
 from msb.methods import BUILT_IN, METHODS, package_of, role, warn, with_role
 
@@ -94,13 +94,8 @@ def finish(model: Model, *, progress: Progress | None = None) -> Asset:
     """
     source = Source(tuple(_hashed(model, progress)))
     description = replace(model.description, source=source)
-    try:
+    with about(model.files[0]):
         asset = build_asset(model.buffers, model.domains, description, progress=progress)
-    except MsbError as error:
-        if error.file is not None:
-            raise
-        where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
-        raise type(error)(error.code, error.message, file=model.files[0], **where) from error
     return replace(asset, warnings=model.warnings)
 
 

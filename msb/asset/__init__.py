@@ -10,7 +10,7 @@ from msb.asset.container import is_asset
 from msb.asset.manifest import ASSET_SUFFIX, Manifest
 from msb.asset.reader import Asset, load
 from msb.asset.validation import validate
-from msb.asset.writer import save
+from msb.asset.writer import write_asset
 
 __all__ = [
     "ASSET_SUFFIX",
@@ -20,6 +20,6 @@ __all__ = [
     "build_asset",
     "is_asset",
     "load",
-    "save",
     "validate",
+    "write_asset",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msb.errors import UsageError
 
-AN_ASSET = "an Asset, as msb.load and msb.export return"
+AN_ASSET = "an Asset, as msb.open returns it"
 A_CAMERA = "an msb.Camera"
 
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.asset.check import check_manifest
-from msb.asset.container import Container, open_container
+from msb.asset.container import Container, is_asset, open_container
 from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
-from msb.errors import AssetError, Finding, finding
+from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Mapping
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -73,6 +73,10 @@ def _restored(
     return Asset(manifest, MappingProxyType(views), path, warnings)
 
 
+_NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_ZIP_NAME")
+"""What is found in a file or folder that is no asset, among them what torch saved, a ZIP as well."""
+
+
 def load(path: str | os.PathLike[str]) -> Asset:
     """Open the `.triasset` at `path`, packed or folder.
 
@@ -82,7 +86,8 @@ def load(path: str | os.PathLike[str]) -> Asset:
     Raises
     ------
     InputError
-        If there is no such asset or it cannot be read.
+        If there is no such asset or it cannot be read; `FILE_NOT_RECOGNISED` if it is something else, which
+        `msb.open` may know.
     AssetError
         With the code of the first finding whose severity is "error".
 
@@ -92,8 +97,15 @@ def load(path: str | os.PathLike[str]) -> Asset:
     >>> msb.load("data_stubs/splat_like.triasset").manifest.face_count
     34761
     """
-    container = open_container(path)
-    data = parse_strict_json(container.manifest_bytes(), file=container.path)
+    try:
+        container = open_container(path)
+        manifest_bytes = container.manifest_bytes()
+    except MsbError as error:
+        if error.code not in _NO_ASSET or is_asset(Path(path)):
+            raise
+        text = "it is no .triasset; msb.open takes checkpoints and mesh files, too"
+        raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
+    data = parse_strict_json(manifest_bytes, file=container.path)
     found = check_manifest(data)
     _raise_first(found, container)
     manifest = Manifest.from_dict(data)

@@ -6,21 +6,20 @@ import struct
 import zipfile
 from typing import IO, TYPE_CHECKING, Any, Literal, get_args
 
-from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.build import CHUNK_BYTES, as_bytes
 from msb.asset.check import check_manifest
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
 from msb.asset.progress import Meter
-from msb.asset.reader import Asset
 from msb.asset.strict_json import MAX_BYTES
 from msb.atomic import new_file, new_folder
-from msb.errors import AssetError, UsageError, shorten
+from msb.errors import AssetError
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
     from msb.asset.progress import Progress
+    from msb.asset.reader import Asset
 
 Form = Literal["packed", "folder"]
 FORMS: tuple[str, ...] = get_args(Form)
@@ -33,45 +32,44 @@ _ZIP64_FROM = 1 << 30
 """From this size on the ZIP64 record is written; `zipfile` would decide by itself only above 1.9 GiB."""
 
 
-def save(
+def write_asset(
     asset: Asset,
     path: str | os.PathLike[str],
     form: Form = "packed",
     *,
+    overwrite: bool = True,
     progress: Progress | None = None,
 ) -> None:
-    """Write `asset` to `path`, replacing what is there only once the new one is complete.
+    """Write a `.triasset` to `path`, replacing what is there only once the new one is complete.
 
     Parameters
     ----------
     asset : Asset
         Loaded or built.
     path : path-like
-        By convention NAME.triasset, for both forms.
+        By convention NAME.triasset, for both forms; `msb.save` asks for it.
     form : {"packed", "folder"}
         A single file (ZIP of stored, 64-byte aligned members) or a folder.
+    overwrite : bool
+        What is there may be replaced.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes.
 
     Raises
     ------
     UsageError
-        `USAGE`: there is no such form, or `asset` is none.
+        `OUTPUT_EXISTS`.
     OutputError
         `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then.
     AssetError
         If `load` would refuse what is to be written: a manifest changed by hand, or buffers not of its
         shapes.
     """
-    check_type("asset", asset, Asset, AN_ASSET)
-    if form not in FORMS:
-        text = f'there is no form "{shorten(str(form), 40)}"; there are {", ".join(FORMS)}'
-        raise UsageError("USAGE", text, value=form)
     _refuse_unreadable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     meter = Meter("writing", size, progress)
     if form == "folder":
-        with new_folder(path, size=size) as folder:
+        with new_folder(path, size=size, overwrite=overwrite) as folder:
             for name, chunks in _members(asset):
                 target = folder / name
                 target.parent.mkdir(exist_ok=True)
@@ -80,7 +78,7 @@ def save(
                         file.write(piece)
                         meter.advance(len(piece))
     else:
-        with new_file(path, size=size) as file:
+        with new_file(path, size=size, overwrite=overwrite) as file:
             _write_packed(asset, file, meter)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from msb.adapters.exporter import detect, finish, read_model
 from msb.adapters.locate import locate
-from msb.asset import ASSET_SUFFIX, Asset, load, save
+from msb.asset import ASSET_SUFFIX, Asset, load, write_asset
 from msb.asset.manifest import MANIFEST_NAME
 from msb.atomic import new_file
 from msb.bench.checked import checked, read_json
@@ -119,7 +119,7 @@ def prepare_model(task: ModelTask) -> Model:
         read = read_model(source, method=None if task.method == AUTO else task.method)
         asset, files = finish(read), list(read.files)
         path = results.asset(task.dataset, task.scene, asset.manifest.method)
-        save(asset, path)
+        write_asset(asset, path)
     held = describe_file(path)
     inside = _contents(path)
     model = Model(

@@ -66,7 +66,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
     ------
     InputError, AssetError, MeshError
     """
-    from msb.topology.audit import audit
+    from msb.auditing import audit
 
     assert job.model is not None
     return {"audit": audit(job.model.open()).to_dict()}

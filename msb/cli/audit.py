@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.failures import about, report_error
+from msb.cli.failures import report_error
 from msb.cli.options import (
     WRITTEN,
     CsvFile,
@@ -26,7 +26,7 @@ from msb.errors import GateFailed, MsbError, UsageError
 
 if TYPE_CHECKING:
     from msb.cli.gates import Gate, Profile
-    from msb.cli.inputs import MeshInput
+    from msb.opening import StoredMesh
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
     from msb.topology.weld import Weld
@@ -145,7 +145,7 @@ class _Task:
         self.fail_fast = fail_fast
         self.weld: Weld | None = None
         self.probe: GlProbe | None = None
-        self.seen: tuple[Path, Audit, Analysis] | None = None
+        self.seen: tuple[Path, StoredMesh, Audit, Analysis] | None = None
         if weld is not None:
             from msb.topology.weld import parse_weld
 
@@ -202,24 +202,24 @@ class _Task:
 
     def audit_one(self, path: Path) -> Audit:
         """Return the audit of the mesh at `path`, cross-checked and with elements written if asked for."""
-        from msb.cli.inputs import note_warnings, read_input
-        from msb.topology import audit_arrays
+        from msb.auditing import audit_stored
+        from msb.cli.inputs import note_warnings
+        from msb.opening import read_stored
 
         with self.output.progress(f"reading {path.name}"):
-            mesh = read_input(path)
+            mesh = read_stored(path)
         note_warnings(mesh.warnings, path, self.output)
-        with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"), about(path):
-            found, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=self.weld)
-        found = replace(found, path=str(path), method=mesh.method)
+        with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):
+            found, analysis = audit_stored(mesh, weld=self.weld)
         if self.cross_check:
-            found = self.ask_peers(found, analysis, mesh)
+            found = self.ask_peers(found, analysis, mesh, path)
         if self.elements is not None:
             from msb.cli.elements import write_elements
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.elements)
         if self.view:
-            self.seen = path, found, analysis
+            self.seen = path, mesh, found, analysis
         self.output.note(
             f"{path}: {found.computed_by}: "
             + ", ".join(f"{k} {v:.1f} ms" for k, v in found.timings_ms.items()),
@@ -227,26 +227,26 @@ class _Task:
         )
         return found
 
-    def open_window(self, path: Path, found: Audit, analysis: Analysis) -> None:
-        """Show the mesh that was audited; the audit is not made again, colours are read now."""
+    def open_window(self, path: Path, mesh: StoredMesh, found: Audit, analysis: Analysis) -> None:
+        """Show the mesh that was audited."""
         from msb.cli.view import ViewOptions, present
         from msb.cli.window import Files
         from msb_viewers.model import build_model
-        from msb_viewers.viewed_mesh import read_viewed_mesh
+        from msb_viewers.viewed_mesh import viewed_mesh
 
         if self.probe is not None:
             self.probe.check()
-        present(build_model(read_viewed_mesh(path), found, analysis), ViewOptions(), Files(), self.output)
+        present(build_model(viewed_mesh(mesh, path), found, analysis), ViewOptions(), Files(), self.output)
 
-    def ask_peers(self, found: Audit, analysis: Analysis, mesh: MeshInput) -> Audit:
+    def ask_peers(self, found: Audit, analysis: Analysis, mesh: StoredMesh, path: Path) -> Audit:
         """Return `found` with the verdicts of the peers."""
         from msb.topology.crosscheck import cross_check
 
-        with self.output.progress(f"asking the peers about {mesh.path.name}"):
+        with self.output.progress(f"asking the peers about {path.name}"):
             check = cross_check(mesh.vertices, mesh.faces, found, analysis)
         for what, why in check.skipped.items():
             # A whole peer is worth a note; a single quantity that does not apply only if asked for more.
-            self.output.note(f"{mesh.path}: {what} skipped: {why}", level=1 if " " in what else 0)
+            self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(found, cross_check=check.to_rows())
 
     def print_one(self, found: Audit, *, first: bool) -> None:

@@ -87,7 +87,8 @@ def bench(
     from msb.asset.settings import parse_overrides
     from msb.bench.machine import machine
     from msb.bench.profile import profile
-    from msb.cli.camera_options import around, choose_cameras, chosen_modes, open_asset, parse_background
+    from msb.cli.camera_options import around, choose_cameras, chosen_modes, parse_background
+    from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import lean_options
     from msb.scenes import read_cameras

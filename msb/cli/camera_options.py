@@ -13,10 +13,7 @@ from msb.errors import UsageError, shorten
 from msb.paths import normal_form
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
-    from msb.cli.output import Output
     from msb.scenes import Camera
 
 Tier = Literal["reference", "dedicated", "standard"]
@@ -55,22 +52,6 @@ SamplingName = Annotated[
 _FOV_Y = math.radians(40)
 _MARGIN = 1.05
 """A turntable's distance, relative to that at which the bounding sphere fills the image."""
-
-
-def open_asset(path: Path, output: Output) -> Asset:
-    """Return the asset at `path`, or the one that a checkpoint or mesh there becomes."""
-    from msb.asset import is_asset
-    from msb.cli.inputs import note_warnings
-
-    if is_asset(path):
-        from msb.asset import load
-
-        asset = load(path)
-        note_warnings(asset.warnings, path, output)
-        return asset
-    from msb.adapters import export
-
-    return export(path)
 
 
 def choose_cameras(

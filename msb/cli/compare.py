@@ -22,6 +22,7 @@ from msb.cli.window import (
     open_probe,
     parse_window_size,
 )
+from msb.errors import about
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -132,8 +133,7 @@ def compare(
 
 
 def _read(path: Path, options: CompareOptions, output: Output, *, headless: bool) -> CompareState:
-    from msb.cli.camera_options import open_asset
-    from msb.cli.failures import about
+    from msb.cli.inputs import open_asset
     from msb_viewers.deployment.state import CompareState
 
     with output.progress(f"reading {path.name}"):

@@ -7,10 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from msb.cli.failures import about
 from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output
-from msb.errors import UsageError
+from msb.errors import UsageError, about
 
 EPILOG = epilog(
     "msb convert data_stubs/splat_like.triasset out/splat_like.glb --up=-y",
@@ -21,7 +20,7 @@ Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A .triasset or a mesh file.")],
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A .triasset, checkpoint or mesh file.")],
     target: Annotated[
         Path,
         typer.Argument(metavar="OUT", help="Its suffix says what is written."),
@@ -70,63 +69,46 @@ def convert(
 
 
 def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
-    from msb.asset import is_asset, load, save
-    from msb.cli.inputs import note_warnings
+    from msb.asset import write_asset
+    from msb.cli.inputs import open_asset
 
     with output.progress(f"reading {source.name}"):
-        if is_asset(source):
-            asset = load(source)
-        else:
-            from msb.adapters import export
-
-            asset = export(source, method="mesh")
-    note_warnings(asset.warnings, source, output)
+        asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"):
-        save(asset, target, form)
+        write_asset(asset, target, form)
 
 
 def _write_official(source: Path, target: Path, output: Output) -> None:
-    from msb.adapters.official import official_exporter, write_official
-    from msb.asset import is_asset, load
+    from msb.adapters.official import write_official
+    from msb.cli.inputs import open_asset
 
-    if not is_asset(source):
-        official_exporter("mesh")  # which says that there is none
     with output.progress(f"reading {source.name}"):
-        asset = load(source)
+        asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"), about(source):
         write_official(asset, target)
 
 
 def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: Output) -> None:
-    from msb.asset import ASSET_SUFFIX, is_asset
     from msb.atomic import new_file
-    from msb.cli.inputs import note_warnings
+    from msb.cli.inputs import open_asset
     from msb.meshes import read_mesh, write_mesh
-    from msb.meshes.assets import mesh_from_asset, with_vertex_colors
-    from msb.meshes.formats import FORMATS, written_suffixes
+    from msb.meshes.assets import mesh_from_asset, with_colors_for
+    from msb.meshes.formats import FORMATS
     from msb.meshes.transform import turned_upright, with_linear_colors
+    from msb.opening import is_mesh_file
+    from msb.saving import output_suffix
 
-    suffix = target.suffix.lower()
-    if suffix not in written_suffixes():
-        wanted = ", ".join((ASSET_SUFFIX, *written_suffixes()))
-        raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in one of {wanted}')
+    suffix = output_suffix(target, "OUT")
     with output.progress(f"reading {source.name}"):
-        if is_asset(source):
-            from msb.asset import load
-
-            asset = load(source)
-            note_warnings(asset.warnings, source, output)
-            mesh = mesh_from_asset(asset)
-        else:
-            mesh = read_mesh(source)
-    keeps = FORMATS[suffix].keeps
-    if mesh.face_colors is not None and mesh.vertex_colors is None and "face_colors" not in keeps:
-        mesh = with_vertex_colors(mesh)
+        # The mesh itself: an asset would hold its coordinates in float32.
+        mesh = read_mesh(source) if is_mesh_file(source) else mesh_from_asset(open_asset(source, output))
+    fitting = with_colors_for(mesh, suffix)
+    if fitting is not mesh:
         output.note(f"{target}: {suffix} has no face colours, so every face gets vertices of its own")
-    if mesh.vertex_colors is not None and "vertex_colors" not in keeps:
-        output.note(f"{target}: {suffix} has no colours; they are left out")
-    mesh = turned_upright(mesh, up) if up else mesh
-    mesh = with_linear_colors(mesh) if color == "linear" else mesh
+    if fitting.vertex_colors is not None and "vertex_colors" not in FORMATS[suffix].keeps:
+        output.note(f"{target}: .stl has no colours; they are left out")
+    fitting = turned_upright(fitting, up) if up else fitting
+    fitting = with_linear_colors(fitting) if color == "linear" else fitting
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
-        write_mesh(mesh, file, suffix=suffix)
+        write_mesh(fitting, file, suffix=suffix)

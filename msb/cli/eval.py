@@ -12,7 +12,7 @@ import typer
 from msb.cli.failures import report_error
 from msb.cli.options import CsvFile, FailFast, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
-from msb.errors import MsbError, UsageError, shorten
+from msb.errors import MsbError, UsageError, about, shorten
 from msb.extras import need_extra
 
 if TYPE_CHECKING:
@@ -112,7 +112,6 @@ class _Task:
     def compare(self, pair: ImagePair) -> dict[str, Any]:
         """Return the row of one pair."""
         from msb import metrics
-        from msb.cli.failures import about
 
         pred, gt = (metrics.read_image(path, background=self.background) for path in (pair.pred, pair.gt))
         with about(pair.pred):

@@ -49,7 +49,7 @@ def export(
     config, --set, or defaults; the asset records which.
     """
     from msb.adapters.exporter import finish, read_model
-    from msb.asset import ASSET_SUFFIX, save
+    from msb.asset import ASSET_SUFFIX, write_asset
 
     output = Output(json_file, quiet, verbose, force)
     if target.suffix.lower() != ASSET_SUFFIX:
@@ -61,7 +61,7 @@ def export(
         model = read_model(source, method=method, settings=settings, config=config)
     with output.bars() as progress:
         asset = finish(model, progress=progress)
-        save(asset, target, form, progress=progress)
+        write_asset(asset, target, form, progress=progress)
     for warning in asset.warnings:
         output.note(f"{warning.code}: {source}: {warning.message}")
     manifest = asset.manifest.to_dict()

@@ -1,14 +1,13 @@
-"""From what the user typed to meshes: assets, mesh files, checkpoints, and folders of these."""
+"""From what the user typed to inputs: assets, mesh files, checkpoints, and folders of these."""
 
 from __future__ import annotations
 
 import glob
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from msb.adapters.locate import is_checkpoint, is_primitive_table
+from msb.adapters.locate import is_checkpoint
 from msb.asset import ASSET_SUFFIX, is_asset
 from msb.errors import InputError
 from msb.meshes import MESH_SUFFIXES
@@ -16,21 +15,9 @@ from msb.meshes import MESH_SUFFIXES
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from numpy.typing import NDArray
-
+    from msb.asset import Asset
     from msb.cli.output import Output
     from msb.errors import Finding
-
-
-@dataclass(frozen=True)
-class MeshInput:
-    """A mesh to audit: arrays as stored, and the method if an asset names one."""
-
-    path: Path
-    vertices: NDArray[Any]
-    faces: NDArray[Any]
-    method: str | None
-    warnings: tuple[Finding, ...] = ()
 
 
 def expand(path: Path) -> list[Path]:
@@ -84,29 +71,13 @@ def _is_input(folder: Path) -> bool:
         return True  # that it cannot be read is said of it, not of all
 
 
-def read_input(path: Path) -> MeshInput:
-    """Return the mesh at `path`.
+def open_asset(path: Path, output: Output) -> Asset:
+    """Return what `msb.open` returns, once its warnings are printed."""
+    from msb.opening import open
 
-    Raises
-    ------
-    InputError, AssetError, CheckpointError, MeshFileError, Unsupported
-    """
-    if is_asset(path):
-        from msb.asset import load
-
-        asset = load(path)
-        positions, indices = asset.buffers["positions"], asset.buffers["indices"]
-        return MeshInput(path, positions, indices, asset.manifest.method, asset.warnings)
-    if is_checkpoint(path) or is_primitive_table(path):
-        from msb.adapters import read_model
-
-        model = read_model(path, check_values=False)
-        buffers, method = model.buffers, model.description.method
-        return MeshInput(path, buffers["positions"], buffers["indices"], method)
-    from msb.meshes import read_mesh
-
-    mesh = read_mesh(path)
-    return MeshInput(path, mesh.vertices, mesh.faces, None)
+    asset = open(path)
+    note_warnings(asset.warnings, path, output)
+    return asset
 
 
 def note_warnings(found: Iterable[Finding], path: Path, output: Output) -> None:

@@ -98,7 +98,7 @@ def render(
     exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
     all images; it is the same on the same device with the same versions.
     """
-    from msb.cli.camera_options import open_asset
+    from msb.cli.inputs import open_asset
 
     output = Output(json_file, quiet, verbose, force)
     if out is None and film is None:

@@ -21,7 +21,7 @@ from msb.cli.window import (
     open_probe,
     parse_window_size,
 )
-from msb.errors import UsageError
+from msb.errors import UsageError, about
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
@@ -203,7 +203,6 @@ def _read(path: Path, output: Output) -> ViewModel:
 
 def model_of(mesh: ViewedMesh, output: Output) -> ViewModel:
     """Return what is to be shown of a mesh, audited."""
-    from msb.cli.failures import about
     from msb.topology import audit_arrays
     from msb_viewers.model import build_model
 

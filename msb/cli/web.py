@@ -58,7 +58,8 @@ def web(
         write_web_page(target, background=parse_background(background, None))
     else:
         from msb.asset.settings import parse_overrides
-        from msb.cli.camera_options import choose_cameras, open_asset
+        from msb.cli.camera_options import choose_cameras
+        from msb.cli.inputs import open_asset
         from msb.engines.mesh import engine_mesh
         from msb.engines.webpage import LARGE
         from msb.scenes import read_cameras

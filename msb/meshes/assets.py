@@ -10,6 +10,7 @@ from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported
+from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import check_indices
 
@@ -105,6 +106,11 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
     return _unshared(mesh.vertices, mesh.faces, np.repeat(mesh.face_colors, 3, axis=0))
+
+
+def with_colors_for(mesh: Mesh, suffix: str) -> Mesh:
+    """Return `mesh` with its colours where the format of `suffix` can hold them: mostly at vertices."""
+    return mesh if "face_colors" in FORMATS[suffix].keeps else with_vertex_colors(mesh)
 
 
 def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:

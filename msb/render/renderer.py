@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self
 
-from msb.asset import Asset
-from msb.asset.arguments import A_CAMERA, AN_ASSET, check_type
+from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
 from msb.methods import TIERS
+from msb.opening import as_asset
 from msb.render.backend import (
     Drawn,
     check_options,
@@ -24,6 +24,9 @@ from msb.scenes import Camera
 from msb.scenes.colors import check_background
 
 if TYPE_CHECKING:
+    import os
+
+    from msb.asset import Asset
     from msb.methods import Tier
     from msb.render.backend import Backend
     from msb.scenes.colors import Color
@@ -36,7 +39,8 @@ class Renderer:
 
     Parameters
     ----------
-    asset : Asset
+    asset : Asset or path-like
+        A path is of anything that `msb.open` takes.
     tier : {"standard", "dedicated", "reference"}
         Standard is the plain mesh any engine shows (docs/standard.md), dedicated the method's own image in
         OpenCL (docs/dedicated.md), reference the same in NumPy (docs/reference.md), which is slow.
@@ -59,6 +63,8 @@ class Renderer:
         An unknown tier, renderer or setting; an argument of another type.
     AssetError
         The asset's values cannot be drawn: an index out of range, a coordinate that is not finite.
+    InputError, CheckpointError, MeshFileError, MeshError
+        Of a path: there is nothing that `msb.open` can read.
     DeviceError
         No device, or too little memory on it.
 
@@ -77,7 +83,7 @@ class Renderer:
 
     def __init__(
         self,
-        asset: Asset,
+        asset: Asset | str | os.PathLike[str],
         tier: Tier = "standard",
         device: Any = None,
         settings: Mapping[str, Any] | None = None,
@@ -85,7 +91,6 @@ class Renderer:
         name: str | None = None,
         **options: Any,
     ) -> None:
-        check_type("asset", asset, Asset, AN_ASSET)
         check_type("tier", tier, str, f"one of {', '.join(TIERS)}")
         if name is not None:
             check_type("name", name, str, "text")
@@ -94,6 +99,7 @@ class Renderer:
         if device is not None and not isinstance(device, str | Device) and name is None:
             text = f'device is of type {type(device).__name__}; it must be text, as "cpu", or an open device'
             raise UsageError("DEVICE_SELECTOR", text)
+        asset = as_asset(asset)
         check_supported(asset, tier)
         self.tier = tier
         self._official = asset.manifest.appearance.get("background")
@@ -170,7 +176,7 @@ class Renderer:
 
 
 def render(
-    asset: Asset,
+    asset: Asset | str | os.PathLike[str],
     camera: Camera,
     tier: Tier = "standard",
     background: Background = (0.0, 0.0, 0.0),

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from msb.topology.audit import Audit, audit, audit_arrays
+from msb.topology.audit import Audit, audit_arrays
 
-__all__ = ["Audit", "audit", "audit_arrays"]
+__all__ = ["Audit", "audit_arrays"]

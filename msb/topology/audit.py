@@ -5,18 +5,15 @@ from __future__ import annotations
 import html
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
+from typing import TYPE_CHECKING, Any, Literal
 
-from msb.errors import MeshError, one_line
+from msb.errors import one_line
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
 from msb.topology.verdict import judge, percent
 from msb.topology.weld import Weld, parse_weld, weld_vertices
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from numpy.typing import ArrayLike, NDArray
 
     from msb.topology.analysis import Analysis
@@ -211,69 +208,6 @@ class Audit:
                 "manifold_edges_only": c.components_manifold_edges,
             },
         }
-
-
-class MeshAsset(Protocol):
-    """What the audit needs of an `msb.Asset`; this package takes arrays and knows no files."""
-
-    @property
-    def manifest(self) -> Any: ...
-    @property
-    def buffers(self) -> Mapping[str, NDArray[Any]]: ...
-    @property
-    def path(self) -> Path | None: ...
-
-
-@overload
-def audit(vertices: MeshAsset, *, weld: Weld | None = None) -> Audit: ...
-@overload
-def audit(vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None) -> Audit: ...
-def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = None) -> Audit:
-    """Audit the structure of a triangle mesh exactly as it is stored.
-
-    Nothing is merged, dropped, reoriented or repaired first (paper: "Mesh structural integrity" and
-    appendix "Topology-Metric Definitions and Interpretation Limits").
-
-    Parameters
-    ----------
-    vertices : (V, 3) real numbers, or Asset
-        In any length unit; NaN is allowed and counted. Or a whole asset, and then no `faces`.
-    faces : (F, 3) integers
-        0-based vertex indices.
-    weld : "exact" or float, optional
-        Also audit the mesh with coincident vertices merged (`weld_vertices`).
-
-    Returns
-    -------
-    Audit
-
-    Raises
-    ------
-    MeshError
-        `MESH_ARRAY`, `MESH_INDEX_OUT_OF_RANGE`, `MESH_TOO_LARGE`, `WELD_DISTANCE` or `WELD_TOO_WIDE`.
-
-    Notes
-    -----
-    O((V + F) log F) time. Large meshes are audited by OpenCL kernels (docs/audit_speed.md).
-
-    Examples
-    --------
-    A book of three pages has one non-manifold edge and two non-manifold vertices, its ends:
-
-    >>> import msb
-    >>> points = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]]
-    >>> book = msb.audit(points, [[0, 1, 2], [0, 1, 3], [0, 1, 4]])
-    >>> book.counts.nonmanifold_edges, book.counts.nonmanifold_vertices, book.counts.components
-    (1, 2, 1)
-    """
-    if faces is not None:
-        return audit_arrays(vertices, faces, weld=weld)[0]
-    if not hasattr(vertices, "buffers"):
-        raise MeshError("MESH_ARRAY", "faces are missing; give an asset, or vertices and faces")
-    asset: MeshAsset = vertices
-    report, _ = audit_arrays(asset.buffers["positions"], asset.buffers["indices"], weld=weld)
-    path = None if asset.path is None else str(asset.path)
-    return replace(report, path=path, method=asset.manifest.method)
 
 
 def audit_arrays(

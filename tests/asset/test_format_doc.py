@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from docs.make_errors import PAGE, page
-from msb.asset import load, save
+from msb.asset import load, write_asset
 from msb.asset.build import _ORDER
 from msb.asset.check import _RESERVED, _STANDARD
 from msb.asset.schema import manifest_schema
@@ -50,7 +50,7 @@ def words(text: str) -> set[str]:
 
 @pytest.mark.parametrize("make", [mesh, soup, decoder])
 def test_the_minimal_reader_reads_what_we_write(make, tmp_path: Path) -> None:
-    save(make(), tmp_path / "a.triasset")
+    write_asset(make(), tmp_path / "a.triasset")
     code = code_block("python")
     assert "zipfile" not in code
     assert len(code.splitlines()) <= 27
@@ -67,7 +67,7 @@ def test_the_minimal_reader_reads_what_we_write(make, tmp_path: Path) -> None:
 
 
 def test_the_hexdump_is_what_the_writer_writes(tmp_path: Path) -> None:
-    save(mesh(), tmp_path / "a")
+    write_asset(mesh(), tmp_path / "a")
     data = (tmp_path / "a").read_bytes()
     start = data.rindex(b"PK\x03\x04")
     assert start % 64 == 48

@@ -12,7 +12,7 @@ import pytest
 
 from msb.adapters import export
 from msb.adapters.official import write_official
-from msb.asset import Description, build_asset, load, save
+from msb.asset import Description, build_asset, load, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold
 from msb.engines.mesh import engine_mesh
 from msb.meshes import read_mesh, write_mesh
@@ -45,7 +45,7 @@ def test_colours_are_written_and_shown_as_clamped_as_they_are_drawn(tmp_path: Pa
     colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
     assert colors is not None
     assert np.array_equal(colors, np.broadcast_to(expected, colors.shape))
-    save(asset, tmp_path / "a.triasset")
+    write_asset(asset, tmp_path / "a.triasset")
     shown = read_viewed_mesh(tmp_path / "a.triasset").colors
     assert shown is not None
     assert np.array_equal(shown.values, color_bytes(expected))
@@ -60,7 +60,7 @@ def test_a_converted_file_holds_no_colour_outside_of_0_to_1() -> None:
 
 
 def test_the_asset_itself_keeps_what_it_was_given(tmp_path: Path) -> None:
-    save(wild(), tmp_path / "a.triasset")
+    write_asset(wild(), tmp_path / "a.triasset")
     assert np.array_equal(load(tmp_path / "a.triasset").buffers["color"], WILD)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import msb
-from msb.asset import Manifest, build_asset, load, save, validate
+from msb.asset import Manifest, build_asset, load, validate, write_asset
 from msb.asset.check import check_manifest
 from msb.errors import AssetError
 from tests.corpus import bad_buffers, bad_fields, bad_values
@@ -80,7 +80,7 @@ def test_a_newer_minor_version_is_read_with_a_warning_and_loses_nothing(tmp_path
     }
     assert asset.manifest.extra == {"lod": lod, "extra": "a key of that name"}
     for form in ("packed", "folder"):
-        save(asset, tmp_path / form, form)
+        write_asset(asset, tmp_path / form, form)
         again = load(tmp_path / form)
         assert again.manifest == asset.manifest
         assert again.manifest.to_bytes() == asset.manifest.to_bytes()

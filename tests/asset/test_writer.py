@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from msb.asset import Asset, load, save, validate
+from msb.asset import Asset, load, validate, write_asset
 from msb.asset import writer as writer_module
 from msb.atomic import new_file, new_folder
 from msb.errors import AssetError, OutputError
@@ -42,7 +42,7 @@ def raiser(error: BaseException) -> Callable[..., None]:
 def test_large_members_are_written_with_zip64_records(tmp_path: Path, monkeypatch) -> None:
     """As they are from 1 GiB on; here from 1 byte on."""
     monkeypatch.setattr(writer_module, "_ZIP64_FROM", 1)
-    save(soup(), tmp_path / "a")
+    write_asset(soup(), tmp_path / "a")
     data = (tmp_path / "a").read_bytes()
     assert struct.unpack_from("<2I2H", data, 18) == (0xFFFFFFFF, 0xFFFFFFFF, 13, 65 + 20)
     assert struct.unpack_from("<2H2Q", data, 43 + 65) == (1, 16, *[len(soup().manifest.to_bytes())] * 2)
@@ -52,14 +52,14 @@ def test_large_members_are_written_with_zip64_records(tmp_path: Path, monkeypatc
     loaded = load(tmp_path / "a")
     assert loaded.manifest == soup().manifest
     assert all(array.ctypes.data % 64 == 0 for array in loaded.buffers.values())
-    save(loaded, tmp_path / "b")
+    write_asset(loaded, tmp_path / "b")
     assert (tmp_path / "b").read_bytes() == data
 
 
 def test_offsets_past_2_gib_are_written_with_zip64_records(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(zipfile, "ZIP64_LIMIT", 300)
     monkeypatch.setattr(writer_module, "_ZIP64_FROM", 200)
-    save(soup(), tmp_path / "a")
+    write_asset(soup(), tmp_path / "a")
     assert b"PK\x06\x06" in (tmp_path / "a").read_bytes()
     assert validate(tmp_path / "a").findings == ()
 
@@ -73,7 +73,7 @@ def test_offsets_past_2_gib_are_written_with_zip64_records(tmp_path: Path, monke
 )
 def test_a_failure_while_writing_leaves_the_old_asset(form, error, tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "a.triasset"
-    save(mesh(), path, form)
+    write_asset(mesh(), path, form)
     members = writer_module._members
 
     def fail_at_the_third(asset: Asset):
@@ -85,7 +85,7 @@ def test_a_failure_while_writing_leaves_the_old_asset(form, error, tmp_path: Pat
     monkeypatch.setattr(writer_module, "_members", fail_at_the_third)
     expected = OutputError if isinstance(error, OSError) else type(error)
     with pytest.raises(expected, match="No space left" if isinstance(error, OSError) else None):
-        save(soup(), path, form)
+        write_asset(soup(), path, form)
     assert names(tmp_path) == ["a.triasset"]
     assert load(path).manifest == mesh().manifest
     assert validate(path).findings == ()
@@ -95,15 +95,15 @@ def test_a_failure_while_writing_leaves_the_old_asset(form, error, tmp_path: Pat
 def test_a_failure_leaves_nothing_where_nothing_was(form, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(writer_module, "as_bytes", raiser(OSError(errno.EIO, "Input/output error")))
     with pytest.raises(OutputError, match=r"a\.triasset: it cannot be written: Input/output error"):
-        save(mesh(), tmp_path / "a.triasset", form)
+        write_asset(mesh(), tmp_path / "a.triasset", form)
     assert names(tmp_path) == []
 
 
 def test_a_failure_to_flush_is_a_failure(tmp_path: Path, monkeypatch) -> None:
-    save(mesh(), tmp_path / "a")
+    write_asset(mesh(), tmp_path / "a")
     monkeypatch.setattr(os, "fsync", raiser(OSError(errno.ENOSPC, "No space left on device")))
     with pytest.raises(OutputError, match="No space left on device"):
-        save(soup(), tmp_path / "a")
+        write_asset(soup(), tmp_path / "a")
     assert names(tmp_path) == ["a"]
     assert load(tmp_path / "a").manifest.method == "mesh"
 
@@ -114,7 +114,7 @@ def test_a_folder_interrupted_while_it_moves_in_is_moved_back(
     error, fails_at, tmp_path: Path, monkeypatch
 ) -> None:
     path = tmp_path / "a.triasset"
-    save(mesh(), path, "folder")
+    write_asset(mesh(), path, "folder")
     real, calls = Path.rename, []
 
     def fail_once(self: Path, target: Path) -> Path:
@@ -125,7 +125,7 @@ def test_a_folder_interrupted_while_it_moves_in_is_moved_back(
 
     monkeypatch.setattr(Path, "rename", fail_once)
     with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
-        save(soup(), path, "folder")
+        write_asset(soup(), path, "folder")
     monkeypatch.undo()
     assert names(tmp_path) == ["a.triasset"]
     assert load(path).manifest == mesh().manifest
@@ -134,19 +134,19 @@ def test_a_folder_interrupted_while_it_moves_in_is_moved_back(
 @pytest.mark.parametrize("old", FORMS)
 @pytest.mark.parametrize("new", FORMS)
 def test_one_form_replaces_the_other_or_says_why_not(old, new, tmp_path: Path) -> None:
-    save(mesh(), tmp_path / "a", old)
+    write_asset(mesh(), tmp_path / "a", old)
     if (old, new) == ("folder", "packed"):
         with pytest.raises(OutputError, match="it is a folder; a file is to be written"):
-            save(soup(), tmp_path / "a", new)
+            write_asset(soup(), tmp_path / "a", new)
     else:
-        save(soup(), tmp_path / "a", new)
+        write_asset(soup(), tmp_path / "a", new)
         assert load(tmp_path / "a").manifest == soup().manifest
     assert names(tmp_path) == ["a"]
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_missing_folders_are_made(form, tmp_path: Path) -> None:
-    save(mesh(), tmp_path / "x/y/a", form)
+    write_asset(mesh(), tmp_path / "x/y/a", form)
     assert load(tmp_path / "x/y/a").manifest == mesh().manifest
 
 
@@ -156,7 +156,7 @@ def test_a_name_that_cannot_be_written_is_an_output_error(form, name, tmp_path: 
     monkeypatch.chdir(tmp_path)
     Path("file").write_bytes(b"")
     with pytest.raises(OutputError) as caught:
-        save(mesh(), name, form)
+        write_asset(mesh(), name, form)
     assert str(caught.value).isprintable()
     assert names(tmp_path) == ["file"]
 
@@ -164,7 +164,7 @@ def test_a_name_that_cannot_be_written_is_an_output_error(form, name, tmp_path: 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ["\u3042" * 85, "\U0001f600" * 63, "x" * 255])
 def test_the_longest_names_can_be_written(form, name, tmp_path: Path) -> None:
-    save(mesh(), tmp_path / name, form)
+    write_asset(mesh(), tmp_path / name, form)
     assert load(tmp_path / name).manifest == mesh().manifest
     assert names(tmp_path) == [name]
 
@@ -184,7 +184,7 @@ def refused(asset: Asset, tmp_path: Path) -> str:
     codes = set()
     for form in FORMS:
         with pytest.raises(AssetError) as caught:
-            save(asset, tmp_path / "new/a", form)  # type: ignore[arg-type]
+            write_asset(asset, tmp_path / "new/a", form)  # type: ignore[arg-type]
         codes.add(caught.value.code.removeprefix("TRIASSET_"))
     assert names(tmp_path) == []
     (code,) = codes
@@ -221,5 +221,5 @@ def test_a_manifest_that_grows_over_its_limit_by_being_indented_is_not_written(t
     good.write_packed(tmp_path / "a", compact.replace(b'"meshsplatbench', b'"meshsplatbench '))
     asset = load(tmp_path / "a")
     with pytest.raises(AssetError, match="bytes as written; 1048576 are allowed"):
-        save(asset, tmp_path / "b")
+        write_asset(asset, tmp_path / "b")
     assert names(tmp_path) == ["a"]

@@ -301,10 +301,10 @@ def test_closed_pipe_is_silent(demo_asset: Path) -> None:
 def test_interrupt_is_130_and_silent(tmp_path: Path) -> None:
     code = (
         # Who is started in the background inherits that interrupts are ignored.
-        "import signal, sys, time, msb.cli.inputs\n"
+        "import signal, sys, time, msb.opening\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(path):\n    print('reading', file=sys.stderr, flush=True)\n    time.sleep(60)\n"
-        "msb.cli.inputs.read_input = slow\nsys.argv = ['msb', 'audit', 'data_stubs/splat_like.triasset']\n"
+        "msb.opening.read_stored = slow\nsys.argv = ['msb', 'audit', 'data_stubs/splat_like.triasset']\n"
         "from msb.cli import main\nmain()"
     )
     process = subprocess.Popen(

@@ -90,14 +90,14 @@ def test_a_pipe_gets_what_its_reader_waits_for(msb: Msb, tmp_path: Path, force: 
 
 @POSIX
 def test_an_asset_can_be_written_through_a_pipe_though_its_writer_seeks(tmp_path: Path) -> None:
-    pipe, got = tmp_path / "pipe", []
+    pipe, got = tmp_path / "pipe.triasset", []
     os.mkfifo(pipe)
     reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()), daemon=True)
     reader.start()
     library.save(library.load(ASSET), pipe)
     reader.join(60)
-    library.save(library.load(ASSET), tmp_path / "file")
-    assert got == [(tmp_path / "file").read_bytes()]
+    library.save(library.load(ASSET), tmp_path / "file.triasset")
+    assert got == [(tmp_path / "file.triasset").read_bytes()]
 
 
 @POSIX
@@ -135,10 +135,10 @@ def test_a_folder_is_not_written_onto_a_device(msb: Msb, tmp_path: Path) -> None
 _WAITING = """
 import sys, msb.atomic
 move = msb.atomic._moved_to_free_place
-def wait(temporary, target):
+def wait(*arguments):
     print("ready", flush=True)
     sys.stdin.readline()
-    return move(temporary, target)
+    return move(*arguments)
 msb.atomic._moved_to_free_place = wait
 from msb.cli import main
 main()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb.errors import UsageError
+from msb.errors import InputError, UsageError
 from msb.scenes.colors import check_background
 from tests.reference.soups import METHODS, front_camera, random_triangles, soup
 
@@ -103,7 +103,7 @@ def test_names_of_backgrounds_are_those_of_the_command_line(asset: Asset, cpu: D
 @pytest.mark.parametrize(
     ("changed", "code", "named"),
     [
-        ({"asset": "garden.triasset"}, "USAGE", "asset is of type str; it must be an Asset, as msb.load"),
+        ({"asset": {}}, "USAGE", "asset is of type dict; it must be an Asset, as msb.open returns it"),
         ({"asset": None}, "USAGE", "asset is of type NoneType"),
         ({"camera": np.eye(4)}, "USAGE", "camera is of type ndarray; it must be an msb.Camera"),
         ({"camera": None}, "USAGE", "camera is of type NoneType"),
@@ -123,10 +123,15 @@ def test_an_argument_of_another_type_is_refused_by_name(
     assert caught.value.code == code
 
 
-def test_saving_what_is_no_asset_is_refused(tmp_path: Any) -> None:
-    with pytest.raises(UsageError, match="asset is of type dict"):
-        msb.save({}, tmp_path / "a.triasset")  # type: ignore[arg-type]
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("tier", TIERS)
+def test_what_lies_at_a_path_is_drawn_as_the_asset_made_of_it(tier: Any, cpu: Device) -> None:
+    path = "data_stubs/models/walled/mesh_splatting"
+    with msb.Renderer(path, tier, cpu) as renderer:
+        frame = renderer.render(front_camera())
+    assert np.array_equal(frame.image, msb.render(msb.export(path), front_camera(), tier, device=cpu).image)
+    assert np.array_equal(frame.image, msb.render(path, front_camera(), tier, device=cpu).image)
+    with pytest.raises(InputError, match="there is no such file or folder"):
+        msb.render("absent.triasset", front_camera(), tier, device=cpu)
 
 
 @pytest.mark.parametrize("layout", ["colmap", "synthetic"])

@@ -56,10 +56,10 @@ def _checkpoint(folder: Path, size: int) -> None:
 
 def _asset(folder: Path, size: int) -> None:
     from msb.adapters import export
-    from msb.asset import save
+    from msb.asset import write_asset
 
     _checkpoint(folder, size)
-    save(export(folder / "checkpoint"), folder / "mesh.triasset")
+    write_asset(export(folder / "checkpoint"), folder / "mesh.triasset")
 
 
 def _nothing(_folder: Path, _size: int) -> None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import fields, replace
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from msb import Audit, audit
+from msb.asset import build_asset
 from msb.errors import MeshError
-from msb.topology import Audit, audit, audit_arrays
+from msb.topology import audit_arrays
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from tests.conftest import BOOK, TETRAHEDRON
@@ -90,11 +92,8 @@ def test_a_notebook_shows_an_audit_as_a_table_with_its_names_escaped() -> None:
 
 
 def test_asset_is_audited_with_its_path_and_method() -> None:
-    asset = SimpleNamespace(
-        manifest=SimpleNamespace(method="mesh"),
-        buffers={"positions": POINTS, "indices": FACES.astype(np.uint32)},
-        path="a/b.triasset",
-    )
+    made = build_asset({"positions": np.float32(POINTS), "indices": FACES.astype(np.uint32)}, {})
+    asset = replace(made, path=Path("a/b.triasset"))
     report = audit(asset)
     assert (report.path, report.method) == ("a/b.triasset", "mesh")
     assert report.counts == BOTH.counts

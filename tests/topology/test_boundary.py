@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data_stubs.splat_like import splat_like
-from msb.topology import audit
+from msb import audit
 from msb.topology.analysis import Analysis
 from tests.topology import brute_force
 from tests.topology.meshes import CASE, random_mesh

@@ -8,9 +8,9 @@ import json
 import pytest
 
 import msb
+from msb import audit
 from msb.errors import MeshError
 from msb.meshes import read_mesh
-from msb.topology import audit
 from tests.topology.meshes import CASES, GOLDEN, Case, assert_as_expected
 
 SYNTHETIC = json.loads((GOLDEN / "expected_synthetic.json").read_text())["meshes"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from msb import audit
 from msb.meshes import read_mesh
-from msb.topology import audit
 from tests.conftest import SHARED
 from tests.topology.meshes import assert_as_expected
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from data_stubs.splat_like import splat_like
+from msb import audit
 from msb.errors import DeviceError
-from msb.topology import audit, audit_arrays, dispatch
+from msb.topology import audit_arrays, dispatch
 from tests.topology import brute_force
 from tests.topology.meshes import random_mesh
 

@@ -10,8 +10,8 @@ from dataclasses import fields
 import pytest
 
 from docs.make_definitions import PAGE, page
+from msb import audit
 from msb.errors import UsageError
-from msb.topology import audit
 from msb.topology.audit import Metrics
 from msb.topology.explain import EXPLANATIONS, explain
 from msb.topology.findings import Counts

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from data_stubs.splat_like import splat_like
-from msb.topology import audit
+from msb import audit
 from tests.topology import brute_force
 from tests.topology.meshes import random_mesh
 

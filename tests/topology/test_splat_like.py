@@ -9,7 +9,7 @@ import pytest
 
 from data_stubs import splat_like as module
 from data_stubs.splat_like import Shape, splat_like
-from msb.topology import audit
+from msb import audit
 
 
 @pytest.mark.parametrize("n", [8, 21, 36])

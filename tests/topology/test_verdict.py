@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msb.topology import audit
+from msb import audit
 from msb.topology.verdict import judge, percent
 from tests.conftest import BOOK, TETRAHEDRON
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from data_stubs.splat_like import splat_like
+from msb import audit
 from msb.errors import MeshError
-from msb.topology import audit
 from msb.topology.weld import parse_weld, weld_vertices
 
 NO_FACES = np.zeros((0, 3), np.int32)

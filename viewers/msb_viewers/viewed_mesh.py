@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from msb.opening import StoredMesh
 
 Domain = Literal["vertex", "face", "corner"]
 NO_COLOR = "its colours depend on the view and have no static part: drawn in grey"
@@ -64,55 +65,27 @@ class ViewedMesh:
 def read_viewed_mesh(path: Path) -> ViewedMesh:
     """Return the mesh at `path`: a `.triasset`, a mesh file or a checkpoint.
 
-    It has all stored faces, even those that an STE threshold hides, because the audit counts them.
-
     Raises
     ------
     InputError, AssetError, CheckpointError, MeshFileError, Unsupported
         The same errors as of `msb audit`.
     """
-    from msb.adapters.locate import is_checkpoint, is_primitive_table
-    from msb.asset import is_asset
+    from msb.opening import read_stored
 
-    if is_asset(path):
-        from msb.asset import load
-
-        asset = load(path)
-        domains = {name: spec.domain for name, spec in asset.manifest.buffers.items()}
-        frame = asset.manifest.coordinate_frame
-        return _from_buffers(path, asset.buffers, domains, asset.manifest.method, frame.up)
-    if is_checkpoint(path) or is_primitive_table(path):
-        from msb.adapters import read_model
-
-        model = read_model(path, check_values=False)
-        description = model.description
-        frame = description.coordinate_frame
-        return _from_buffers(path, model.buffers, model.domains, description.method, frame.up)
-    from msb.meshes import read_mesh
-
-    mesh = read_mesh(path)
-    colors = None
-    if mesh.vertex_colors is not None:
-        colors = Colors(color_bytes(mesh.vertex_colors), "vertex")
-    elif mesh.face_colors is not None:
-        colors = Colors(color_bytes(mesh.face_colors), "face")
-    return ViewedMesh(path.name, path, mesh.vertices, mesh.faces, colors)
+    return viewed_mesh(read_stored(path), path)
 
 
-def _from_buffers(
-    path: Path, buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, Any], method: str, up: str
-) -> ViewedMesh:
-    colors = _static_colors(buffers, domains)
-    notes = () if colors is not None or method == "mesh" else (NO_COLOR,)
-    return ViewedMesh(path.name, path, buffers["positions"], buffers["indices"], colors, method, up, notes)
+def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
+    """Return a mesh that was read from `path` in the colours the standard tier draws it in.
 
-
-def _static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, Any]) -> Colors | None:
-    """Return the colours the standard tier draws: those brought along, or the zeroth SH coefficient."""
+    It has all stored faces, even those that an STE threshold hides, because the audit counts them.
+    """
     from msb.asset.look import static_colors
 
-    found = static_colors(buffers, domains)
-    return None if found is None else Colors(color_bytes(found.values), found.domain)
+    found = static_colors(mesh.buffers, mesh.domains)
+    colors = None if found is None else Colors(color_bytes(found.values), found.domain)
+    notes = () if colors is not None or mesh.method in (None, "mesh") else (NO_COLOR,)
+    return ViewedMesh(path.name, path, mesh.vertices, mesh.faces, colors, mesh.method, mesh.up, notes)
 
 
 def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:

@@ -110,13 +110,13 @@ class ReferenceSolver:
         theirs.close()
 
     def _asset_file(self) -> Path:
-        from msb.asset import is_asset, save
+        from msb.asset import is_asset, write_asset
 
         if self._asset.path is not None and is_asset(Path(self._asset.path)):
             return Path(self._asset.path)
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="msb-view-", ignore_cleanup_errors=True)
-            save(self._asset, Path(self._folder.name) / "shown.triasset")
+            write_asset(self._asset, Path(self._folder.name) / "shown.triasset")
         return Path(self._folder.name) / "shown.triasset"
 
     def _end(self) -> None:

@@ -1,0 +1,162 @@
+"""From a path to an asset, or to its mesh as stored: one rule for the library, the commands and the viewers.
+
+An asset is told by its name or manifest, a checkpoint by its name or its folder's, a table of primitives by
+its header; everything else is a mesh file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from msb.asset import Asset, is_asset, load
+from msb.asset.arguments import AN_ASSET, check_type
+from msb.errors import CheckpointError
+from msb.files import is_folder
+from msb.paths import PATH_TYPES, given_path
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.errors import Finding
+
+
+def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
+    """Return the model or mesh at `path` as an asset, whatever it is stored as.
+
+    Parameters
+    ----------
+    path : path-like
+        A `.triasset` (packed or folder), the output folder of a training or the file in it that holds the
+        model, or a mesh file.
+    method : str, optional
+        The method it must be of; found from the content if not given.
+
+    Returns
+    -------
+    Asset
+        As of `load` or `export`: an asset holds float32 coordinates, also where a mesh file holds float64.
+
+    Raises
+    ------
+    InputError, CheckpointError, MeshFileError, MeshError, AssetError, Unsupported, UsageError
+        As of `load` and `export`; `CHECKPOINT_METHOD` if it is of another method than `method`.
+
+    Examples
+    --------
+    >>> import msb
+    >>> msb.open("data_stubs/checkpoint")
+    <Asset mesh_splatting, 2582 vertices, 5159 faces, in memory>
+    """
+    place = given_path(path)
+    if not is_asset(place):
+        from msb.adapters import export
+
+        return export(place, method=method)
+    asset = load(place)
+    if method not in (None, asset.manifest.method):
+        text = f"it holds a {asset.manifest.method} model; {method} is asked for"
+        raise CheckpointError(
+            "CHECKPOINT_METHOD", text, file=place, value=asset.manifest.method, limit=method
+        )
+    return asset
+
+
+def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
+    """Return `asset`, or what `open` makes of it if it is a path.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: it is neither; and the errors of `open`.
+    """
+    if isinstance(asset, PATH_TYPES):
+        return open(asset)
+    check_type("asset", asset, Asset, AN_ASSET)
+    return asset
+
+
+def is_mesh_file(path: Path) -> bool:
+    """Return whether `path` is neither an asset nor a model, and so can only be a mesh file."""
+    from msb.adapters.locate import is_checkpoint, is_primitive_table
+
+    return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or is_primitive_table(path))
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMesh:
+    """A mesh exactly as its file holds it, in the file's precision; its values are not checked.
+
+    Attributes
+    ----------
+    path : Path or None
+        None if it was never in a file.
+    buffers : mapping of str to ndarray
+        By the asset's names: `positions` (V, 3) floating, `indices` (F, 3) integers, and what else is stored.
+    domains : mapping of str to str
+        Of `color` and the other buffers with a row for each vertex, face or corner.
+    method : str or None
+        None for a mesh file.
+    up : str
+        The axis that is up, such as "+y", or "unknown".
+    warnings : tuple of Finding
+        What the reader of an asset tolerated.
+    """
+
+    path: Path | None
+    buffers: Mapping[str, NDArray[Any]]
+    domains: Mapping[str, str]
+    method: str | None = None
+    up: str = "unknown"
+    warnings: tuple[Finding, ...] = ()
+
+    @property
+    def vertices(self) -> NDArray[Any]:
+        """The coordinates (V, 3)."""
+        return self.buffers["positions"]
+
+    @property
+    def faces(self) -> NDArray[Any]:
+        """The vertex numbers (F, 3) of the faces."""
+        return self.buffers["indices"]
+
+
+def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
+    """Return the mesh at `path`, which is whatever `open` takes, for those who look at it as it is stored.
+
+    All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN.
+
+    Raises
+    ------
+    InputError, AssetError, CheckpointError, MeshFileError, MeshError, Unsupported
+    """
+    place = given_path(path)
+    if is_asset(place):
+        return stored_mesh(load(place))
+    if not is_mesh_file(place):
+        from msb.adapters import read_model
+
+        model = read_model(place, check_values=False)
+        description = model.description
+        up = description.coordinate_frame.up
+        return StoredMesh(place, model.buffers, model.domains, description.method, up)
+    from msb.meshes import read_mesh
+
+    mesh = read_mesh(place)
+    buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
+    for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
+        if colors is not None and "color" not in buffers:
+            buffers["color"], domains["color"] = colors, domain
+    return StoredMesh(place, buffers, domains)
+
+
+def stored_mesh(asset: Asset) -> StoredMesh:
+    """Return the mesh of an asset as it is stored."""
+    manifest = asset.manifest
+    domains = {name: spec.domain for name, spec in manifest.buffers.items()}
+    up = manifest.coordinate_frame.up
+    return StoredMesh(asset.path, asset.buffers, domains, manifest.method, up, asset.warnings)

@@ -1,0 +1,89 @@
+"""From an asset to a file of any format that its suffix names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.asset import ASSET_SUFFIX, Asset, write_asset
+from msb.asset.arguments import AN_ASSET, check_type
+from msb.asset.writer import FORMS
+from msb.atomic import new_file
+from msb.errors import UsageError, about, shorten
+from msb.meshes import write_mesh
+from msb.meshes.assets import mesh_from_asset, with_colors_for
+from msb.meshes.formats import written_suffixes
+from msb.paths import given_path
+
+if TYPE_CHECKING:
+    import os
+    from pathlib import Path
+
+    from msb.asset.progress import Progress
+    from msb.asset.writer import Form
+
+
+def save(
+    asset: Asset,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    form: Form = "packed",
+    progress: Progress | None = None,
+) -> None:
+    """Write `asset` in the format that the suffix of `path` names, whole or not at all.
+
+    Parameters
+    ----------
+    asset : Asset
+    path : path-like
+        `.triasset` takes the asset as it is; `.glb`, `.ply` and the other mesh formats that are written take
+        its standard-tier mesh, as `msb convert` writes it: opaque, with static colours (STL has none).
+    overwrite : bool
+        Replace what is there. A device or pipe is written through in any case.
+    form : {"packed", "folder"}
+        Of a `.triasset`: a single file (ZIP of stored, 64-byte aligned members) or a folder.
+    progress : callable, optional
+        Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: no such suffix or form, or an argument of another type. `OUTPUT_EXISTS`.
+    OutputError
+        `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then. Of mesh files also
+        `OUTPUT_COORDINATES` and `OUTPUT_FORMAT_LIMIT`.
+    AssetError
+        If `load` would refuse what is to be written: a manifest changed by hand, or buffers not of its
+        shapes.
+    Unsupported
+        `UNSUPPORTED_STANDARD`: the method has no static colours, which mesh files need.
+    """
+    check_type("asset", asset, Asset, AN_ASSET)
+    check_type("overwrite", overwrite, bool, "True or False")
+    if form not in FORMS:
+        text = f'there is no form "{shorten(str(form), 40)}"; there are {", ".join(FORMS)}'
+        raise UsageError("USAGE", text, value=form)
+    target = given_path(path)
+    suffix = output_suffix(target)
+    if suffix == ASSET_SUFFIX:
+        write_asset(asset, target, form, overwrite=overwrite, progress=progress)
+        return
+    if form != "packed":
+        raise UsageError("USAGE", f"form is for {ASSET_SUFFIX}; {target.name} is a mesh file", file=target)
+    mesh = with_colors_for(mesh_from_asset(asset), suffix)
+    with about(asset.path), new_file(target, overwrite=overwrite) as file:
+        write_mesh(mesh, file, suffix=suffix)
+
+
+def output_suffix(path: Path, name: str = "the output") -> str:
+    """Return the suffix of `path` in lower case, if it is one of a format that can be written.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *written_suffixes())
+    if suffix not in known:
+        raise UsageError("USAGE", f'{name} is "{path.name}"; it must end in one of {", ".join(known)}')
+    return suffix

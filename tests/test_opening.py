@@ -1,0 +1,193 @@
+"""From paths to assets and back: `msb.open`, `msb.load`, `msb.save`, and what else takes a path."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset import write_asset
+from msb.errors import CheckpointError, InputError, MeshError, MsbError, OutputError, Unsupported, UsageError
+from msb.meshes import MESH_SUFFIXES, read_mesh
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MSB = (sys.executable, "-m", "msb")
+CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
+DIFFSOUP = ROOT / "data_stubs" / "models" / "walled" / "diffsoup"
+NEAR = [[1.0, 0, 0], [1 + 1e-12, 0, 0], [1, 1, 0], [1, 0, 1]]
+"""Two points that float64 tells apart and float32 does not."""
+FACES = [[0, 1, 2], [0, 1, 3]]
+
+
+@pytest.fixture
+def mesh_file(tmp_path: Path) -> Path:
+    path = tmp_path / "near.obj"
+    rows = [f"v {x!r} {y} {z} 0.5 0.5 0.5" for x, y, z in NEAR]
+    rows += ["f " + " ".join(str(corner + 1) for corner in face) for face in FACES]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def audited(path: Path, *options: str) -> Any:
+    command = [*MSB, "audit", *options, "--json", "-", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    data = json.loads(done.stdout) if done.stdout else done.stderr
+    return comparable(data) if isinstance(data, dict) else data
+
+
+def comparable(audit: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in audit.items() if key not in ("timings_ms", "tool_version")}
+
+
+def test_the_api_is_all_that_msb_shows() -> None:
+    assert dir(msb) == sorted(msb.__all__)
+    assert "open" in msb.__all__
+    assert all(getattr(msb, name) is not None for name in msb.__all__)
+
+
+def test_an_asset_a_checkpoint_and_a_mesh_file_are_opened(
+    demo_asset: Path, mesh_file: Path, tmp_path: Path
+) -> None:
+    loaded = msb.load(demo_asset)
+    write_asset(loaded, tmp_path / "folder", "folder")
+    assert msb.open(demo_asset).manifest == msb.open(tmp_path / "folder").manifest == loaded.manifest
+    assert msb.open(str(CHECKPOINT)).manifest == msb.export(CHECKPOINT).manifest
+    model = next(CHECKPOINT.rglob("*.pt"))
+    assert msb.open(model).manifest.method == "mesh_splatting"
+    mesh = msb.open(mesh_file)
+    assert (mesh.manifest.method, mesh.manifest.face_count) == ("mesh", 2)
+    assert msb.open(mesh_file, method="mesh_splatting").manifest.method == "mesh_splatting"
+
+
+def test_another_method_than_the_one_asked_for_is_refused(demo_asset: Path) -> None:
+    for path in (demo_asset, CHECKPOINT):
+        with pytest.raises(CheckpointError, match="holds a mesh_splatting model") as caught:
+            msb.open(path, method="two_dts")
+        assert caught.value.code == "CHECKPOINT_METHOD"
+
+
+@pytest.mark.parametrize("given", [3, None, b"a.triasset", ["a.triasset"], np.zeros(3)], ids=repr)
+def test_what_is_no_path_is_refused(given: Any) -> None:
+    for read in (msb.open, msb.load, msb.export):
+        with pytest.raises(UsageError, match=f"^USAGE: the path is of type {type(given).__name__}; it must"):
+            read(given)
+    with pytest.raises(MeshError, match=r"^MESH_ARRAY: "):
+        msb.audit(given)
+
+
+def test_load_names_open_for_all_but_an_asset(mesh_file: Path, tmp_path: Path) -> None:
+    for path in (mesh_file, CHECKPOINT, next(CHECKPOINT.rglob("*.pt")), tmp_path):
+        with pytest.raises(InputError, match=r"it is no \.triasset; msb\.open takes") as caught:
+            msb.load(path)
+        assert caught.value.code == "FILE_NOT_RECOGNISED"
+    with pytest.raises(InputError, match="no such file or folder"):
+        msb.load(tmp_path / "absent.ply")
+    (tmp_path / "bad.triasset").write_text("no ZIP")
+    with pytest.raises(InputError, match="does not start like a packed asset"):
+        msb.load(tmp_path / "bad.triasset")
+
+
+@pytest.mark.parametrize("weld", [(), ("--weld", "exact")], ids=["stored", "welded"])
+def test_the_audit_of_a_path_is_that_of_the_command(
+    demo_asset: Path, mesh_file: Path, weld: tuple[str, ...]
+) -> None:
+    for path in (demo_asset, CHECKPOINT, mesh_file):
+        found = msb.audit(path, weld="exact" if weld else None).to_dict()
+        assert comparable(found) == audited(path, *weld), path
+    assert msb.audit(mesh_file).counts.zero_area_faces == 0
+    assert msb.audit(msb.open(mesh_file)).counts.zero_area_faces == 2
+
+
+def test_an_error_of_an_audited_file_names_it_as_the_command_does(tmp_path: Path) -> None:
+    (tmp_path / "bad.obj").write_text("v 0 0 0\nf 1 1 9\n")
+    (tmp_path / "notes.txt").write_text("no mesh")
+    for name in ("bad.obj", "notes.txt"):
+        with pytest.raises(MsbError) as caught:
+            msb.audit(tmp_path / name)
+        assert f"{caught.value}\n" == audited(tmp_path / name)
+
+
+def test_what_is_not_finite_is_audited_but_not_opened(tmp_path: Path) -> None:
+    points = np.array([[0, 0, np.nan], *NEAR[1:]])
+    with (tmp_path / "nan.ply").open("wb") as file:
+        file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty double x\n")
+        file.write(b"property double y\nproperty double z\nelement face 1\n")
+        file.write(b"property list uchar int vertex_indices\nend_header\n" + points.tobytes())
+        file.write(b"\3" + np.arange(3, dtype="<i4").tobytes())
+    assert msb.audit(tmp_path / "nan.ply").counts.nonfinite_faces == 1
+    with pytest.raises(MsbError, match="coordinates must be finite"):
+        msb.open(tmp_path / "nan.ply")
+
+
+@pytest.mark.parametrize("suffix", [".triasset", *MESH_SUFFIXES, ".GLB"])
+def test_an_asset_is_saved_in_the_format_of_its_suffix(demo_asset: Path, tmp_path: Path, suffix: str) -> None:
+    asset, path = msb.load(demo_asset), tmp_path / f"a{suffix}"
+    msb.save(asset, path)
+    with pytest.raises(UsageError, match="it exists; overwrite=True replaces it") as caught:
+        msb.save(asset, path)
+    assert caught.value.code == "OUTPUT_EXISTS"
+    before = path.read_bytes()
+    msb.save(asset, path, overwrite=True)
+    assert path.read_bytes() == before
+    assert msb.open(path).manifest.face_count == asset.manifest.face_count
+    if suffix != ".triasset":
+        other = tmp_path / f"b{suffix}"
+        subprocess.run([*MSB, "convert", "-q", str(demo_asset), str(other)], check=True, cwd=ROOT)
+        assert other.read_bytes() == before
+        assert (read_mesh(path).vertex_colors is None) == (suffix == ".stl")
+
+
+def test_a_folder_is_not_replaced_unless_told(demo_asset: Path, tmp_path: Path) -> None:
+    asset, path = msb.load(demo_asset), tmp_path / "a.triasset"
+    msb.save(asset, path, form="folder")
+    assert path.is_dir()
+    for form in ("packed", "folder"):
+        with pytest.raises(UsageError, match="it exists"):
+            msb.save(asset, path, form=form)  # type: ignore[arg-type]
+    msb.save(asset, path, form="folder", overwrite=True)
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(OutputError, match="it is a folder"):
+        msb.save(asset, path, overwrite=True)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"asset": {}}, "asset is of type dict; it must be an Asset, as msb.open returns it"),
+        ({"asset": "a.triasset"}, "asset is of type str"),
+        ({"path": 3}, "the path is of type int"),
+        ({"path": "a.xyz"}, '"a.xyz"; it must end in one of .triasset, .ply, .obj, .off, .stl, .glb'),
+        ({"path": "a"}, '"a"; it must end in one of .triasset'),
+        ({"form": "tar"}, 'no form "tar"; there are packed, folder'),
+        ({"form": None}, "there are packed, folder"),
+        ({"form": ["packed"]}, "there are packed, folder"),
+        ({"path": "a.glb", "form": "folder"}, "form is for .triasset"),
+        ({"overwrite": "folder"}, "overwrite is of type str"),
+    ],
+    ids=repr,
+)
+def test_what_cannot_be_saved_is_wrong_usage(
+    changed: dict[str, Any], words: str, demo_asset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given: dict[str, Any] = {"asset": msb.load(demo_asset), "path": "a.triasset", **changed}
+    with pytest.raises(UsageError) as caught:
+        msb.save(**given)
+    assert caught.value.code == "USAGE"
+    assert words in caught.value.message
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_asset_without_static_colours_is_no_mesh_file(tmp_path: Path) -> None:
+    with pytest.raises(Unsupported) as caught:
+        msb.save(msb.open(DIFFSOUP), tmp_path / "a.glb")
+    assert caught.value.code == "UNSUPPORTED_STANDARD"
+    assert not list(tmp_path.iterdir())
