@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.asset.activation import rest_coefficients
 from msb.asset.sh import SH_C0, sh_basis
 
 if TYPE_CHECKING:
@@ -30,15 +31,7 @@ def evaluate_sh(asset: Asset, directions: NDArray[np.float32], degree: int) -> N
     """
     total = np.float32(SH_C0) * asset.buffers["f_dc"]
     if degree > 0:
-        rest = _coefficients(asset)
+        rest = rest_coefficients(asset)
         for number, value in enumerate(sh_basis(directions, degree)):
             total = total + value[:, None] * rest[:, number]
     return np.asarray(total)
-
-
-def _coefficients(asset: Asset) -> NDArray[np.float32]:
-    """Return `f_rest` as (n, K, 3) whatever its order in the buffer; a view."""
-    flat = asset.buffers["f_rest"]
-    if asset.manifest.appearance["f_rest_order"] == "coefficient_major":
-        return flat.reshape(len(flat), -1, 3)
-    return flat.reshape(len(flat), 3, -1).transpose(0, 2, 1)

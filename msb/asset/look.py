@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
+from msb.asset.activation import sigmoid
 from msb.asset.sh import SH_C0
 
 if TYPE_CHECKING:
@@ -99,9 +100,3 @@ def stored_threshold(asset: Asset) -> float | None:
     """Return the STE threshold that `asset` was exported with."""
     stored = asset.manifest.settings.get("ste_threshold")
     return None if stored is None else cast("float | None", stored.value)
-
-
-def sigmoid(logits: Any) -> NDArray[np.float32]:
-    """Return 1 / (1 + exp(-x)), evaluated in float64 and rounded to float32."""
-    with np.errstate(over="ignore"):
-        return np.asarray(1 / (1 + np.exp(-np.asarray(logits, np.float64)))).astype(np.float32)

@@ -13,12 +13,18 @@ import pytest
 from msb.adapters import export
 from msb.adapters.official import write_official
 from msb.asset import Description, build_asset, load, write_asset
-from msb.asset.look import drawn_colors, shown_faces, stored_threshold
+from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
+from msb.asset.settings import effective_settings
 from msb.engines.mesh import engine_mesh
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import mesh_from_asset
+from msb.methods.two_dts.reference import straight_through
+from msb.reference import arithmetic
+from msb.reference.parameters import opacities
+from msb.render.splat.model import make_model
 from msb_viewers.viewed_mesh import color_bytes, read_viewed_mesh
 from tests.conftest import ROOT
+from tests.reference.soups import random_triangles, soup
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,3 +83,21 @@ def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
     assert np.array_equal(engine_mesh(asset, {}).numbers, shown)
     write_official(asset, tmp_path / "a.ply")
     assert len(read_mesh(tmp_path / "a.ply").faces) in (len(shown), 2 * len(shown))
+
+
+@pytest.mark.parametrize("place", [0.1, 0.3, 0.7, 0.9])
+def test_every_tier_hides_the_same_faces_where_rounding_decides(place: float) -> None:
+    logits = np.linspace(-4, 4, 4001, dtype=np.float32)
+    stepped = arithmetic.sigmoid(logits)
+    once = (1 / (1 + np.exp(-logits.astype(np.float64)))).astype(np.float32)
+    differing = np.flatnonzero(stepped > once)
+    face = differing[int(place * len(differing))]
+    threshold = float(once[face])
+    asset = soup("two_dts", random_triangles(1, len(logits)), opacity=logits)
+    settings = effective_settings(asset.manifest, {"ste_threshold": threshold})
+    standard = visible_faces(asset, threshold)
+    dedicated = make_model(asset, settings).coverage[:, 0] > 0.5
+    reference = straight_through(opacities(asset, len(logits), np.float32), threshold) > 0.5
+    assert reference[face]
+    assert np.array_equal(reference, standard)
+    assert np.array_equal(reference, dedicated)

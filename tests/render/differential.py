@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.asset.look import drawn_colors, sigmoid
+from msb.asset.look import drawn_colors
 from msb.asset.reader import Asset
 from msb.reference import ReferenceFrame, render_reference
+from msb.reference.arithmetic import sigmoid
 from msb.reference.standard import UNITS, render_standard
 from msb.render.dedicated import DedicatedRenderer
 from msb.render.standard.renderer import StandardRenderer
@@ -126,7 +127,8 @@ def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
     positions, indices = buffers["positions"].astype(np.float64), buffers["indices"]
     colors, shown = drawn_colors(case.asset), None
     if (threshold := case.settings.get("ste_threshold")) is not None:
-        shown = sigmoid(buffers["opacity"]) > np.float32(threshold)
+        with np.errstate(over="ignore"):
+            shown = sigmoid(buffers["opacity"]) > np.float32(threshold)
     values, domain = colors.values, str(colors.domain)
     if seed is not None:
         if domain == "vertex":

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
-from msb.render.splat.model import Model, rim, sigmoid
+from msb.render.splat.model import Model, rim
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
-from msb.render.splat.model import CLIPPED, Model, sigmoid, soup_positions
+from msb.render.splat.model import CLIPPED, Model, soup_positions
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.adapters.official import rounded_bytes
-from msb.asset.look import baked_colors, sigmoid, stored_threshold, visible_faces
+from msb.asset.activation import sigmoid
+from msb.asset.look import baked_colors, stored_threshold, visible_faces
 from msb.atomic import new_file
 from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
@@ -34,7 +35,7 @@ def write(asset: Asset, path: Path) -> None:
     keep &= _in_box(asset)
     alpha = sigmoid(buffers["opacity"][keep])
     if settings["ste_threshold"].value is not None:
-        alpha[:] = sigmoid(np.float32(10.0))
+        alpha[:] = sigmoid(np.full(1, 10, np.float32))
     rgba = rounded_bytes(np.column_stack([baked_colors(buffers["f_dc"][keep]), alpha]))
     vertices = buffers["positions"].reshape(-1, 3, 3)[keep].reshape(-1, 3)
     faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)

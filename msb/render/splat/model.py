@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
 from msb.methods import METHODS, role
 from msb.render.splat.view import Culling
@@ -81,18 +82,6 @@ class Model:
     engine_culling: Culling = CLIPPED
 
 
-def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return 1 / (1 + exp(-x)), each step rounded to float32, as torch evaluates it; exp in double."""
-    with np.errstate(over="ignore"):
-        return np.asarray(1 / (1 + exponential(-logits)), np.float32)
-
-
-def exponential(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return exp(x), evaluated in double and rounded."""
-    with np.errstate(over="ignore"):
-        return np.exp(x, dtype=np.float64).astype(np.float32)
-
-
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
     """Return a little less than the phi at which o phi^sigma = 1/255; 2 where alpha is less everywhere."""
     share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
@@ -125,10 +114,7 @@ def sh_buffers(asset: Asset, rows: int) -> tuple[NDArray[Any], NDArray[Any] | No
     if degree == 0:
         return first, None
     rest = required_buffer(asset, "f_rest", rows, 3 * ((degree + 1) ** 2 - 1))
-    if asset.manifest.appearance.get("f_rest_order") == "coefficient_major":
-        return first, rest
-    turned = rest.reshape(rows, 3, -1).transpose(0, 2, 1)
-    return first, np.ascontiguousarray(turned).reshape(rest.shape)
+    return first, np.ascontiguousarray(rest_coefficients(asset)).reshape(rest.shape)
 
 
 def soup_positions(asset: Asset) -> NDArray[np.float32]:

@@ -1,0 +1,39 @@
+"""How stored parameters become what is drawn: one rule for renderers, STE faces and official exports.
+
+The reference has arithmetic of its own, which tests hold against this.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.asset.reader import Asset
+
+
+def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return 1 / (1 + exp(-x)) with each step rounded to float32, as torch evaluates it.
+
+    Rounding once, from a double, gives another float32 for some logits, and with an STE threshold that lies
+    between the two another face is hidden. Infinite logits give 0 and 1.
+    """
+    with np.errstate(over="ignore"):
+        return np.asarray(1 / (1 + exponential(-np.asarray(logits, np.float32))))
+
+
+def exponential(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return exp(x), evaluated in double and rounded."""
+    with np.errstate(over="ignore"):
+        return np.exp(x, dtype=np.float64).astype(np.float32)
+
+
+def rest_coefficients(asset: Asset) -> NDArray[np.float32]:
+    """Return `f_rest` as (n, K, 3): coefficient, channel, whatever the order in the buffer; a view."""
+    flat = asset.buffers["f_rest"]
+    if asset.manifest.appearance.get("f_rest_order") == "coefficient_major":
+        return flat.reshape(len(flat), -1, 3)
+    return flat.reshape(len(flat), 3, -1).transpose(0, 2, 1)
