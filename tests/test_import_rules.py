@@ -60,8 +60,8 @@ ALLOWED: dict[str, set[str]] = {
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
     "methods.reference": GROUND | {"reference"},
     "methods.look": GROUND | {"render", "cl"},
-    # Of bench, the records and what follows from them; of metrics, what they are called.
-    "report": {"errors", "extras", "files", "methods", "bench", "metrics", "paths", "_version"},
+    # Of bench, the records and what follows from them; of metrics and topology, how numbers are printed.
+    "report": {"errors", "extras", "files", "methods", "bench", "metrics", "topology", "paths", "_version"},
     "bench": GROUND
     | {
         "auditing",

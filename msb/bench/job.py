@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.folder import Results
+from msb.bench.records import TIER_OF
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -87,9 +88,7 @@ class Job:
     @property
     def tier(self) -> Tier:
         """The tier the cell's images are of."""
-        if self.cell.condition == "non_engine":
-            return "reference"
-        return "dedicated" if self.cell.condition == "dedicated" else "standard"
+        return TIER_OF[self.cell.condition]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from msb.bench.job import MAIN, Job
 from msb.bench.models import Model, ModelTask, method_of
 from msb.bench.photographs import SceneAt
 from msb.bench.protocol import AUTO, REFERENCE, overrides
-from msb.bench.records import CONDITIONS, Cell, Reason
+from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
 from msb.errors import InputError, MsbError, UsageError
 from msb.files import file_sha256
 from msb.methods import METHODS, lookup
@@ -26,14 +26,7 @@ if TYPE_CHECKING:
 
     from msb.bench.job import Inputs, Part
     from msb.bench.protocol import DatasetTable, MethodTable, ProtocolFile
-    from msb.bench.records import Condition, Result
-    from msb.methods import Tier
-
-_TIERS: dict[Condition, Tier] = {
-    "non_engine": "reference",
-    "dedicated": "dedicated",
-    "standard": "standard",
-}
+    from msb.bench.records import Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,14 +215,14 @@ class Planner:
         return Planned(cell, job, todo, "pending" if todo else "done")
 
     def _unsupported(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Reason | None:
-        tier = _TIERS.get(cell.condition)
+        tier = TIER_OF.get(cell.condition)
         if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
             return None
         if isinstance(model, MsbError) and model.code == "UNSUPPORTED_METHOD":
             return reason_of(model)
         reasons = lookup(cell.method).unsupported
         if tier is None:  # an exported mesh: of anything that has triangles
-            tier = "standard" if len(reasons) == len(_TIERS) else None
+            tier = "standard" if len(reasons) == len(TIER_OF) else None
         if tier is None or tier not in reasons:
             return None
         code = "UNSUPPORTED_STANDARD" if cell.condition == "standard" else "UNSUPPORTED_TIER"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -19,7 +20,9 @@ from msb.metrics.registry import IMAGE_METRICS, mean_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from msb.methods import Tier
 
 SCHEMA: Literal["msb.result/1"] = "msb.result/1"
 MAX_BYTES = 64 << 20
@@ -28,6 +31,10 @@ MAX_BYTES = 64 << 20
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
 """Who draws: the method's own renderer or one of our tiers; and the mesh itself, which is audited."""
+TIER_OF: Mapping[str, Tier] = MappingProxyType(
+    {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
+)
+"""Condition that has images -> the tier they are of, in the order in which quality is lost."""
 
 _ROUNDING = 1e-9
 """More than rounding does to a mean; no two numbers of a table differ by so little."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.cli.output import plain_table
 from msb.errors import one_line
+from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
 
 if TYPE_CHECKING:
@@ -105,11 +106,7 @@ def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> 
 
 
 def _cell(key: str, value: float | None) -> str:
-    if value is None:
-        return "-"
-    if key != "components":
-        return f"{value:.2f}"
-    return f"{value / 1e6:.2f} M" if value >= 1e6 / 2 else f"{value:,.0f}"
+    return "-" if value is None else structure_text(key, value)
 
 
 def _print_defects(audit: Audit, console: Console) -> None:

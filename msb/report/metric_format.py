@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 from msb.bench.aggregate import METRICS
 from msb.metrics.registry import IMAGE_METRICS
+from msb.topology.shown import DECIMALS, structure_text
 
 _MIB = float(1 << 20)
 _SMALL_MIB = 10.0
 """Memory of fewer MiB is printed with decimals, because "0" would say that there is none."""
-_IN_FULL = 1e5
-"""Smaller counts are printed in full, because "0.00 M" pieces would say nothing."""
 
 
 class Shown(NamedTuple):
@@ -33,14 +32,14 @@ SHOWN: dict[str, Shown] = {
     "train_memory": Shown("Peak mem. (MiB)", "MiB", 0, _MIB),
     "train_seconds": Shown("Train time (min)", "min", 1, 60.0),
     "chamfer": Shown("CD", "mm", 2),
-    "vf_ratio": Shown("V/F", "1", 2),
-    "mean_valence": Shown("Valence", "1", 2),
-    "boundary_edge_ratio": Shown("Boundary edge", "1", 2),
-    "nonmanifold_edge_ratio": Shown("Non-manif. edge", "1", 2),
-    "nonmanifold_vertex_ratio": Shown("Non-manif. vertex", "1", 2),
-    "lcc_face_ratio": Shown("LCC face", "1", 2),
-    "lcc_area_ratio": Shown("LCC area", "1", 2),
-    "components": Shown("Components", "1", 2),
+    "vf_ratio": Shown("V/F", "1", DECIMALS),
+    "mean_valence": Shown("Valence", "1", DECIMALS),
+    "boundary_edge_ratio": Shown("Boundary edge", "1", DECIMALS),
+    "nonmanifold_edge_ratio": Shown("Non-manif. edge", "1", DECIMALS),
+    "nonmanifold_vertex_ratio": Shown("Non-manif. vertex", "1", DECIMALS),
+    "lcc_face_ratio": Shown("LCC face", "1", DECIMALS),
+    "lcc_area_ratio": Shown("LCC area", "1", DECIMALS),
+    "components": Shown("Components", "1", DECIMALS),
 }
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
@@ -78,7 +77,7 @@ def text(metric: str, value: float) -> str:
     ('0.71 M', '17')
     """
     if metric == "components":
-        return f"{value / 1e6:.2f} M" if value >= _IN_FULL else f"{value:.0f}"
+        return structure_text(metric, value)
     shown = printed_value(metric, value)
     if SHOWN[metric].unit == "MiB" and 0 < shown < _SMALL_MIB:
         return f"{shown:.1f}" if shown >= 0.1 else f"{shown:.2f}" if shown >= 0.01 else "<0.01"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.bench.aggregate import TITLES
-from msb.bench.records import CONDITIONS
+from msb.bench.records import CONDITIONS, TIER_OF
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.report.safe_names import plain_text
@@ -32,7 +32,7 @@ CONDITION_TITLES = {
     "exported_mesh": "Exported mesh",
 }
 """Condition -> its heading; engines go by their own names."""
-DRAWN_CONDITIONS = ("non_engine", "dedicated", "standard")
+DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""
 
 QUALITY = tuple(IMAGE_METRICS)

@@ -268,7 +268,7 @@ def test_components_are_in_millions_unless_that_says_nothing() -> None:
     assert [text("components", value) for value in (715_000, 100_000, 99_999, 3)] == [
         "0.71 M",
         "0.10 M",
-        "99999",
+        "99,999",
         "3",
     ]
 
