@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-MEMORY = 2 << 30
-"""Bytes of address space, all that the interpreter and its libraries take included."""
+MEMORY = 1 << 30
+"""Bytes of address space beyond those that the interpreter and its libraries have taken."""
 FORBIDDEN_STATUS = 99
 _FORBIDDEN = (
     "subprocess.",
@@ -52,9 +52,21 @@ _CHANGES = (
 )
 
 
+_HARMLESS = ("os.scandir", "os.listdir")
+
+
 def limit_memory() -> None:
     """Cap this process's address space."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    most = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def peak_mib(status: Iterable[str]) -> int:
+    """Return the peak of this process's resident memory from the lines of /proc/self/status.
+
+    Not from `getrusage`, whose peak a process inherits from the one that forked it: pytest may be large.
+    """
+    return next(int(line.split()[1]) >> 10 for line in status if line.startswith("VmHWM"))
 
 
 class Guard:
@@ -106,3 +118,29 @@ class Guard:
         self._active = False  # the report is written by this process, too
         self._report(f"forbidden: {what}\n" + "".join(traceback.format_stack()))
         os._exit(FORBIDDEN_STATUS)
+
+
+class ClosedGuard(Guard):
+    """Forbid, besides, all imports and code, and all files but what `inside` names and what lies below it.
+
+    What is imported on first use must be imported before.
+    """
+
+    inside = ""
+
+    def _hook(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if not self._active:
+            return
+        if event == "open":
+            name, mode, flags = arguments
+            if isinstance(name, int):
+                return  # what was opened before
+            # Relative to the folder that is read: an opened folder's descriptor is not told.
+            path = os.path.normpath(os.path.join(self.inside, os.fsdecode(name)))  # noqa: PTH118
+            writes = isinstance(flags, int) and flags & _WRITES
+            if writes or not (path + os.sep).startswith(self.inside + os.sep):
+                self._end(f"{name!r} opened with mode {mode!r} and flags {flags!r}")
+        elif event.startswith(("import", "exec", "compile", "ctypes.", "os.")) and event not in _HARMLESS:
+            self._end(f"{event} {arguments!r:.200}")
+        else:
+            super()._hook(event, arguments)

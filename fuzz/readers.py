@@ -6,27 +6,63 @@ from contextlib import chdir
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from pathlib import Path
 
 
 def asset(path: Path) -> None:
+    """Validate and load; what is loaded is what its manifest says, in memory that nobody writes to."""
     from msb.asset import load, validate
+    from msb.asset.manifest import DTYPES
 
-    validate(path)
-    load(path)
+    whole = validate(path).asset is not None
+    asset = load(path)
+    manifest = asset.manifest
+    counts = {"vertex": manifest.vertex_count, "face": manifest.face_count, "corner": 3 * manifest.face_count}
+    assert whole
+    assert min(counts.values()) > 0
+    assert {"positions", "indices"} <= set(asset.buffers) == set(manifest.buffers)
+    for name, spec in manifest.buffers.items():
+        array = asset.buffers[name]
+        assert array.size > 0
+        assert (array.shape, array.nbytes, array.dtype) == (spec.shape, spec.byte_length, DTYPES[spec.dtype])
+        assert not array.flags.writeable
+        assert spec.domain == "global" or len(array) == counts[spec.domain]
 
 
 def checkpoint(path: Path) -> None:
+    """Read, and touch every value as a careless user would: again and again where it is shared."""
     from msb.adapters.checkpoint import read_checkpoint as read
 
-    read(path)
+    _touch(read(path), path.stat().st_size)
 
 
-def export(path: Path) -> None:
+def _touch(value: Any, size: int) -> None:
+    from msb.adapters.checkpoint import BFloat16Array
+
+    if isinstance(value, BFloat16Array):
+        value = value.bits
+    if isinstance(value, np.ndarray):
+        assert not value.flags.writeable
+        assert value.nbytes <= size
+        value.tobytes()
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            assert type(key) in (str, int)
+            _touch(item, size)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            _touch(item, size)
+    else:
+        assert value is None or type(value) in (str, int, float, bool, bytes)
+
+
+def export(path: Path, method: str | None = None) -> None:
     from msb.adapters import export as make
 
-    make(path)
+    make(path, method=method)
 
 
 def two_dts_config(path: Path) -> None:

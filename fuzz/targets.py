@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from data_stubs.trained import TRAINED
 from fuzz import readers, seeds
 from fuzz.target import Target
 from msb.meshes import MESH_SUFFIXES
 from msb.methods import METHODS
-from tests.adapters import assemble
+from tests.adapters import assemble, models
 from tests.scenes.bad_cameras import SMALL as CAMERAS
 
 if TYPE_CHECKING:
@@ -18,11 +17,18 @@ if TYPE_CHECKING:
 
 
 def model_target(method: str) -> Target:
-    """Return the target of one adapter: the program is hostile, the archive around it is sound."""
+    """Return the target of one adapter: the program is hostile, the archive around it is sound.
+
+    A method of which there is no small torch file reads meshes.
+    """
+    if method not in models.VALUES:
+        return Target(
+            lambda path: readers.export(path, method), lambda: seeds.meshes(".ply"), "point_cloud.ply"
+        )
     return Target(
         readers.export,
         lambda: [seeds.model(method)[0]],
-        (METHODS[method].files or (STATE,))[0].format(n=30000),
+        models.place(method),
         wrap=lambda data: assemble.archive(data, seeds.model(method)[1]),
     )
 
@@ -55,7 +61,6 @@ def dtu_target(file: str) -> Target:
     )
 
 
-STATE = "point_cloud/iteration_30000/point_cloud_state_dict.pt"
 RESULT = "cells/capture/desk/two_dts/dedicated/result.json"
 NERF = "scenes/nerf_synthetic/pebble/transforms_test.json"
 
@@ -64,7 +69,7 @@ TARGETS: dict[str, Target] = {
     "triasset_manifest": Target(readers.asset, seeds.manifests, "a.triasset", wrap=seeds.around_manifest),
     "checkpoint": Target(readers.checkpoint, seeds.checkpoints, "a.pt"),
     "checkpoint_pickle": Target(readers.checkpoint, seeds.pickles, "a.pt", wrap=assemble.archive),
-    **{f"model_{method}": model_target(method) for method in TRAINED},
+    **{f"model_{method}": model_target(method) for method in METHODS},
     "web_texture": web_target("lut0.png"),
     "web_weights": web_target("mlp_weights.json"),
     "web_meta": web_target("meta.json"),

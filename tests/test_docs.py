@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 WITH_EXAMPLES = sorted(
-    path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
-    for path in (ROOT / "msb").rglob("*.py")
+    path.relative_to(folder).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
+    for folder, package in ((ROOT, "msb"), (ROOT / "viewers", "msb_viewers"))
+    for path in (folder / package).rglob("*.py")
     if ">>>" in path.read_text()
 )
 
@@ -63,8 +64,10 @@ def test_shipped_asset_is_what_its_script_makes(tmp_path: Path) -> None:
 
 def test_no_module_is_too_long_to_hold_in_mind() -> None:
     reasons = {"msb/errors.py": "one table of all codes"}
-    for folder in ("msb", "tests", "benchmarks", "data_stubs", "docs"):
-        for path in (ROOT / folder).rglob("*.py"):
-            name = path.relative_to(ROOT).as_posix()
-            lines = len(path.read_text().splitlines())
-            assert lines <= 400 or name in reasons, f"{name} has {lines} lines"
+    patterns = [
+        f"{folder}/**/*.py" for folder in ("msb", "viewers", "tests", "benchmarks", "data_stubs", "docs")
+    ]
+    for path in (path for pattern in (*patterns, "viewers/**/*.js") for path in ROOT.glob(pattern)):
+        name = path.relative_to(ROOT).as_posix()
+        lines = len(path.read_text().splitlines())
+        assert lines <= 400 or name in reasons, f"{name} has {lines} lines"

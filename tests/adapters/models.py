@@ -9,6 +9,8 @@ import numpy as np
 from PIL import Image
 
 from data_stubs.torch_file import write_torch
+from msb.adapters.locate import STATE_DICT
+from msb.methods import METHODS
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 from tests.conftest import ROOT
 
@@ -91,15 +93,15 @@ VALUES = {
 }
 
 
+def place(method: str) -> str:
+    """Return where the training of `method` writes its model, below its output folder."""
+    files = METHODS[method].files or (f"point_cloud/iteration_{{n}}/{STATE_DICT}",)
+    return files[0].format(n=30000)
+
+
 def write_model(folder: Path, method: str, values: Any) -> Path:
     """Write `values` as the output folder of a training of `method`; return the folder."""
-    places = {
-        "two_dts": "ckpt/30000.ckpt",
-        "diffsoup": "final_params.pt",
-        "triangle_splatting": "point_cloud/iteration_30000/point_cloud_state_dict.pt",
-        "mesh_splatting": "point_cloud/iteration_30000/point_cloud_state_dict.pt",
-    }
-    file = folder / places[method]
+    file = folder / place(method)
     file.parent.mkdir(parents=True, exist_ok=True)
     if method == "two_dts" and isinstance(values, dict):
         values = (values, {}, None, 1.0)

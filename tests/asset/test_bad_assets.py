@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import shutil
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +14,7 @@ import pytest
 import msb.cli.validate
 from msb.asset import load, validate
 from msb.errors import CODES, AssetError, InputError
-from tests.corpus.bad_assets import CASES, write_all, write_case
+from tests.corpus.bad_assets import CASES, write_case
 from tests.corpus.good import decoder, mesh, parts, soup
 
 if TYPE_CHECKING:
@@ -73,7 +70,7 @@ def assert_clear(error: MsbError, path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_a_bad_asset_gives_its_code(case: Case, folder: Path) -> None:
+def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -> None:
     path = write_case(case, folder)
     if case.denied:
         parts(mesh()).write_packed(folder / "good")
@@ -87,11 +84,7 @@ def test_a_bad_asset_gives_its_code(case: Case, folder: Path) -> None:
         else:
             codes = [(item.code, item.severity) for item in load(path).warnings]
             assert codes == ([(case.code, case.severity)] if case.found_by == "load" else [])
-
-
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_validate_reports_the_same_code_and_no_other_error(case: Case, folder: Path) -> None:
-    path = write_case(case, folder)
+    # `validate` reports the same code and no other error.
     if CODES[case.code].kind is InputError:
         with permissions(case), pytest.raises(InputError) as caught:
             validate(path)
@@ -121,37 +114,8 @@ def test_what_the_bad_assets_are_made_from_is_good(make, tmp_path: Path) -> None
         assert validate(path).findings == ()
 
 
-def test_there_are_many_cases_and_their_names_differ() -> None:
-    assert len(CASES) >= 500
-    assert len({case.name for case in CASES}) == len(CASES)
-    assert all(case.title.isprintable() and len(case.title) < 110 for case in CASES)
-
-
 def test_every_code_of_the_format_has_a_case() -> None:
     assert {case.code for case in CASES if case.code.startswith("TRIASSET_")} == TRIASSET_CODES
-
-
-def test_every_code_of_the_format_is_raised_somewhere() -> None:
-    sources = [path.read_text() for path in MSB.rglob("*.py") if path.name != "errors.py"]
-    sources.append((MSB / "asset/triasset.schema.json").read_text())
-    named = {code for text in sources for code in re.findall(r"TRIASSET_[A-Z0-9_]+", text)}
-    # The strict reader leaves the prefix to the policy of its archive.
-    archive = [(MSB / "asset" / name).read_text() for name in ("strict_zip.py", "packed.py")]
-    named |= {
-        f"TRIASSET_{code}" for text in archive for code in re.findall(r'"((?:ZIP|PATH)_[A-Z0-9_]+)"', text)
-    }
-    assert named & TRIASSET_CODES == TRIASSET_CODES
-    assert {code for code in named if not code.endswith("_")} <= TRIASSET_CODES, "a code is not registered"
-
-
-def test_the_corpus_writes_itself_with_an_index(tmp_path: Path) -> None:
-    write_all(tmp_path / "a")
-    write_all(tmp_path / "b")
-    index = (tmp_path / "a/index.json").read_bytes()
-    assert index == (tmp_path / "b/index.json").read_bytes()
-    for path in (tmp_path / "a").rglob("*.triasset"):
-        if path.is_file() and not path.is_symlink():
-            assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes()
 
 
 @pytest.mark.parametrize("member", ["manifest.json", "buffers/positions.bin"])
@@ -200,14 +164,3 @@ def test_a_link_put_in_place_at_the_last_moment_is_not_followed(tmp_path: Path, 
     with pytest.raises(AssetError) as caught:
         load(path)
     assert caught.value.code in ("TRIASSET_BUFFER_MISSING", "TRIASSET_FILE_UNREADABLE")
-
-
-def test_reading_bad_assets_executes_nothing_and_stays_small(tmp_path: Path) -> None:
-    """All cases in a process of 1 GiB in which any import, exec, socket or foreign file is fatal."""
-    write_all(tmp_path / "corpus")
-    driver = Path(__file__).with_name("guarded_driver.py")
-    command = [sys.executable, str(driver), str(tmp_path / "corpus")]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert done.stdout == f"{sum(not case.denied for case in CASES)} cases\n"

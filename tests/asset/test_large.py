@@ -83,7 +83,7 @@ import json, sys
 from pathlib import Path
 import msb
 from msb.asset import load
-from tests.asset.guarded_driver import peak_mib
+from fuzz.guard import peak_mib
 load(sys.argv[1])
 status = Path("/proc/self/status")
 before = peak_mib(status.read_text().splitlines())

@@ -64,10 +64,6 @@ def test_a_shipped_asset_has_nothing_to_complain_of(path: Path) -> None:
     assert validate(path).findings == ()
 
 
-def test_there_are_shipped_assets() -> None:
-    assert SHIPPED
-
-
 def test_a_newer_minor_version_is_read_with_a_warning_and_loses_nothing(tmp_path: Path) -> None:
     lod = {"levels": [1, 2.5, None, True, "\u00e9\U0001f600"], "deep": {"a": {"b": []}}}
     newer = parts(mesh()).change("/version", "1.7").change("/lod", lod).change("/extra", "a key of that name")

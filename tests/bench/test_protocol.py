@@ -108,22 +108,6 @@ def test_a_file_that_is_not_there_or_too_long(tmp_path: Path) -> None:
         read_protocol(tmp_path / "p.toml")
 
 
-def test_the_shipped_protocol_has_all_methods_and_scenes() -> None:
-    found = read_protocol(STUBS / "protocol.toml").protocol
-    assert {table.name for table in found.datasets} == {
-        "mipnerf360",
-        "tanksandtemples",
-        "nerf_synthetic",
-        "dtu",
-    }
-    assert {table.name for table in found.methods} == {
-        "two_dts",
-        "triangle_splatting",
-        "mesh_splatting",
-        "diffsoup",
-    }
-
-
 def test_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     file = single_protocol(PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from msb.cl.scan import MOST, exclusive_scan
 from msb.cl.sort import sort_pairs
 from tests.cl.conftest import KERNELS, open_styled
-from tests.conftest import ROOT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -171,13 +169,6 @@ def test_sort_refuses(device: Device) -> None:
             sort_pairs(device, keys, bits=bits)
     with pytest.raises(ValueError, match="elements"):
         sort_pairs(device, keys, count=5)
-
-
-def test_the_documentations_example_runs() -> None:
-    text = (ROOT / "docs" / "opencl.md").read_text("utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) == 1
-    exec(compile(blocks[0], "docs/opencl.md", "exec"), {})
 
 
 def test_both_styles_agree_on_the_work_done(styled: Device) -> None:

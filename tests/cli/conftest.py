@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
+from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -42,15 +40,8 @@ def msb() -> Msb:
     """Return a function that runs `msb` with the given arguments."""
 
     def run(*args: object, cwd: Path = ROOT, **env: str) -> Result:
-        clean = {k: v for k, v in os.environ.items() if k not in {"NO_COLOR", "FORCE_COLOR", "COLUMNS"}}
-        done = subprocess.run(
-            [sys.executable, "-m", "msb", *map(str, args)],
-            capture_output=True,
-            cwd=cwd,
-            env={**clean, "PYTHONPATH": str(ROOT), **env},
-            timeout=120,
-            check=False,
-        )
+        clean = dict.fromkeys(("NO_COLOR", "FORCE_COLOR", "COLUMNS"))
+        done = run_msb([*map(str, args)], cwd, {**clean, **env})
         return Result(done.returncode, done.stdout.decode(), done.stderr.decode())
 
     return run

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Msb
 
 CLEAN = {"MSB_DEVICE": "", "PYOPENCL_CTX": ""}
@@ -98,18 +96,3 @@ def test_wrong_text_ends_with_2(msb: Msb) -> None:
     result = msb("devices", "--device", "a:b:c")
     assert result.status == 2
     assert result.err.startswith("DEVICE_SELECTOR: ")
-
-
-def test_no_device_at_all_ends_with_5(msb: Msb, tmp_path: Path) -> None:
-    result = msb("devices", OCL_ICD_VENDORS=str(tmp_path / "absent"))
-    assert result.status == 5
-    assert result.out == ""
-    assert result.err.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
-    assert result.err.count("\n") == 1
-
-
-def test_help_fits_and_has_examples(msb: Msb) -> None:
-    result = msb("devices", "--help")
-    assert result.status == 0
-    assert "Examples:" in result.out
-    assert max(map(len, result.out.splitlines())) <= 80

@@ -80,19 +80,6 @@ def test_export_set_overrides_and_checks(msb: Msb, tmp_path: Path) -> None:
         assert len(result.err.splitlines()) == 1
 
 
-def test_missing_config_is_one_warning_and_status_0(msb: Msb, tmp_path: Path) -> None:
-    folder = write_model(tmp_path / "run", "two_dts", models.two_dts())
-    result = msb("export", folder, tmp_path / "a.triasset")
-    assert result.status == 0
-    assert result.err.startswith(f"CHECKPOINT_CONFIG_MISSING: {folder}: there is no YAML config and no log")
-    assert len(result.err.splitlines()) == 1
-    config = tmp_path / "c.yaml"
-    config.write_text("model: {rasterizer_type: 3D}")
-    result = msb("export", "--force", "--config", config, folder, tmp_path / "a.triasset")
-    assert (result.status, result.err) == (0, "")
-    assert library.load(tmp_path / "a.triasset").manifest.settings["rasterizer"].value == "3D"
-
-
 def test_statuses_of_what_cannot_be_exported(msb: Msb, tmp_path: Path) -> None:
     gaussians(tmp_path / "gs" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
     target = tmp_path / "a.triasset"

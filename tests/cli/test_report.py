@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.conftest import ROOT
 from tests.report.factory import make_result, write, write_results
 
 if TYPE_CHECKING:
@@ -125,8 +123,7 @@ def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: P
     assert audit["verdict"]["level"] == "bad"
     made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
     write(tmp_path, made.model_copy(update={"asset": about, "audit": audit}))
-    path = os.pathsep.join((str(ROOT), str(ROOT / "viewers")))
-    done = msb("report", "--format", "html", tmp_path, PYTHONPATH=path)
+    done = msb("report", "--format", "html", tmp_path)
     assert done.status == 0
     if "VIEW_NO_GL" in done.err:
         pytest.skip("there is nothing to draw with here")
@@ -135,7 +132,7 @@ def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: P
     assert audit["verdict"]["sentence"][1:40] in page
     audit["counts"]["faces"] += 1
     write(tmp_path, made.model_copy(update={"asset": about, "audit": audit}))
-    done = msb("report", "-f", "--format", "html", tmp_path, PYTHONPATH=path)
+    done = msb("report", "-f", "--format", "html", tmp_path)
     assert done.status == 0
     assert "it is not the mesh that was audited" in done.err
     page = (tmp_path / "report" / "verdict-capture-desk-mesh_splatting.html").read_text()

@@ -95,7 +95,7 @@ conditions = ["exported_mesh"]
 def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], said: str) -> None:
     if "--scheduler" in args:
         pytest.importorskip("distributed", reason="extra distributed is not installed")
-    result = msb("run", "-o", tmp_path / "r", *args, cwd=tmp_path, PYTHONPATH=str(ROOT))
+    result = msb("run", "-o", tmp_path / "r", *args, cwd=tmp_path)
     assert result.status in (2, 3)
     assert result.err.startswith(said)
     assert len(result.err.splitlines()) == 1

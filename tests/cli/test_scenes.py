@@ -94,27 +94,6 @@ def test_a_bad_scene_is_one_line_and_the_others_are_described(msb: Msb, tmp_path
     ]
 
 
-def test_what_is_missing_beside_the_photographs_is_a_warning(msb: Msb, tmp_path: Path) -> None:
-    shutil.copytree(STUBS / "tanksandtemples/pebble", tmp_path / "tandt/truck")
-    (tmp_path / "tandt/truck/sparse/0/points3D.bin").unlink()
-    shutil.copytree(STUBS / "nerf_synthetic/pebble", tmp_path / "nerf/lego")
-    result = msb("scenes", "--json", "-", tmp_path / "tandt", tmp_path / "nerf")
-    assert result.status == 0
-    truck, lego = result.json["scenes"]
-    assert [warning["code"] for warning in truck["warnings"]] == ["COLMAP_FILE_MISSING"]
-    assert [warning["code"] for warning in lego["warnings"]] == ["SCENE_SPLIT"]
-    assert "published are 100 and 200" in lego["warnings"][0]["message"]
-
-
-def test_no_scene_and_wrong_options(msb: Msb, tmp_path: Path) -> None:
-    result = msb("scenes", tmp_path)
-    assert result.status == 3
-    assert result.err.startswith(f"SCENE_LAYOUT: {tmp_path}: it holds no scene")
-    result = msb("scenes", "--rules", "nerf", STUBS / "dtu")
-    assert result.status == 3
-    assert "there are ours, two_dts" in result.err
-
-
 def test_a_real_capture(msb: Msb, shared: Path) -> None:
     garden = shared / "golden" / "garden"
     refused = msb("scenes", garden)

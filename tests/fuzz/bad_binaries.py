@@ -105,17 +105,11 @@ _PNG: dict[str, tuple[bytes, str]] = {
         png(1, 1, more=chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(1 << 26)))),
         "cannot be decoded",
     ),
-    "compressed profile": (
-        png(1, 1, more=chunk(b"iCCP", b"a\0\0" + zlib.compress(bytes(1 << 26)))),
-        "cannot",
-    ),
     "no size": (png(0, 0), ""),
-    "side of 2^31": (png(1 << 31, 1), ""),
     "16 bits": (png(4, 3, depth=16, rows=bytes(75)), "16 bits per channel"),
     "2 bits": (png(4, 3, depth=2, kind=0, rows=bytes(6)), "2 bits per channel"),
     "palette": (picture("P"), "in a palette"),
     "grey": (picture("L"), "kind L"),
-    "grey and alpha": (picture("LA"), "kind LA"),
     "one colour transparent": (png(1, 1, rows=bytes(4), more=chunk(b"tRNS", bytes(6))), "one colour"),
     "two headers": (
         png(1, 1, rows=bytes(4), more=chunk(b"IHDR", struct.pack(">2I5B", 60_000, 60_000, 8, 2, 0, 0, 0))),
@@ -127,17 +121,13 @@ _PNG: dict[str, tuple[bytes, str]] = {
 
 _GRID: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "cannot be read"),
-    "zeros": (bytes(500), "cannot be read"),
     "HDF5": (grid(b"\x00\x01IM", b"\x00\x02IM"), "cannot be read"),
     "negative axis": (grid(extents(3, 3, 3), extents(-1, 3, 3)), "ObsMask is -1 x 3 x 3"),
     "no voxel": (grid(extents(3, 3, 3), extents(0, 3, 3)), "ObsMask is 0 x 3 x 3"),
-    "huge axes": (grid(extents(3, 3, 3), extents(1 << 30, 1 << 30, 3)), "at most 536870912 voxels"),
     "more voxels than bytes": (grid(extents(3, 3, 3), extents(300, 300, 300)), "cannot be read"),
     "4 GiB of voxels": (grid(BYTES, struct.pack("<2I", 2, 0xFFFFFFF0)), "cannot be read"),
     "unknown type": (grid(BYTES, struct.pack("<2I", 200, 27)), "unknown type 200"),
     "text": (grid(Res="x"), "Res"),
-    "cell": (grid(Res=np.array([["x"]], object)), "no real numbers"),
-    "struct": (grid(Res={"a": 1}), "no real numbers"),
     "complex": (grid(BB=GRID["BB"] * 1j), "no real numbers"),
     "NaN": (grid(Res=np.array([[np.nan]])), "finite numbers"),
     "no plane": (matlab(P=np.ones((4, 1))), "no variable ObsMask"),
@@ -146,46 +136,42 @@ _GRID: dict[str, tuple[bytes, str]] = {
 _NPY: dict[str, tuple[bytes, str]] = {
     "terabytes": (npy(shape("1048576, 1048576, 3")), "cannot be decoded"),
     "negative axis": (npy(shape("-1, 3, 3")), ""),
-    "wrapping axes": (npy(shape("4294967296, 4294967296, 3")), "cannot be decoded"),
     "objects": (npy(shape("1, 1, 3", "|O"), bytes(24)), "cannot be decoded"),
     "code": (npy("__import__('os').system('ls')"), "cannot be decoded"),
-    "nested": (npy("(" * 5000), "cannot be decoded"),
     "records": (npy("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1, 1, 3)}", bytes(12)), ""),
     "newer version": (npy(shape("1, 1, 3"), bytes(12), b"\x09\0"), "cannot be decoded"),
 }
 
 _WEIGHTS: dict[str, tuple[bytes, str]] = {
-    "no archive": (b"noise", "cannot be read"),
     "nothing": (archive(), "it holds no features."),
-    "terabytes": (archive(**{BIAS: npy(shape("1099511627776"))}), "cannot be read"),
     "bomb": (
         archive(zipfile.ZIP_DEFLATED, **{BIAS: npy(shape("16777216"), bytes(1 << 26))}),
         "features.0.bias is too long",
     ),
     "objects": (archive(**{BIAS: npy(shape("1", "|O"), bytes(8))}), "cannot be read"),
-    "code": (archive(**{BIAS: npy("__import__('os').system('ls')")}), "cannot be read"),
 }
 
 _TENSORS: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "cannot be read"),
-    "short": (b"1234", "cannot be read"),
     "long header": (tensors(bias(), length=1 << 62), "longer than the file"),
     "nested": (tensors(b'{"a":' * 5000), "nests deeper than 16"),
     "a list": (tensors([]), ""),
     "other type": (tensors(bias(dtype="F16")), "must be F32"),
     "offsets beyond the end": (tensors(bias(data_offsets=[256, 512])), "must be F32"),
-    "offsets turned round": (tensors(bias(data_offsets=[256, 0])), "must be F32"),
-    "negative offsets": (tensors(bias(data_offsets=[-256, 0])), "must be F32"),
     "fractions": (tensors(bias(data_offsets=[0.5, 256.5])), ""),
     "no offsets": (tensors({"features.0.bias": {"dtype": "F32"}}), "cannot be read"),
     "other shape": (tensors(bias(shape=[8, 9])), "cannot be read"),
 }
 
 _NEUS: dict[str, tuple[bytes, str]] = {
-    "no archive": (b"noise", "not an archive"),
     "nothing": (archive(), "holds no world_mat_0"),
     "no scale": (archive(world_mat_0=npy(shape("4, 4", "<f8"), bytes(128))), "holds no scale_mat_0"),
     "terabytes": (archive(world_mat_0=npy(shape("1048576, 1048576"))), ""),
+    "shape": (
+        archive(world_mat_0=npy(shape("3, 4", "<f8"), bytes(96)), scale_mat_0=b""),
+        "is not 4 x 4 finite",
+    ),
+    "NaN": (archive(world_mat_0=npy(shape("4, 4"), b"\xff" * 64), scale_mat_0=b""), "is not 4 x 4 finite"),
     "objects": (archive(world_mat_0=npy(shape("4, 4", "|O"), bytes(128)), scale_mat_0=b""), "is not 4 x 4"),
     "bomb": (
         archive(zipfile.ZIP_DEFLATED, world_mat_0=bytes(1 << 26), scale_mat_0=b""),

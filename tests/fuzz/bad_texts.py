@@ -40,33 +40,19 @@ _NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
 _PROTOCOL: dict[str, tuple[bytes, str]] = {
     "number of 5000 digits": (b"x = " + DIGITS, "it is not TOML: Exceeds the limit"),
     "hexadecimal of 5000 digits": (protocol(b"resolution = " + HEXADECIMAL), "it holds what it may not"),
-    "brackets": (b"x = " + b"[" * 5000, "nested too deeply"),
     "dotted keys": (b"a." * 2000 + b"a = 1", "nested too deeply"),
-    "huge resolution": (protocol(b"resolution = -" + BIG + b".5"), "it holds what it may not"),
-    "huge gamma": (protocol(b"settings = { gamma = " + BIG + b" }"), "/settings: "),
-    "long key": (protocol(b'"' + b"k" * 9000 + b'" = 1'), "extra inputs"),
-    "key with a line break": (protocol(b'"a\\nb\\u0000" = 1'), "extra inputs"),
     "long place": (protocol(b"", "{scene}", "{" + "s" * 9000 + "}"), "there is no {sss"),
-    "long method": (protocol(b"", "two_dts", "m" * 9000), "there is no method"),
     "date": (b"x = 2020-99-99", "it is not TOML"),
-    "byte-order mark": (b"\xef\xbb\xbf" + protocol(b""), "it is not TOML"),
     "UTF-16": (MINIMAL.encode("utf-16"), "it is not TOML"),
     "key twice": (protocol(b'name = "dtu"\n'), "it is not TOML"),
-    "control character": (b'x = "\x07"', "it is not TOML"),
     "lone surrogate": (b'x = "\\ud800"', "it is not TOML"),
     "too long": (b"#" * ((1 << 20) + 1), "longer than"),
 }
 
 _SETTINGS: dict[str, tuple[bytes, str]] = {
-    "number of 5000 digits": (b"verbose = " + DIGITS, "it is no TOML"),
     "hexadecimal of 5000 digits": (b"quiet = " + HEXADECIMAL, "it must be true or false"),
-    "count of 5000 digits": (b"verbose = " + HEXADECIMAL, "it must be a whole number"),
-    "count of 65 bits": (b"verbose = 18446744073709551616", "it must be a whole number"),
     "list of huge numbers": (b"[render]\nset = [" + HEXADECIMAL + b"]", "a list of texts or numbers"),
     "brackets": (b"x = " + b"[" * 5000, "nested too deeply"),
-    "dotted keys": (b"quiet." + b"a." * 2000 + b"a = 1", "nested too deeply"),
-    "tables in an option": (b"[audit]\nquiet." + b"a." * 2000 + b"a = 1", "nested too deeply"),
-    "long key": (b"k" * 9000 + b" = 1", "is no option"),
     "key with a line break": (b'"a\\nb" = 1', "is no option"),
     "array of tables": (b"[[audit]]\nquiet = true\n", "is no option"),
     "not UTF-8": (b"\xff", "it is no TOML"),
@@ -74,7 +60,6 @@ _SETTINGS: dict[str, tuple[bytes, str]] = {
 }
 
 _PYPROJECT: dict[str, tuple[bytes, str]] = {
-    "brackets": (b"tool.msb.x = " + b"[" * 5000, "nested too deeply"),
     "tool is a list": (b"[[tool]]\nmsb = 1 # tool.msb", '"tool" is [{'),
     "msb is a number": (b"tool.msb = 1", '"tool.msb" is 1; it must be a table'),
 }
@@ -92,22 +77,14 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "lone surrogate": (result().replace(b'"done"', b'"\\ud800"'), "surrogate"),
     "other schema": (result(schema="msb.result/2"), "/schema"),
     "unknown key": (result(more=1), "/more: extra inputs"),
-    "long unknown key": (result(**{"k" * 9000: 1}), "extra inputs"),
-    "text for a number": (result(seconds="1.5"), "/seconds"),
     "true for a number": (result(seconds=True), "/seconds"),
-    "negative time": (result(seconds=-1), "/seconds"),
     "status": (result(status="fine"), "/status"),
     "audit of a text": (result(audit={"counts": {"faces": "9"}, "metrics": {}}), "/audit/counts"),
-    "audit of a list": (result(audit={"counts": [], "metrics": {}}), "/audit/counts"),
     "chamfer of a text": (result(chamfer={"overall": "0.5"}), "/chamfer/overall"),
     "negative PSNR": (measured({"psnr": -3.0}), "/quality/images/0/psnr: -3 dB, and no PSNR is negative"),
     "PSNR that is not there": (measured({"psnr": None}), "/quality/images/0/psnr: it must be there"),
-    "PSNR of equal images": (measured({"psnr_infinite": True}), "/quality/images/0/psnr: it must be there"),
     "other mean of PSNR": (measured(psnr=99.0), "/quality/psnr: it is 99.0, and the mean of its images is"),
     "other mean of SSIM": (measured({"ssim": 0.25}), "/quality/ssim: it is "),
-    "LPIPS that no image has": (measured({"lpips": None}), "/quality/lpips: it is "),
-    "count of equal images": (measured(psnr_inf_count=1), "/quality/psnr_inf_count: it is 1"),
-    "means of no image": (measured(images=[]), "/quality/images: there are none"),
     "image without width": (
         result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
         "/quality",
@@ -151,27 +128,12 @@ _RECORDS: dict[str, Bad] = {
     ),
 }
 
-_YAML: dict[str, tuple[bytes, str]] = {
-    "aliases": (b"a: &a [1]\nmodel: {b: *a}\n", "not valid YAML"),
-    "object": (b"model: {a: !!python/object/apply:os.system [ls]}", "not valid YAML"),
-    "brackets": (b"model: " + b"[" * 400, "not valid YAML"),
-    "list for a key": (b"? [a]\n: b", "not valid YAML"),
-    "number of 5000 digits": (b"model: {a: " + DIGITS + b"}", "not valid YAML"),
-    "date": (b"model: {a: 2020-99-99}", "not valid YAML"),
-    "control character": (b"model: {a: \x07}", "not valid YAML"),
-    "no model": (b"a: 1", 'no section "model"'),
-    "a list": (b"- model", 'no section "model"'),
-    "two documents": (b"model: {}\n---\nmodel: {}\n", "not valid YAML"),
-}
-
 _GATES: dict[str, tuple[bytes, str]] = {
     "infinity": (b"components>inf", "not a finite number"),
-    "overflow": (b"components>1e999", "not a finite number"),
     "no number": (b"components>x", "not a finite number"),
     "unknown key": (b"componets>1", "did you mean components"),
     "long key": (b"a" * 9000 + b">1", "there is no key"),
     "code": (b"__import__('os')", "not KEY OPERATOR NUMBER"),
-    "line break": (b"components>1\n\nx", "not KEY OPERATOR NUMBER"),
 }
 
 BAD: dict[str, Bad] = {
@@ -182,7 +144,6 @@ BAD: dict[str, Bad] = {
             ("msb_toml", "CONFIG_INVALID", _SETTINGS),
             ("pyproject", "CONFIG_INVALID", _PYPROJECT),
             ("result", "RECORD_INVALID", _RESULT),
-            ("two_dts_yaml", "CHECKPOINT_CONFIG_FILE", _YAML),
             ("gate", "USAGE", _GATES),
         )
         for name, (content, message) in table.items()

@@ -102,18 +102,15 @@ def resized(length: int) -> bytes:
 BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
     "empty": (b"", "HEADER", "the file is empty"),
     "garbage": (b"\x80\x02garbage", "HEADER", "it does not begin with 'glTF'"),
-    "gltf text": (b'{"asset": {"version": "2.0"}}', "HEADER", "it does not begin with 'glTF'"),
     "header": (SMALL[".glb"][:11], "TRUNCATED", "ends within its header"),
     "version": (glb_file(b"{}", version=1), "UNSUPPORTED", "version 1 is not read"),
     "short": (SMALL[".glb"][:-1], "TRUNCATED", "byte 8: the header says"),
-    "trailing": (SMALL[".glb"] + b"\0", "TRAILING", "1 bytes follow"),
     "chunk size": (
         resized(0)[:12] + b"\xff\xff\xff\xff" + resized(0)[16:],
         "TRUNCATED",
         "a chunk declares 4294967295",
     ),
     "no chunk": (b"glTF\2\0\0\0\x0c\0\0\0", "HEADER", "the first chunk is not JSON"),
-    "half a chunk": (b"glTF\2\0\0\0\x10\0\0\0\0\0\0\0", "TRUNCATED", "within the header of a chunk"),
     "BIN first": (SMALL[".glb"].replace(b"JSON", b"BIN\0"), "HEADER", "the first chunk is not JSON"),
     "no BIN": (
         glb_file(json.dumps(glb_square().root | {"buffers": [{"byteLength": 60}]}).encode()),
@@ -121,9 +118,7 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         "binary",
     ),
     "not JSON": (text_root("{nodes: 1}"), "HEADER", "the JSON cannot be read"),
-    "two documents": (text_root("{} {}"), "HEADER", "the JSON cannot be read"),
     "not UTF-8": (glb_file(b'{"a": "\xff"}'), "HEADER", "the JSON cannot be read"),
-    "array": (text_root("[]"), "HEADER", "the JSON is not an object"),
     "NaN": (text_root('{"a": NaN}'), "HEADER", "NaN is not JSON"),
     "deep": (text_root('{"a":' + "[" * 100_000), "TOO_LARGE", "nests 100001 deep, more than 64"),
     "deep in a string": (text_root('{"a":"' + "[" * 100_000), "HEADER", "the JSON cannot be read"),
@@ -133,11 +128,6 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         changed(lambda root: root.update(extensionsRequired=["KHR_draco_mesh_compression"])),
         "UNSUPPORTED",
         "requires extension KHR_draco_mesh_compression",
-    ),
-    "meshopt": (
-        changed(lambda root: root.update(extensionsRequired=["EXT_meshopt_compression"])),
-        "UNSUPPORTED",
-        "requires extension EXT_meshopt_compression",
     ),
     "draco not required": (
         changed(
@@ -162,7 +152,6 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         "only the first buffer can lie in the binary chunk",
     ),
     "no buffer": (changed(lambda root: root.pop("buffers")), "HEADER", "/buffers/0: there is no such object"),
-    "no view": (changed(lambda root: root["accessors"][0].pop("bufferView")), "HEADER", "no 'bufferView'"),
     "no view, huge": (
         changed(
             lambda root: (root["accessors"][0].pop("bufferView"), root["accessors"][0].update(count=10**12))
@@ -177,25 +166,17 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
     ),
     "negative count": (with_accessor(0, count=-4), "HEADER", "/accessors/0/count: 'count' is -4"),
     "count true": (with_accessor(0, count=True), "HEADER", "'count' is True"),
-    "count float": (with_accessor(0, count=4.0), "HEADER", "'count' is 4.0"),
     "accessor offset": (
         with_accessor(0, byteOffset=4),
         "TRUNCATED",
         "4 elements of 12 bytes do not fit the 48",
     ),
     "position type": (with_accessor(0, type="VEC2"), "HEADER", "'type' is VEC2; VEC3 is right here"),
-    "position list type": (with_accessor(0, type=["VEC3"]), "HEADER", "/accessors/0/type"),
     "position component": (
         with_accessor(0, componentType=5125),
         "HEADER",
         "'componentType' 5125 is not allowed",
     ),
-    "index component": (
-        with_accessor(1, componentType=5126),
-        "HEADER",
-        "'componentType' 5126 is not allowed",
-    ),
-    "unknown component": (with_accessor(1, componentType=7), "HEADER", "one of 5121, 5123, 5125 is"),
     "view beyond the end": (with_view(0, byteOffset=40), "TRUNCATED", "/bufferViews/0: it ends at byte 88"),
     "view overflow": (
         with_view(0, byteLength=2**62, byteOffset=2**62),
@@ -203,23 +184,13 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         "/bufferViews/0: it ends",
     ),
     "stride": (with_view(0, byteStride=4), "HEADER", "'byteStride' is 4, less than the 12 bytes"),
-    "stride 0": (with_view(0, byteStride=0), "HEADER", "'byteStride' is 0"),
     "large stride": (with_view(0, byteStride=2**60), "TRUNCATED", "do not fit"),
     "sparse index": (sparse([1, 4]), "INDEX", "/accessors/0/sparse: a sparse index is 4"),
     "sparse, huge base": (huge_sparse(), "TOO_LARGE", "the arrays of its nodes would take"),
     "sparse count": (sparse([1], count=5), "HEADER", "'count' is 5, not an integer from 0 to 4"),
     "sparse values": (sparse([1, 2], values={"bufferView": 2}), "TRUNCATED", "/accessors/0/sparse/values"),
-    "sparse empty": (sparse([1], indices={}), "HEADER", "/accessors/0/sparse/indices/componentType"),
-    "sparse text": (with_accessor(0, sparse="x"), "HEADER", "'sparse' is not an object"),
     "no accessor": (with_primitive(indices=9), "HEADER", "/accessors/9: there is no such object"),
-    "accessor null": (changed(lambda root: root.update(accessors=[None] * 9)), "HEADER", "/accessors/0"),
-    "accessors object": (
-        changed(lambda root: root.update(accessors={})),
-        "HEADER",
-        "'accessors' is not an array",
-    ),
     "no position": (with_primitive(attributes={}), "HEADER", "'POSITION' is None"),
-    "attributes array": (with_primitive(attributes=[]), "HEADER", "'attributes' is not an object"),
     "mode": (with_primitive(mode=7), "HEADER", "'mode' is 7, not an integer from 0 to 6"),
     "primitive null": (
         changed(lambda root: root["meshes"][0].update(primitives=[None])),
@@ -234,11 +205,6 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
     "color count": (colors(3), "HEADER", "there are 3 colours for 4 vertices"),
     "color type": (colors(4, kind="VEC2"), "HEADER", "'type' is VEC2; VEC3 or VEC4 is right here"),
     "color component": (colors(4, dtype="i2"), "HEADER", "'componentType' 5122 is not allowed"),
-    "cycle": (
-        changed(lambda root: root.update(nodes=[{"children": [1]}, {"children": [0]}])),
-        "HEADER",
-        "/nodes/0: the node is reached twice",
-    ),
     "own child": (with_node(children=[0]), "HEADER", "/nodes/0: the node is reached twice"),
     "cycle without scene": (
         changed(
@@ -252,11 +218,7 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         "HEADER",
         "/nodes/2: the node is reached twice",
     ),
-    "root twice": (changed(lambda root: root["scenes"][0].update(nodes=[0, 0])), "HEADER", "reached twice"),
-    "no such child": (with_node(children=[5]), "HEADER", "'5' is not the number of one of the 1 nodes"),
     "negative child": (with_node(children=[-1]), "HEADER", "'-1' is not the number of one of the 1 nodes"),
-    "child text": (with_node(children="0"), "HEADER", "'children' is not an array"),
-    "no such scene": (changed(lambda root: root.update(scene=3)), "HEADER", "/scenes/3"),
     "no such mesh": (with_node(mesh=3), "HEADER", "/meshes/3: there is no such object"),
     "nothing shown": (
         changed(lambda root: root["nodes"][0].clear()),
@@ -271,8 +233,6 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         "NUMBER",
         "'scale' is not an array of 3 finite numbers",
     ),
-    "word in scale": (with_node(scale=[1, "2", 3]), "NUMBER", "'scale' is not an array of 3 finite numbers"),
-    "long scale": (with_node(scale=[10**400, 1, 1]), "NUMBER", "/nodes/0/scale"),
     "zero rotation": (with_node(rotation=[0, 0, 0, 0]), "NUMBER", "'rotation' is no rotation"),
     "instances": (instanced(20_000), "TOO_LARGE", "the arrays of its nodes would take"),
     "primitives times nodes": (

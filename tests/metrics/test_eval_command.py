@@ -159,16 +159,6 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")
 
 
-def test_help(msb: Msb) -> None:
-    result = msb("eval", "--help")
-    assert result.status == 0
-    assert max(map(len, result.out.splitlines())) <= 80
-    examples = [line.split()[2:] for line in result.out.splitlines() if line.startswith("    msb eval")]
-    assert len(examples) == 2
-    for arguments in examples:
-        assert msb("eval", *arguments).status == 0
-
-
 def test_importing_stays_light(msb: Msb) -> None:
     import subprocess
     import sys

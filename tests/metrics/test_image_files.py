@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
-import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from msb import metrics
 from msb.errors import InputError, MetricError
 from msb.metrics.pairs import pair_images
 from msb.render.images import write_image
+from tests.fuzz.bad_binaries import png
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,15 +25,6 @@ def encoded(form: str, pixels: Any = PIXELS, **options: Any) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, form, **options)
     return stream.getvalue()
-
-
-def png(width: int, height: int, depth: int, kind: int, data: bytes = b"") -> bytes:
-    def chunk(name: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-
-    head = struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0)
-    parts = chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(data)), chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 
 def test_bytes_are_read_as_bytes(tmp_path: Path) -> None:
@@ -76,37 +66,21 @@ def npy(array: Any) -> bytes:
     return stream.getvalue()
 
 
-def huge_npy() -> bytes:
-    stream = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        stream, {"descr": "<f4", "fortran_order": False, "shape": (1 << 20, 1 << 20, 3)}
-    )
-    return stream.getvalue()
-
-
 def plane_exr(folder: Path) -> bytes:
     write_image(folder / "plane.exr", np.zeros((4, 4), np.float32), "exr")
     return (folder / "plane.exr").read_bytes()
 
 
+# tests/fuzz/bad_binaries.py has more.
 BAD: dict[str, tuple[str, Any, str]] = {
-    "16-bit": ("png", png(2, 2, 16, 2, bytes(26)), "16 bits per channel; it must have 8"),
-    "16-bit grey": ("png", png(2, 2, 16, 0, bytes(10)), "16 bits"),
-    "palette": ("png", png(2, 2, 8, 3), "in a palette"),
-    "grey": ("png", encoded("PNG", PIXELS[..., 0]), "kind L"),
     "grey jpeg": ("jpg", encoded("JPEG", PIXELS[..., 0]), "kind L"),
-    "one colour transparent": ("png", encoded("PNG", transparency=(1, 2, 3)), "one colour as transparent"),
     "truncated": ("png", encoded("PNG")[:-40], "cannot be decoded"),
     "truncated jpeg": ("jpg", encoded("JPEG")[:-40], "cannot be decoded"),
     "ends in its header": ("png", encoded("PNG")[:20], "ends within its header"),
-    "bomb": ("png", png(60_000, 60_000, 8, 2), "pixels|bomb"),
-    "too wide": ("png", png(70_000, 1, 8, 2), "70000 x 1 pixels"),
-    "large": ("png", png(10_000, 10_000, 8, 2), "10000 x 10000 pixels"),
-    "another format": ("png", encoded("GIF", PIXELS[..., 0]), "cannot be decoded"),
+    "too wide": ("png", png(70_000, 1), "70000 x 1 pixels"),
+    "large": ("png", png(10_000, 10_000), "10000 x 10000 pixels"),
     "empty": ("jpg", b"", "cannot be decoded"),
-    "pickle": ("npy", npy(np.array([[[{}] * 3]], object)), "cannot be decoded"),
     "archive": ("npy", b"PK\x05\x06" + bytes(18), "not an array"),
-    "header of terabytes": ("npy", huge_npy(), "cannot be decoded"),
     "plane": ("npy", npy(np.zeros((4, 4))), "4 x 4; it must be"),
     "noise": ("npy", b"noise", "not an array"),
     "noise after the magic": ("npy", b"\x93NUMPY\1\0noise", "cannot be decoded"),

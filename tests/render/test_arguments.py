@@ -12,7 +12,7 @@ import pytest
 import msb
 from msb.errors import InputError, UsageError
 from msb.scenes.colors import check_background
-from tests.reference.soups import METHODS, front_camera, random_triangles, soup
+from tests.reference.soups import front_camera, random_triangles, soup
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -184,12 +184,3 @@ def test_a_sigma_that_is_zero_in_float32_is_drawn_without_a_warning(cpu: Device)
             for tier in ("reference", "dedicated")
         ]
     assert np.abs(pictures[0] - pictures[1]).max() < 1e-4
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_all_methods_take_a_background_by_name(method: str, cpu: Device) -> None:
-    asset = soup(method, random_triangles(1, count=4))
-    for tier in ("reference", "dedicated"):
-        by_name = msb.render(asset, front_camera(), tier, background="white", device=cpu)
-        by_number = msb.render(asset, front_camera(), tier, background=(1, 1, 1), device=cpu)
-        np.testing.assert_array_equal(by_name.image, by_number.image)

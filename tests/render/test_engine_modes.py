@@ -120,26 +120,8 @@ def test_tiles_do_not_matter_to_an_engine(method: str, device: Device) -> None:
     np.testing.assert_array_equal(first.image, second.image)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 16), (129, 3)])
-def test_any_size(size: tuple[int, int], device: Device) -> None:
-    for method in SPLATTING:
-        asset, camera = crossing(method, 5), front_camera(*size)
-        frame = draw(asset, device, camera, sampling="engine")
-        wanted = render_reference(asset, camera, GREEN, sampling="engine")
-        assert frame.image.shape == (size[1], size[0], 3)
-        assert (np.abs(frame.image - wanted.image).max(axis=-1) > 1e-4).mean() <= 0.01
-
-
 @pytest.mark.parametrize("method", SPLATTING)
-def test_limits(method: str, device: Device) -> None:
-    """Nothing in view, one triangle through the camera plane over everything, equal depths."""
-    away = Camera(37, 23, 40, 40, 18.5, 11.5, np.diag([-1.0, 1, -1, 1]))
-    empty = draw(soup(method, random_triangles(2)), device, away, sampling="engine")
-    assert empty.visible is not None
-    assert not empty.visible.any()
-    assert not empty.alpha.any()
-    np.testing.assert_array_equal(empty.image, np.broadcast_to(np.float32(GREEN), empty.image.shape))
-
+def test_one_triangle_through_the_camera_plane_covers_everything(method: str, device: Device) -> None:
     rows = 3 if method == "mesh_splatting" else 1
     sharp = {"sigma": np.full(1, -9, np.float32)} if method == "triangle_splatting" else {}
     opaque = {"opacity": np.full(rows, 12, np.float32), "f_dc": constant_color(rows, (0.9, 0.5, 0.1))}
@@ -151,33 +133,21 @@ def test_limits(method: str, device: Device) -> None:
     np.testing.assert_allclose(frame.image, wanted.image, atol=2e-5)
     np.testing.assert_allclose(frame.depth, wanted.depth, rtol=1e-4)
 
-    triangle = np.array([[-1, -1, 4], [1, -1, 4], [0, 1.2, 4]], np.float32)
-    colors = [constant_color(rows, c) for c in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-    same = {"f_dc": np.concatenate(colors), "opacity": np.full(3 * rows, 5, np.float32)}
-    if method == "triangle_splatting":
-        same["sigma"] = np.full(3, -5, np.float32)
-    tied = soup(method, np.stack([triangle] * 3), **same)
-    middle = draw(tied, device, front_camera(), (0, 0, 0), sampling="engine").image[14, 20]
-    assert middle[0] > 0.8
-    assert middle[0] > middle[1] >= middle[2]
 
-
-@pytest.mark.parametrize("method", SPLATTING)
-def test_an_8k_image(method: str) -> None:
+def test_an_8k_image() -> None:
     """Positions are as exact at the far corner as at the first one."""
     spread = random_triangles(1, 20)
     far = random_triangles(1, 20, 0.1) * (0.1, 0.1, 1) + spread[..., 2:] * (0.45, 0.24, 0)
-    asset = soup(method, far.astype(np.float32))
+    asset = soup("triangle_splatting", far.astype(np.float32))
     camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
-    settings = {"supersample": 1} if method == "mesh_splatting" else {}
     with open_device(SELECTOR) as opened:
-        frame = draw(asset, opened, camera, settings=settings, outputs=(), sampling="engine")
+        frame = draw(asset, opened, camera, outputs=(), sampling="engine")
     assert frame.image.shape == (4320, 7680, 3)
     left, top, side = 7168, 3872, 256
     part = frame.image[top : top + side, left : left + side]
     assert (part != np.float32(GREEN)).any(axis=-1).mean() > 0.05
     corner = Camera(side, side, 8064, 8640, 3840 - left, 2160 - top, np.eye(4))
-    wanted = render_reference(asset, corner, GREEN, settings, np.float64, sampling="engine")
+    wanted = render_reference(asset, corner, GREEN, None, np.float64, sampling="engine")
     assert (np.abs(part - wanted.image).max(axis=-1) > 1e-3).mean() < 5e-3
 
 

@@ -29,32 +29,11 @@ TURN = ("render", "--turntable", "2", "--size", "64x48", "-f")
 FILES: dict[str, tuple[str, Callable[[Path], list[Any]]]] = {
     "export": ("a.triasset", lambda out: ["export", "-f", CHECKPOINT, out]),
     "convert to GLB": ("a.glb", lambda out: ["convert", "-f", ASSET, out]),
-    "convert to PLY": ("a.ply", lambda out: ["convert", "-f", ASSET, out]),
-    "convert to OBJ": ("a.obj", lambda out: ["convert", "-f", ASSET, out]),
-    "convert --official": ("a.ply", lambda out: ["convert", "-f", "--official", ASSET, out]),
     "render to PNG": ("00000.png", lambda out: [*TURN, "-o", out.parent, CHECKPOINT]),
-    "render to NPY": ("00000.npy", lambda out: [*TURN, "--format", "npy", "-o", out.parent, CHECKPOINT]),
-    "render to EXR": ("00000.exr", lambda out: [*TURN, "--format", "exr", "-o", out.parent, CHECKPOINT]),
     "render an MP4": ("a.mp4", lambda out: [*TURN, "--film", out, CHECKPOINT]),
-    "render a GIF": ("a.gif", lambda out: [*TURN, "--film", out, CHECKPOINT]),
     "audit --json": ("a.json", lambda out: ["audit", "-f", "--json", out, ASSET]),
-    "audit --csv": ("a.csv", lambda out: ["audit", "-f", "--csv", out, ASSET]),
     "audit --elements .vtp": ("a.vtp", lambda out: ["audit", "-f", "--elements", out, ASSET]),
-    "audit --elements .npz": ("a.npz", lambda out: ["audit", "-f", "--elements", out, ASSET]),
-    "audit --elements .csv": ("a.csv", lambda out: ["audit", "-f", "--elements", out, ASSET]),
     "web": ("a.html", lambda out: ["web", "-f", "--out", out]),
-    "validate --json": ("a.json", lambda out: ["validate", "-f", "--json", out, ASSET]),
-    "eval --json": (
-        "a.json",
-        lambda out: [
-            "eval",
-            "-f",
-            "--json",
-            out,
-            *(ROOT / "tests/golden/metrics" / x for x in ("pred", "gt")),
-        ],
-    ),
-    "config show --json": ("a.json", lambda out: ["config", "show", "-f", "--json", out]),
     "track": ("a.json", lambda out: ["track", "-f", "-o", out, "--", sys.executable, "--version"]),
 }
 

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.bench.protocols import protocol
 from tests.conftest import ROOT
-from tests.robustness.whole import check_whole, finals, leftovers
+from tests.robustness.whole import finals, leftovers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,28 +51,6 @@ def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str
     assert (process.returncode, err) == (128 + number, "")
     assert not leftovers(tmp_path)
     assert not list(finals(tmp_path))
-
-
-def test_a_run_is_broken_off(tmp_path: Path) -> None:
-    (tmp_path / "protocol.toml").write_bytes(protocol(tmp_path, ("two_dts",)).text)
-    line = [sys.executable, "-m", "msb", "run", "-v", str(tmp_path / "protocol.toml")]
-    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT)
-    assert process.stderr is not None
-    try:
-        assert process.stderr.readline().startswith("models: ")
-        while not leftovers(tmp_path) and process.poll() is None:
-            time.sleep(0.001)
-        process.terminate()
-        rest = process.stderr.read()
-    finally:
-        process.kill()
-        process.wait()
-        process.stderr.close()
-    assert process.returncode == 128 + signal.SIGTERM
-    assert "Traceback" not in rest
-    assert not leftovers(tmp_path)
-    for path in finals(tmp_path):
-        check_whole(path)
 
 
 def test_a_signal_that_is_ignored_stays_so(tmp_path: Path) -> None:

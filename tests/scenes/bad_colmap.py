@@ -33,16 +33,9 @@ BAD_COLMAP: dict[str, Bad] = {
     "huge count of cameras": colmap(
         "COLMAP_TRUNCATED", "18446744073709551615 cameras of at least 24 bytes", many(count=2**64 - 1)
     ),
-    "huge count of images": colmap(
-        "COLMAP_TRUNCATED", "1000000000 images of at least 73 bytes", images=many(shot_bin(), count=10**9)
-    ),
     "one camera more declared": colmap(
         "COLMAP_TRUNCATED", "byte 64: the file ends within camera 1", many(lens_bin(), count=2)
     ),
-    "one camera less declared": colmap(
-        "COLMAP_TRAILING", "byte 8: 56 bytes follow", many(lens_bin(), count=0)
-    ),
-    "camera cut": colmap("COLMAP_TRUNCATED", "byte 32: the file ends within camera 0, 1 bytes", LENSES[:-1]),
     "camera trailing": colmap("COLMAP_TRAILING", "byte 64: 4 bytes follow", LENSES + b"more"),
     "image cut in the pose": colmap(
         "COLMAP_TRUNCATED", "image 1", images=many(shot_bin(points=9), shot_bin()[:40], count=2)
@@ -56,18 +49,10 @@ BAD_COLMAP: dict[str, Bad] = {
     "huge count of 2d points": colmap(
         "COLMAP_TRUNCATED", "the 2D points of image 0", images=many(shot_bin(count=2**64 - 1))
     ),
-    "overflowing count of 2d points": colmap(
-        "COLMAP_TRUNCATED", "the 2D points of image 0", images=many(shot_bin(count=2**64 // 24 + 1))
-    ),
-    "image trailing": colmap("COLMAP_TRAILING", "1 bytes follow", images=SHOTS + b"\0"),
     "model unknown": colmap(
         "COLMAP_MODEL", "byte 8: camera id 1: the camera model is 11", many(lens_bin(1, 11))
     ),
-    "model negative": colmap("COLMAP_MODEL", "the camera model is -1;", many(lens_bin(1, -1))),
     "camera id twice": colmap("COLMAP_DUPLICATE_ID", "byte 64: camera id 1", many(lens_bin(), lens_bin())),
-    "image id twice": colmap(
-        "COLMAP_DUPLICATE_ID", "image id 1 occurs twice", images=many(shot_bin(), shot_bin(name=b"b\0"))
-    ),
     "image name twice": colmap(
         "CAMERA_DUPLICATE", "cameras 0 and 1 are both called 'a.png'", images=many(shot_bin(), shot_bin(2))
     ),
@@ -80,14 +65,7 @@ BAD_COLMAP: dict[str, Bad] = {
         "image id 1 (a.png) has the quaternion 0 0 0 0",
         images=many(shot_bin(q=(0, 0, 0, 0))),
     ),
-    "quaternion tiny": colmap("COLMAP_QUATERNION", "1e-300", images=many(shot_bin(q=(1e-300, 0, 0, 0)))),
     "quaternion nan": colmap("COLMAP_QUATERNION", "nan 0 0 0", images=many(shot_bin(q=(math.nan, 0, 0, 0)))),
-    "quaternion infinite": colmap("COLMAP_QUATERNION", "inf", images=many(shot_bin(q=(0, math.inf, 0, 0)))),
-    "translation nan": colmap(
-        "CAMERA_MATRIX",
-        "byte 8: image id 1 (a.png): world_to_camera[0, 3] is nan",
-        images=many(shot_bin(t=(math.nan, 0, 0))),
-    ),
     "translation huge": colmap(
         "CAMERA_MATRIX", "translates by 1e+300", images=many(shot_bin(t=(0, 1e300, 0)))
     ),
@@ -96,8 +74,6 @@ BAD_COLMAP: dict[str, Bad] = {
         "byte 8: camera id 1: the focal length is 0.0",
         many(lens_bin(parameters=(0, 1, 2, 3))),
     ),
-    "focal negative": colmap("CAMERA_FOCAL", "is -49", many(lens_bin(parameters=(50, -49, 2, 3)))),
-    "focal nan": colmap("CAMERA_FOCAL", "is nan", many(lens_bin(parameters=(50, math.nan, 2, 3)))),
     "principal nan": colmap(
         "CAMERA_PRINCIPAL_POINT", "is nan", many(lens_bin(parameters=(50, 49, 2, math.nan)))
     ),
@@ -107,17 +83,8 @@ BAD_COLMAP: dict[str, Bad] = {
     "name up": colmap(
         "CAMERA_NAME", "byte 8: image id 1 (../a.png): the name", images=many(shot_bin(name=b"../a.png\0"))
     ),
-    "name absolute": colmap(
-        "CAMERA_NAME", "it must be relative", images=many(shot_bin(name=b"/etc/passwd\0"))
-    ),
     "name empty": colmap("CAMERA_NAME", "1 to 1024 characters", images=many(shot_bin(name=b"\0"))),
-    "name long": colmap(
-        "CAMERA_NAME", "1 to 1024 characters", images=many(shot_bin(name=b"x" * 5000 + b"\0"))
-    ),
     "name with a line end": colmap("CAMERA_NAME", "control character", images=many(shot_bin(name=b"a\nb\0"))),
-    "name with an escape": colmap(
-        "CAMERA_NAME", "control character", images=many(shot_bin(name=b"\x1b[31m\0"))
-    ),
     "name not utf-8": colmap("CAMERA_NAME", "is not UTF-8", images=many(shot_bin(name=b"\xff\xfe\0"))),
     "images missing": (
         {"cameras.bin": LENSES},
@@ -131,7 +98,6 @@ BAD_COLMAP: dict[str, Bad] = {
         "COLMAP_FILE_MISSING",
         "does not hold",
     ),
-    "only points": ({"sparse/0/points3D.bin": many(point_bin())}, "", "COLMAP_FILE_MISSING", "does not hold"),
     "a file of the model": ({"images.bin": SHOTS}, "images.bin", "CAMERA_SOURCE", "give the folder"),
     **{
         f"{name} distorted": colmap(
@@ -151,28 +117,13 @@ BAD_COLMAP: dict[str, Bad] = {
 
 BAD_TEXT: dict[str, Bad] = {
     "empty": text("CAMERA_NONE", "there is no camera", images=b""),
-    "only comments": text("CAMERA_NONE", "there is no camera", images=b"# a\n#\n\n"),
     "short camera": text(
         "COLMAP_LINE", "line 2: a camera is ID MODEL", cameras=lens_line(b"", b"1 PINHOLE 40")
     ),
     "few parameters": text(
         "COLMAP_LINE", "PINHOLE has 4 parameters; this has 3", cameras=lens_line(b"50 49 20")
     ),
-    "many parameters": text("COLMAP_LINE", "this has 5", cameras=lens_line(b"50 49 20 15 0")),
     "model unknown": text("COLMAP_MODEL", "is CAHVOR", cameras=lens_line(b"1 2 3", b"1 CAHVOR 40 30 ")),
-    "model in lower case": text(
-        "COLMAP_MODEL", "is pinhole", cameras=lens_line(b"50 49 2 1", b"1 pinhole 40 30 ")
-    ),
-    "model escape": text("COLMAP_MODEL", r"\x1b[31m", cameras=lens_line(b"50 49 2 1", b"1 \x1b[31m 40 30 ")),
-    "width word": text(
-        "COLMAP_NUMBER", "'wide' is not a whole", cameras=lens_line(b"50 49 2 1", b"1 PINHOLE wide 30 ")
-    ),
-    "width fraction": text(
-        "COLMAP_NUMBER", "'40.5' is not", cameras=lens_line(b"50 49 2 1", b"1 PINHOLE 40.5 30 ")
-    ),
-    "width negative": text(
-        "CAMERA_SIZE", "width is -40", cameras=lens_line(b"50 49 2 1", b"1 PINHOLE -40 30 ")
-    ),
     "width long": text(
         "COLMAP_NUMBER", "18 digits", cameras=lens_line(b"5 4 2 1", b"1 PINHOLE " + b"9" * 5000 + b" 30 ")
     ),
@@ -180,29 +131,15 @@ BAD_TEXT: dict[str, Bad] = {
         "COLMAP_NUMBER", "line 2: '50,5' is not a number", cameras=lens_line(b"50,5 49 20 15")
     ),
     "focal underscore": text("COLMAP_NUMBER", "'5_0' is not a number", cameras=lens_line(b"5_0 49 20 15")),
-    "focal hexadecimal": text("COLMAP_NUMBER", "'0x50'", cameras=lens_line(b"0x50 49 20 15")),
-    "focal nan": text(
-        "CAMERA_FOCAL", "line 2: camera id 1: the focal length is nan", cameras=lens_line(b"nan 49 20 15")
-    ),
     "camera id twice": text("COLMAP_DUPLICATE_ID", "line 2", cameras=TEXT["cameras.txt"] * 2),
     "short image": text("COLMAP_LINE", "line 1: an image is ID QW", images=b"5 1 0 0 0 0 0 0 1\n\n"),
-    "image id word": text("COLMAP_NUMBER", "'x' is not a whole", images=b"x 1 0 0 0 0 0 0 1 a\n\n"),
-    "quaternion word": text("COLMAP_NUMBER", "'i' is not a number", images=b"5 1 i 0 0 0 0 0 1 a\n\n"),
-    "quaternion zero": text("COLMAP_QUATERNION", "line 1: image id 5 (a)", images=b"5 0 0 0 0 0 0 0 1 a\n\n"),
-    "translation infinite": text("CAMERA_MATRIX", "[1, 3] is inf", images=b"5 1 0 0 0 0 inf 0 1 a\n\n"),
     "camera id unknown": text("COLMAP_CAMERA_ID", "which cameras.txt", images=b"5 1 0 0 0 0 0 0 9 a\n\n"),
-    "image id twice": text(
-        "COLMAP_DUPLICATE_ID", "line 3", images=b"5 1 0 0 0 0 0 0 1 a\n\n5 1 0 0 0 0 0 0 1 b\n\n"
-    ),
     "empty line lost": text(
         "COLMAP_LINE",
         "line 2: 10 words stand where the 2D points of the image above are",
         images=b"5 1 0 0 0 0 0 0 1 a\n6 1 0 0 0 0 0 0 1 b\n7 1 0 0 0 0 0 0 1 c\n",
     ),
     "name up": text("CAMERA_NAME", "'..'", images=b"5 1 0 0 0 0 0 0 1 a/../../b\n\n"),
-    "name nul": text("CAMERA_NAME", "control character", images=b"5 1 0 0 0 0 0 0 1 a\0b\n\n"),
-    "name not utf-8": text("CAMERA_NAME", "not UTF-8", images=b"5 1 0 0 0 0 0 0 1 \xe9.png\n\n"),
-    "binary": text("COLMAP_LINE", "an image is ID", images=many(shot_bin())),
     "huge line": text(
         "COLMAP_LINE",
         "line 3: the line has more than the 16777216",
@@ -221,12 +158,6 @@ BAD_POINTS: dict[str, Bad] = {
                 "COLMAP_TRUNCATED",
                 "within point 1 of 2",
             ),
-            "one less declared": (
-                many(point_bin(), point_bin(), count=1),
-                "COLMAP_TRAILING",
-                "byte 59: 51 bytes",
-            ),
-            "cut": (many(point_bin(), point_bin())[:-1], "COLMAP_TRUNCATED", "2 points of at least 51"),
             "cut in a track": (many(point_bin(track=3))[:-1], "COLMAP_TRUNCATED", "within point 0 of 1"),
             "huge track": (many(point_bin(declared=2**64 - 1)), "COLMAP_TRUNCATED", "within point 0 of 1"),
             "trailing": (many(point_bin()) + b"\0", "COLMAP_TRAILING", "1 bytes follow"),
@@ -235,17 +166,13 @@ BAD_POINTS: dict[str, Bad] = {
                 "COLMAP_POINT",
                 "byte 59: point 1 is at 1.0 nan",
             ),
-            "infinite": (many(point_bin(xyz=(-math.inf, 1, 2))), "COLMAP_POINT", "point 0 is at -inf"),
         },
         "txt": {
             "short": (b"1 2 3 4 5 6 7\n", "COLMAP_LINE", "line 1: a point is ID X Y Z R G B ERROR TRACK"),
             "word": (b"# x\n1 2 3 four 5 6 7 8\n", "COLMAP_NUMBER", "line 2: '2 3 four 5 6 7' is not a row"),
             "underscore": (b"1 2 3_0 4 5 6 7 8\n", "COLMAP_NUMBER", "3_0"),
             "nan": (b"1 nan 3 4 5 6 7 8\n", "COLMAP_POINT", "the point is nan 3 4"),
-            "overflow": (b"1 1e999 3 4 5 6 7 8\n", "COLMAP_POINT", "inf"),
             "color large": (b"1 2 3 4 5 256 7 8\n", "COLMAP_POINT", "three colours 0 to 255"),
-            "color negative": (b"1 2 3 4 5 -1 7 8\n", "COLMAP_POINT", "three colours"),
-            "color fraction": (b"1 2 3 4 5 0.5 7 8\n", "COLMAP_POINT", "three colours"),
             "color nan": (b"1 2 3 4 5 nan 7 8\n", "COLMAP_POINT", "three colours"),
         },
     }.items()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .builders import Bad, cameras_json, dump, jpeg, png, some_cameras, transforms, views
+from .builders import Bad, cameras_json, dump, jpeg, some_cameras, transforms, views
 
 CAMERAS = some_cameras(2)
 GONE = object()
@@ -64,22 +64,18 @@ BAD_JSON: dict[str, Bad] = {
     "deep": of_json("JSON_TOO_DEEP", "nests 100000 levels", b"[" * 100000),
     "integer": of_json("JSON_INTEGER", "5000 digits", b"[" + b"9" * 5000 + b"]"),
     "a number": of_json("SOURCE", "it is no file of cameras", b"7"),
-    "an object of another kind": of_json("SOURCE", "it is no file of cameras", {"cameras": []}),
     "another suffix": of_json("SOURCE", "'.npz' is not the suffix", b"PK", "views.npz"),
-    "no suffix": of_json("SOURCE", "'' is not the suffix", b"[]", "cameras"),
     "folder without cameras": (
         {"readme.md": b"x"},
         "",
         "CAMERA_SOURCE",
         "looked for sparse/0, sparse, transforms_train",
     ),
-    "empty sparse": ({"sparse/0/readme.md": b"x"}, "", "CAMERA_SOURCE", "the folder holds no cameras"),
     # --- transforms.json
     "frames none": in_transforms("NONE", "there is no camera", "frames", []),
     "frames object": in_transforms(
         "FIELD_TYPE", "/frames: it is an object; it must be an array", "frames", {}
     ),
-    "frame number": in_transforms("FIELD_TYPE", "/frames/1: it is 5; it must be an object", "frames/1", 5),
     "matrix missing": in_transforms(
         "FIELD_MISSING", '/frames/0: it lacks the key "transform_matrix"', "frames/0/transform_matrix"
     ),
@@ -90,29 +86,17 @@ BAD_JSON: dict[str, Bad] = {
         np.eye(4)[:3].tolist(),
     ),
     "matrix of words": in_transforms("FIELD_TYPE", "4 x 4 numbers", "frames/0/transform_matrix/2/2", "1"),
-    "matrix of booleans": in_transforms("FIELD_TYPE", "4 x 4", "frames/0/transform_matrix/2/2", True),
     "matrix singular": in_transforms(
         "ROTATION",
         "/frames/0/transform_matrix: the rotation of the camera-to-world matrix",
         "frames/0/transform_matrix",
         np.diag([1.0, 1, 0, 1]).tolist(),
     ),
-    "matrix scaled": in_transforms(
-        "ROTATION", "not orthonormal", "frames/0/transform_matrix", np.diag([2.0, 2, 2, 1]).tolist()
-    ),
     "matrix mirrored": in_transforms(
         "ROTATION", "determinant -1", "frames/0/transform_matrix", np.diag([1.0, 1, -1, 1]).tolist()
     ),
-    "matrix last row": in_transforms("MATRIX", "the last row", "frames/0/transform_matrix/3", [0, 0, 1, 1]),
     "matrix huge": in_transforms("MATRIX", "translates", "frames/0/transform_matrix/0/3", 1e308),
-    "path missing": in_transforms("FIELD_MISSING", '"file_path"', "frames/0/file_path"),
-    "path number": in_transforms("FIELD_TYPE", "it must be a string", "frames/0/file_path", 3),
-    "path absolute": in_transforms(
-        "NAME", "/frames/0/file_path: the name", "frames/0/file_path", "/etc/passwd"
-    ),
     "path up": in_transforms("NAME", "'..'", "frames/0/file_path", "./../a.png"),
-    "path nul": in_transforms("NAME", "control character", "frames/0/file_path", "a\x00.png"),
-    "path long": in_transforms("NAME", "1 to 1024", "frames/0/file_path", "x" * 2000),
     "path surrogate": of_json(
         "JSON_ENCODING", "surrogate", b'{"frames": [{"file_path": "\\ud800"}]}', "transforms.json"
     ),
@@ -123,14 +107,9 @@ BAD_JSON: dict[str, Bad] = {
     "width fraction": in_transforms(
         "FIELD_TYPE", "/frames/0/w: it is 40.5; it must be a whole", "frames/0/w", 40.5
     ),
-    "width zero": in_transforms("SIZE", "/frames/1/w: width is 0", "frames/1/w", 0),
-    "size absurd": in_transforms("SIZE", "width is 4294967296", "frames/0/w", 2**32),
-    "focal zero": in_transforms("FOCAL", "/frames/0: fx is 0.0", "frames/0/fl_x", 0),
     "focal missing": in_transforms("FIELD_MISSING", "/frames/0: it lacks the focal length", "frames/0/fl_x"),
-    "focal text": in_transforms("FIELD_TYPE", "/frames/0/fl_y: it is", "frames/0/fl_y", "50"),
     "principal huge": in_transforms("PRINCIPAL_POINT", "cx is 1e+30", "frames/0/cx", 1e30),
     "distorted": in_transforms("DISTORTED", "/k1: it is 0.01, a distortion", "k1", 0.01),
-    "frame distorted": in_transforms("DISTORTED", "/frames/1/p2", "frames/1/p2", -1e-09),
     "fisheye": in_transforms("DISTORTED", '"OPENCV_FISHEYE"', "camera_model", "OPENCV_FISHEYE"),
     "model number": in_transforms("FIELD_TYPE", "/camera_model: it is 4", "camera_model", 4),
     "is_fisheye": in_transforms("DISTORTED", "/is_fisheye", "is_fisheye", True),
@@ -138,11 +117,7 @@ BAD_JSON: dict[str, Bad] = {
     "image without header": of_json(
         "IMAGE", "neither a PNG nor a JPEG", bare(), "transforms.json", png=b"GIF89a"
     ),
-    "image absurd": of_json(
-        "IMAGE", "width is 4294967295", bare(), "transforms.json", png=png(2, 2)[:16] + b"\xff" * 8
-    ),
     "image of no lines": of_json("IMAGE", "height is 0", bare("a.jpg"), "transforms.json", jpg=jpeg(5, 0)),
-    "only width": of_json("IMAGE", "write w and h", bare(w=40), "transforms.json"),
     "angle zero": of_json(
         "FOCAL",
         "camera_angle_x is 0.0; it must be an angle in radians",
@@ -151,12 +126,8 @@ BAD_JSON: dict[str, Bad] = {
     ),
     "angle in degrees": of_json("FOCAL", "is 45.0", bare(w=4, h=4, camera_angle_x=45), "transforms.json"),
     # --- cameras.json
-    "list empty": of_json("NONE", "at least one", []),
     "list of numbers": of_json("FIELD_TYPE", "/0: it is 1; it must be an object", [1]),
-    "name missing": in_cameras("FIELD_MISSING", '/0: it lacks the key "img_name"', "0/img_name"),
-    "name up": in_cameras("NAME", "/1: the name '../../x'", "1/img_name", "../../x"),
     "id twice": in_cameras("DUPLICATE", "/1/id: camera id 0 occurs twice", "1/id", 0),
-    "id text": in_cameras("FIELD_TYPE", "/1/id", "1/id", "1"),
     "id taken": of_json(
         "DUPLICATE", "/1: camera id 1", changed(changed(cameras_json(CAMERAS), "0/id", 1), "1/id")
     ),
@@ -171,30 +142,15 @@ BAD_JSON: dict[str, Bad] = {
     "position short": in_cameras(
         "FIELD_TYPE", "/0/position: it is [1, 2]; it must be 3 numbers", "0/position", [1, 2]
     ),
-    "rotation flat": in_cameras("FIELD_TYPE", "/1/rotation", "1/rotation", [1, 0, 0, 0, 1, 0, 0, 0, 1]),
     "rotation zero": in_cameras("ROTATION", "position and rotation", "0/rotation", [[0, 0, 0]] * 3),
-    "rotation scaled": in_cameras(
-        "ROTATION", "/0: the rotation of", "0/rotation", [[3, 0, 0], [0, 3, 0], [0, 0, 3]]
-    ),
     "height zero": in_cameras("SIZE", "/0: height is 0", "0/height", 0),
-    "height negative": in_cameras("SIZE", "/0: height is -30", "0/height", -30),
-    "height null": of_json(
-        "FIELD_TYPE", "/0/height: it is null", [cameras_json(CAMERAS)[0] | {"height": None}]
-    ),
-    "fx negative": in_cameras("FOCAL", "/1: fx is -5.0", "1/fx", -5),
     # --- views.json
     "schema unknown": in_views("FIELD_VALUE", '/schema: it is "msb.views/2"', "schema", "msb.views/2"),
     "cameras missing": in_views("FIELD_MISSING", 'the document lacks the key "cameras"', "cameras"),
-    "cameras empty": in_views("NONE", "at least one", "cameras", []),
     "key unknown": in_views(
         "FIELD_UNKNOWN", 'the document has the unknown key "backgroud"', "backgroud", [0, 0, 0]
     ),
-    "key of a camera unknown": in_views(
-        "FIELD_UNKNOWN", '/cameras/0: it has the unknown key "fov"', "cameras/0/fov", 1
-    ),
     "key with an escape": in_views("FIELD_UNKNOWN", "\\x1b[31m", "\x1b[31m" * 99, 1),
-    "cy missing": in_views("FIELD_MISSING", '/cameras/1: it lacks the key "cy"', "cameras/1/cy"),
-    "width a fraction": in_views("FIELD_TYPE", "/cameras/0/width", "cameras/0/width", 40.25),
     "background of four": in_views(
         "FIELD_TYPE", "/background: it is [1, 1, 1, 1]; it must be 3", "background", [1] * 4
     ),

@@ -206,17 +206,6 @@ def test_the_views_of_the_page_are_read(tmp_path: Path) -> None:
     assert shown == {*views_json._REQUIRED, *views_json._OPTIONAL}
 
 
-def test_the_python_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "garden" / "sparse" / "0", builders.colmap_bin(some_cameras(9)))
-    (tmp_path / "garden/sparse/0/points3D.bin").write_bytes(builders.many(builders.point_bin()))
-    blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert blocks
-    names: dict[str, Any] = {}
-    for block in blocks:
-        exec(block, names)
-
-
 def test_every_public_name_is_on_the_page() -> None:
     import msb.scenes
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import permutations
-
 import numpy as np
 import pytest
 
-from data_stubs import splat_like as module
 from data_stubs.splat_like import Shape, splat_like
 from msb import audit
 
@@ -65,32 +62,3 @@ def test_without_noise_drops_and_strays_it_is_a_closed_manifold_sphere() -> None
     c = report.counts
     assert (c.boundary_edges, c.components, report.metrics.euler_characteristic) == (0, 1, 2)
     assert c.nonmanifold_vertices == 0
-
-
-def test_all_faces_of_the_lattice_are_those_of_its_tetrahedra() -> None:
-    # Kept with certainty near the surface: every interior face of the Kuhn tetrahedra, once.
-    n = 6
-    points, faces = splat_like(n, shape=Shape(noise=0.0, drop=0.0, stray=1.0, reach=100.0), shuffle=False)
-    lattice = np.rint(points * n).astype(int)
-    made = {tuple(sorted(map(tuple, lattice[row]))) for row in faces.tolist()}
-    assert len(made) == len(faces)
-    count: dict[tuple[tuple[int, ...], ...], int] = {}
-    for cube in np.ndindex(n, n, n):
-        for order in permutations(range(3)):
-            corners = [np.array(cube)]
-            for axis in order:
-                corners.append(corners[-1] + np.eye(3, dtype=int)[axis])
-            for left_out in range(4):
-                face = tuple(sorted(tuple(map(int, p)) for i, p in enumerate(corners) if i != left_out))
-                count[face] = count.get(face, 0) + 1
-    assert made == {face for face, times in count.items() if times == 2}
-
-
-def test_uniform_numbers_look_uniform_and_depend_on_key_and_seed() -> None:
-    keys = np.arange(200_000, dtype=np.int64)
-    one, other = module._uniform(keys, 1), module._uniform(keys, 2)
-    assert one.min() >= 0
-    assert one.max() < 1
-    assert one.mean() == pytest.approx(0.5, abs=0.005)
-    assert abs(np.corrcoef(one, other)[0, 1]) < 0.01
-    assert abs(np.corrcoef(one[1:], one[:-1])[0, 1]) < 0.01

@@ -17,6 +17,7 @@ from msb.cli.app import app
 from msb.cli.defaults import options, single_commands
 from msb.cli.options import MOVED
 from msb.meshes import Mesh, write_mesh
+from tests.cli.forks import run_msb
 from tests.conftest import BOOK
 from tests.viewers.conftest import HAS_PYVISTA, ROOT
 
@@ -35,15 +36,8 @@ needs_pyvista = pytest.mark.skipif(
 
 
 def view(*args: object, command: str = "view", **env: str) -> Any:
-    return subprocess.run(
-        [sys.executable, "-m", "msb", command, *map(str, args)],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, **NO_DISPLAY, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}", **env},
-        timeout=120,
-        check=False,
-    )
+    done = run_msb([command, *map(str, args)], ROOT, {**NO_DISPLAY, **env})
+    return subprocess.CompletedProcess(args, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 @pytest.fixture

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import shutil
-import struct
-import zipfile
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from PIL import Image
 
 from msb.errors import CODES, InputError, SceneError
-from msb.scenes.datasets import find_scenes, read_matrices, read_scene
+from msb.scenes.datasets import find_scenes, read_scene
 
 from .conftest import STUBS, Copy
 
@@ -104,14 +99,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
         "",
         "transforms_test.json is",
     ),
-    "train JSON missing": (
-        NERF,
-        remove("transforms_train.json"),
-        {},
-        "SCENE_LAYOUT",
-        "",
-        "transforms_train.json",
-    ),
     "photograph of a JSON missing": (
         NERF,
         remove("test/r_1.png"),
@@ -119,14 +106,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
         "CAMERA_IMAGE",
         "transforms_test.json",
         "r_1",
-    ),
-    "test photographs missing": (
-        MIP,
-        remove("images_4/DSC07950.JPG", "images_4/DSC07958.JPG", "images_4/DSC07951.JPG"),
-        {},
-        "SCENE_IMAGE_MISSING",
-        "images_4",
-        "2 of 16 photographs are not there: DSC07950.JPG, DSC07958.JPG",
     ),
     "all photographs missing": (
         MIP,
@@ -143,14 +122,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
         "SCENE_IMAGE_FOLDER",
         "",
         "taken from images_4, which is not there; there is images_2",
-    ),
-    "folder asked for missing": (
-        MIP,
-        nothing,
-        {"image_folder": "images_8"},
-        "SCENE_IMAGE_FOLDER",
-        "",
-        "images_8",
     ),
     "photograph of another size": (
         MIP,
@@ -263,68 +234,3 @@ def test_no_folder(tmp_path: Path) -> None:
     for find in (read_scene, find_scenes):
         with pytest.raises(InputError, match="FILE_NOT_FOUND"):
             find(tmp_path / "nowhere")
-
-
-# --- cameras.npz
-
-
-def npz(**arrays: Any) -> bytes:
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)
-    return stream.getvalue()
-
-
-def bomb() -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("world_mat_0.npy", b"\0" * (1 << 26))
-    return stream.getvalue()
-
-
-def lying_header() -> bytes:
-    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000, 1000000), }"
-    header += b" " * (-(len(header) + 11) % 64) + b"\n"
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        content = b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header + b"\0" * 128
-        archive.writestr("world_mat_0.npy", content)
-    return stream.getvalue()
-
-
-GOOD = np.eye(4)
-MATRICES: dict[str, tuple[bytes, str]] = {
-    "empty": (b"", "it is not an archive"),
-    "text": (b"nonsense", "it is not an archive"),
-    "cut off": (npz(world_mat_0=GOOD, scale_mat_0=GOOD)[:-40], "it is not an archive"),
-    "no matrix": (npz(a=GOOD), "it holds no world_mat_0"),
-    "no scale": (npz(world_mat_0=GOOD), "it holds no scale_mat_0"),
-    "shape": (npz(world_mat_0=GOOD[:3], scale_mat_0=GOOD), "world_mat_0 is not 4 x 4 finite numbers"),
-    "NaN": (npz(world_mat_0=GOOD * np.nan, scale_mat_0=GOOD), "world_mat_0 is not 4 x 4 finite numbers"),
-    "text values": (npz(world_mat_0=np.full((4, 4), "a"), scale_mat_0=GOOD), "world_mat_0 is not"),
-    "objects": (npz(world_mat_0=np.full((4, 4), None), scale_mat_0=GOOD), "world_mat_0 is not"),
-    "bomb": (bomb(), "world_mat_0 is not"),
-    "huge shape": (lying_header(), "world_mat_0 is not"),
-}
-
-
-@pytest.mark.parametrize("name", MATRICES)
-def test_bad_matrices(name: str, tmp_path: Path) -> None:
-    content, message = MATRICES[name]
-    file = tmp_path / "cameras.npz"
-    file.write_bytes(content)
-    with pytest.raises(SceneError, match="SCENE_MATRICES") as caught:
-        read_matrices(file)
-    assert message in caught.value.message
-    assert caught.value.file == str(file)
-
-
-def test_every_changed_byte_gives_matrices_or_an_error(tmp_path: Path) -> None:
-    content = npz(world_mat_0=GOOD.astype("<f4"), scale_mat_0=GOOD.astype("<f4"))
-    file = tmp_path / "cameras.npz"
-    random = np.random.default_rng(0)
-    for _ in range(400):
-        changed = bytearray(content)
-        changed[random.integers(len(content))] = random.integers(256)
-        file.write_bytes(changed)
-        with contextlib.suppress(SceneError):  # anything else fails the test
-            read_matrices(file)

@@ -1,0 +1,102 @@
+"""`msb` in processes of its own that are forked from one that has imported it: a tenth of a start's time."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+SECONDS = 600
+"""After which a command is killed."""
+STARTS = ("PYTHON", "LC_", "LANG", "LD_")
+"""Beginnings of the names of variables that an interpreter reads when it starts."""
+SERVER = """
+import json, os, pkgutil, signal, sys
+from importlib import import_module
+import msb.cli
+seconds = int(sys.argv[1])
+for name in ("adapters", "asset", "bench.records", "meshes.files", "report.paper", "scenes", "topology"):
+    import_module(f"msb.{name}")
+for name in ("rich.table", "scipy.sparse.csgraph", "scipy.spatial"):
+    import_module(name)
+for module in pkgutil.iter_modules(msb.cli.__path__, "msb.cli."):
+    import_module(module.name)
+for line in sys.stdin:
+    wanted = json.loads(line)
+    if not (child := os.fork()):
+        break
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+else:
+    sys.exit()
+for number, (name, how) in enumerate(
+    ((os.devnull, os.O_RDONLY), (wanted["out"], os.O_WRONLY), (wanted["err"], os.O_WRONLY))
+):
+    os.dup2(os.open(name, how), number)
+os.environ.clear()
+os.environ.update(wanted["env"])
+os.chdir(wanted["cwd"])
+signal.alarm(seconds)
+sys.argv = ["msb", *wanted["args"]]
+msb.cli.main()
+"""
+
+
+@cache
+def _server() -> tuple[subprocess.Popen[str], Path]:
+    """Start the process that is forked; return it and a new folder for what its children print."""
+    folder = tempfile.TemporaryDirectory(prefix="msb-forks-", ignore_cleanup_errors=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", SERVER, str(SECONDS)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        # A second thread, of a library for linear algebra, would not live on in a child.
+        env={**os.environ, "PYTHONPATH": _PATH, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    atexit.register(folder.cleanup)
+    atexit.register(process.communicate)  # it ends with its input
+    return process, Path(folder.name)
+
+
+_PATH = f"{ROOT}{os.pathsep}{ROOT / 'viewers'}"
+
+
+def run_msb(args: list[str], cwd: Path, env: Mapping[str, str | None]) -> subprocess.CompletedProcess[bytes]:
+    """Run `msb` in `cwd` with this process's variables and those of `env`; None takes one away."""
+    merged = {**os.environ, "PYTHONPATH": _PATH, **env}
+    wanted = {name: value for name, value in merged.items() if value is not None}
+    if not hasattr(os, "fork") or any(name.startswith(STARTS) for name in env):
+        return subprocess.run(
+            [sys.executable, "-m", "msb", *args],
+            capture_output=True, cwd=cwd, env=wanted, timeout=SECONDS, check=False,
+        )  # fmt: skip
+    process, folder = _server()
+    out, err = folder / "out", folder / "err"
+    for file in (out, err):
+        file.write_bytes(b"")
+    line = {
+        "args": args,
+        "cwd": str(cwd),
+        "env": wanted,
+        "out": str(out),
+        "err": str(err),
+        "seconds": SECONDS,
+    }
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(json.dumps(line) + "\n")
+    process.stdin.flush()
+    status = int(process.stdout.readline())
+    return subprocess.CompletedProcess(args, status, out.read_bytes(), err.read_bytes())

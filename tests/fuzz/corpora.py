@@ -1,0 +1,88 @@
+"""Every bad asset, checkpoint, mesh and source of cameras: `python -m tests.fuzz.corpora OUTDIR` writes them.
+
+Of each, index.json has the function of `fuzz.readers` that reads it, the path that is given to the reader,
+the path below which the reader may open files, and the code of the error, or "" where the reader returns.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from tests.adapters import assemble, bad_checkpoints
+from tests.corpus import bad_assets, good
+from tests.fuzz.mutations import TIMES
+from tests.meshes import bad_files, builders
+from tests.scenes import bad_cameras
+from tests.scenes.builders import write
+
+LONGEST = "pickle_many_tensors"
+"""The checkpoint that takes as long as all others together."""
+Row = tuple[str, str, str, str]
+
+
+def assets(root: Path) -> list[Row]:
+    """Write the assets that are bad for every user, and a good one; return their rows."""
+    root.mkdir()
+    good.parts(good.mesh()).write_packed(root / "good")
+    rows = [("asset", str(root / "good"), str(root / "good"), "")]
+    for case in bad_assets.CASES:
+        if not case.denied:
+            path = str(bad_assets.write_case(case, root))
+            raised = case.found_by == "load" and case.severity == "error"
+            rows.append(("asset", path, path, case.code if raised else ""))
+    return rows
+
+
+def checkpoints(root: Path) -> list[Row]:
+    """Write the checkpoints, and a good one; return their rows."""
+    root.mkdir()
+    (root / "good").write_bytes(assemble.archive())
+    rows = [("checkpoint", str(root / "good"), str(root / "good"), "")]
+    for case in bad_checkpoints.CASES:
+        if case.name == LONGEST and TIMES == 1:
+            continue
+        path = str(bad_checkpoints.write_case(case, root))
+        rows.append(("checkpoint", path, path, case.code))
+    return rows
+
+
+def meshes(root: Path) -> list[Row]:
+    """Write the meshes, and a good one of each format; return their rows."""
+    root.mkdir()
+    rows = []
+    cases = [(suffix, content, "") for suffix, content in builders.SMALL.items()]
+    cases.append((".obj", b"mtllib not-opened.mtl\nv 0 0 0\nusemtl a\n", ""))
+    cases += [(suffix, content, code) for suffix, content, code, _ in bad_files.BAD.values()]
+    for number, (suffix, content, code) in enumerate(cases):
+        path = root / f"{number}{suffix}"
+        path.write_bytes(content)
+        rows.append(("mesh", str(path), str(path), code))
+    return rows
+
+
+def cameras(root: Path) -> list[Row]:
+    """Write the sources of cameras, each with the files beside it, and good ones; return their rows."""
+    cases = [(kind, files, "", "") for kind, files in bad_cameras.SMALL.items()]
+    cases += [(name, files, target, code) for name, (files, target, code, _) in bad_cameras.BAD.items()]
+    rows = []
+    for number, (name, files, target, code) in enumerate(cases):
+        folder = write(root / str(number), files)
+        reader = "points" if name.startswith("points") else "cameras"
+        rows.append((reader, str(folder / target), str(folder), code))
+    return rows
+
+
+def write_all(root: Path) -> int:
+    """Write all of them below the new folder `root`, and index.json; return how many there are."""
+    root.mkdir(parents=True)
+    rows = [row for make in (assets, checkpoints, meshes, cameras) for row in make(root / make.__name__)]
+    (root / "index.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    return len(rows)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("usage: python -m tests.fuzz.corpora OUTDIR")
+    print(f"{write_all(Path(sys.argv[1]).absolute())} files in {sys.argv[1]}")
