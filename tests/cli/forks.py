@@ -21,17 +21,47 @@ SECONDS = 600
 """After which a command is killed."""
 STARTS = ("PYTHON", "LC_", "LANG", "LD_")
 """Beginnings of the names of variables that an interpreter reads when it starts."""
+IMPORTED = (
+    *(
+        "msb.adapters.exporter",
+        "msb.adapters.tensors",
+        "msb.bench.profile",
+        "msb.bench.run",
+        "msb.meshes.assets",
+    ),
+    *("msb.metrics", "msb.reference", "msb.render.dedicated", "msb.render.images", "msb.report.build"),
+    *("msb.render.standard.renderer", "msb.scenes.datasets", "msb.topology.explain", "jinja2", "yaml"),
+    *(
+        "matplotlib.backends.backend_agg",
+        "matplotlib.figure",
+        "PIL.PngImagePlugin",
+        "platformdirs",
+        "sqlite3",
+    ),
+    *(
+        "pytools.persistent_dict",
+        "rich._emoji_codes",
+        "rich.progress",
+        "scipy.sparse.csgraph",
+        "scipy.spatial",
+    ),
+    "skimage.metrics",
+)
+"""What commands import when they run; not pyopencl, whose loader must start in the child."""
 SERVER = """
-import json, os, pkgutil, signal, sys
+import functools, gc, json, os, pkgutil, signal, sys
 from importlib import import_module
+import typer.main
 import msb.cli
-seconds = int(sys.argv[1])
-for name in ("adapters", "asset", "bench.records", "meshes.files", "report.paper", "scenes", "topology"):
-    import_module(f"msb.{name}")
-for name in ("rich.table", "scipy.sparse.csgraph", "scipy.spatial"):
-    import_module(name)
+seconds, *imported = sys.argv[1:]
 for module in pkgutil.iter_modules(msb.cli.__path__, "msb.cli."):
     import_module(module.name)
+for name in imported:
+    import_module(name)
+# What the library makes of the same commands is the same.
+typer.main.get_command = functools.cache(typer.main.get_command)
+typer.main.get_command(import_module("msb.cli.app").app)
+gc.freeze()  # else a collection in a child copies all of the memory
 for line in sys.stdin:
     wanted = json.loads(line)
     if not (child := os.fork()):
@@ -46,7 +76,7 @@ for number, (name, how) in enumerate(
 os.environ.clear()
 os.environ.update(wanted["env"])
 os.chdir(wanted["cwd"])
-signal.alarm(seconds)
+signal.alarm(int(seconds))
 sys.argv = ["msb", *wanted["args"]]
 msb.cli.main()
 """
@@ -57,7 +87,7 @@ def _server() -> tuple[subprocess.Popen[str], Path]:
     """Start the process that is forked; return it and a new folder for what its children print."""
     folder = tempfile.TemporaryDirectory(prefix="msb-forks-", ignore_cleanup_errors=True)
     process = subprocess.Popen(
-        [sys.executable, "-c", SERVER, str(SECONDS)],
+        [sys.executable, "-c", SERVER, str(SECONDS), *IMPORTED],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
