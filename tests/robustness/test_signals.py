@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-# Who is started in the background inherits that interrupts are ignored. Writing is made slow, so that the
-# signal comes in the middle of it.
+# Who is started in the background inherits that interrupts are ignored, under nohup hang-ups, too. Writing is made
+# slow, so that the signal comes in the middle of it.
 SLOW = (
     "import signal, sys, time\n"
     "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
     "import msb.asset.writer\nfrom msb.asset.writer import _pieces\n"
-    "def slowly(chunks):\n    for piece in _pieces(chunks):\n        yield piece\n        time.sleep(60)\n"
+    "def slowly(chunks):\n    for piece in _pieces(chunks):\n        yield piece\n        time.sleep(600)\n"
     "msb.asset.writer._pieces = slowly\n"
     "from msb.cli import main\nmain()"
 )
@@ -36,18 +37,17 @@ SLOW = (
 )
 def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str) -> None:
     line = ["export", "--form", form, ROOT / "data_stubs" / "checkpoint", tmp_path / "a.triasset"]
-    process = subprocess.Popen(
-        [sys.executable, "-c", SLOW, *map(str, line)], stderr=subprocess.PIPE, text=True, cwd=ROOT
-    )
-    until = time.monotonic() + 30
-    while not leftovers(tmp_path) and process.poll() is None and time.monotonic() < until:
-        time.sleep(0.01)
-    assert leftovers(tmp_path), "it never began to write"
-    process.send_signal(number)
-    try:
-        _, err = process.communicate(timeout=30)
-    finally:
-        process.kill()
+    command = [sys.executable, "-c", SLOW, *map(str, line)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        try:
+            until = time.monotonic() + 300
+            while not leftovers(tmp_path) and process.poll() is None and time.monotonic() < until:
+                time.sleep(0.01)
+            assert leftovers(tmp_path), "it never began to write"
+            process.send_signal(number)
+            _, err = process.communicate(timeout=300)
+        finally:
+            process.kill()
     assert (process.returncode, err) == (128 + number, "")
     assert not leftovers(tmp_path)
     assert not list(finals(tmp_path))
