@@ -26,6 +26,7 @@ def test_brackets_in_strings_and_comments_do_not_count(inside: str) -> None:
         parse_toml(nested(inside, most + 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     ["a = " + "[" * 500_000, "a = " + "{b=" * 300_000, "a." * 500_000 + "a = 1", f"[{'a.' * 500_000}a]"],

@@ -48,6 +48,7 @@ def test_links_lead_somewhere() -> None:
             assert not anchor or anchor in anchors(place), f"{path.name}: {target}#{anchor}"
 
 
+@pytest.mark.slow
 def test_nothing_cites_a_document_that_is_not_here() -> None:
     for folder in ("msb", "viewers", "tests", "fuzz", "docs", "benchmarks", "data_stubs"):
         for path in (ROOT / folder).rglob("*"):

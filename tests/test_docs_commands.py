@@ -31,6 +31,8 @@ from tests.conftest import ROOT
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+pytestmark = pytest.mark.slow
+
 DOCUMENTS = ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
 SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 MODEL = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"

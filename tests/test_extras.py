@@ -56,6 +56,7 @@ ABSENT = ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "a
 ABSENT += ("torch", "lpips", "distributed", "pyvista", "vtkmodules")
 
 
+@pytest.mark.slow
 def test_the_api_names_the_extra_and_leaves_nothing_behind(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],

@@ -127,6 +127,7 @@ def test_what_is_not_finite_is_audited_but_not_opened(tmp_path: Path) -> None:
         msb.open(tmp_path / "nan.ply")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".triasset", *MESH_SUFFIXES, ".GLB"])
 def test_an_asset_is_saved_in_the_format_of_its_suffix(demo_asset: Path, tmp_path: Path, suffix: str) -> None:
     asset, path = msb.load(demo_asset), tmp_path / f"a{suffix}"

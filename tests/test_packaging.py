@@ -14,6 +14,8 @@ import pytest
 
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("hatchling.builders", reason="extra test is not installed (hatchling)")
 PACKAGES = {"msb": ROOT / "msb", "msb_viewers": ROOT / "viewers" / "msb_viewers"}
 VIEW = ("--cameras", "data/views.json", "--camera", "0", "--scale", "0.2")

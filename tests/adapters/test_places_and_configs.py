@@ -195,6 +195,7 @@ HOSTILE_YAML = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", HOSTILE_YAML)
 def test_a_hostile_config_is_ignored_with_a_warning_and_refused_if_given(case: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path / "run", "two_dts", models.two_dts())

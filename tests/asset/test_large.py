@@ -16,6 +16,8 @@ from msb.asset import load
 from tests.corpus.forge import Entry, central_header, end64_records, end_record, local_header, padding, zip64
 from tests.corpus.good import Parts, mesh, parts
 
+pytestmark = pytest.mark.slow
+
 FULL32 = 0xFFFFFFFF
 GIB = 1 << 30
 

@@ -120,6 +120,7 @@ def test_it_is_a_schema_of_draft_2020_12() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [mesh, soup, decoder])
 def test_we_judge_mutated_manifests_as_jsonschema_does(make: Any) -> None:
     good = parts(make()).manifest

@@ -39,6 +39,7 @@ def code_of(data: bytes) -> str:
     return caught.value.code.removeprefix("TRIASSET_MANIFEST_")
 
 
+@pytest.mark.slow
 @given(VALUES, st.booleans())
 def test_what_json_writes_is_read_back(value: Any, ascii_only: bool) -> None:
     text = json.dumps(value, ensure_ascii=ascii_only).encode()
@@ -88,6 +89,7 @@ def test_escaped_pairs_are_characters_and_halves_are_not() -> None:
         assert code_of(half) == "ENCODING"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "data",
     [

@@ -99,6 +99,7 @@ def test_a_row_as_long_as_the_file_is_read_in_pieces() -> None:
     assert peak < 5 << 20
 
 
+@pytest.mark.slow
 def test_every_report_is_plain_json(tmp_path: Path) -> None:
     for case in CASES:
         if case.code.startswith("TRIASSET_") and not case.denied:

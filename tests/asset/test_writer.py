@@ -191,6 +191,7 @@ def refused(asset: Asset, tmp_path: Path) -> str:
     return code
 
 
+@pytest.mark.slow
 def test_a_manifest_changed_by_hand_is_checked(tmp_path: Path) -> None:
     good = mesh()
     spec = good.manifest.buffers["color"]

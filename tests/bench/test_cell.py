@@ -83,6 +83,7 @@ def fake_network(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "IMAGE_METRICS", {**registry.IMAGE_METRICS, "lpips": metric})
 
 
+@pytest.mark.slow
 def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path, fake_network: None) -> None:
     table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
     bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
@@ -105,6 +106,7 @@ def test_the_weights_of_lpips_decide_whether_a_cell_is_done(bench: Bench, fake_n
     assert dict(planned.why) == {"quality": "metrics changed"}
 
 
+@pytest.mark.slow
 def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_job: Job) -> dict[str, Any]:
         raise KeyError("what")

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("distributed", reason="extra distributed is not installed")
 WORKERS = 2
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Start = Callable[[], subprocess.Popen[bytes]]
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
 
 
 @pytest.fixture(scope="module")

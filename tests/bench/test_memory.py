@@ -17,6 +17,7 @@ METHODS = ("two_dts", "mesh_splatting", "diffsoup")
 """Triangle-Splatting has the pipeline of 2DTS."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_renderer_says_what_its_memory_is_for(method: str, style: str) -> None:

@@ -88,6 +88,7 @@ def _until(condition: object, seconds: float = 60) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="extra distributed is not installed")
     monkeypatch.setattr(pool, "_CONNECT_SECONDS", 1)

@@ -88,6 +88,7 @@ def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_u
         assert found.memory_views == len(cameras)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
 def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble")

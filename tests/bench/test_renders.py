@@ -16,6 +16,8 @@ from tests.bench.protocols import cell, planned
 if TYPE_CHECKING:
     from msb.bench.protocol import ProtocolFile
 
+pytestmark = pytest.mark.slow
+
 
 def upstream(file: ProtocolFile, folder: Path) -> ProtocolFile:
     """Return the protocol with the renderings in `folder` as the official ones of two_dts, alone."""

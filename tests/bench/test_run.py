@@ -109,6 +109,7 @@ def test_a_mesh_is_audited_as_the_audit_does(finished: ProtocolFile) -> None:
     assert found.quality is None
 
 
+@pytest.mark.slow
 def test_what_is_done_is_left_alone(again: ProtocolFile) -> None:
     before = {
         path: path.stat().st_mtime_ns
@@ -121,6 +122,7 @@ def test_what_is_done_is_left_alone(again: ProtocolFile) -> None:
     assert all(row.seconds == 0 for row in found.rows)
 
 
+@pytest.mark.slow
 def test_redo_and_only(again: ProtocolFile) -> None:
     found = run_protocol(again, only=["two_dts/standard", "exported_mesh/diffsoup"], redo=True)
     assert planned(found) == {
@@ -164,6 +166,7 @@ def test_only_what_changed_is_done_again_and_it_says_what(again: ProtocolFile) -
     assert timed.quality is not None, "the part that was done stays"
 
 
+@pytest.mark.slow
 def test_a_changed_photograph_or_model_is_noticed(again: ProtocolFile, tmp_path: Path) -> None:
     shutil.copytree(SCENE.parent, tmp_path / "scenes")
     shutil.copytree(PEBBLE / "two_dts", tmp_path / "model")
@@ -213,12 +216,14 @@ def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path)
     assert [reason.code for reason in found.models.values()] == ["FILE_NOT_FOUND"]
 
 
+@pytest.mark.slow
 def test_two_models_of_one_method_on_one_scene_are_refused(again: ProtocolFile) -> None:
     twice = again.protocol.model_copy(update={"methods": (again.protocol.methods[0],) * 2})
     with pytest.raises(MsbError, match=r"PROTOCOL_INVALID.*two models of two_dts"):
         run_protocol(replace(again, protocol=twice))
 
 
+@pytest.mark.slow
 def test_training_records_are_read_and_may_fail_alone(again: ProtocolFile, tmp_path: Path) -> None:
     record = tmp_path / "two_dts.json"
     track = {
@@ -259,6 +264,7 @@ def test_training_records_are_read_and_may_fail_alone(again: ProtocolFile, tmp_p
     assert cell(again, "two_dts/dedicated").reasons["training"].code == "TRAINING_FAILED"
 
 
+@pytest.mark.slow
 def test_one_run_at_a_time_and_leftovers_are_cleared(again: ProtocolFile) -> None:
     left = again.results / "cells" / ".result.json.0123456789ab.part"
     left.write_text("half")
@@ -273,6 +279,7 @@ def test_one_run_at_a_time_and_leftovers_are_cleared(again: ProtocolFile) -> Non
     assert not (again.results / ".run.json").exists()
 
 
+@pytest.mark.slow
 def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     head = f"[chamfer]\ndata = {json.dumps(str(STUBS / 'scenes' / 'dtu'))}"
     file = protocol(tmp_path, ("mesh_splatting",), dataset="dtu", head=head)
@@ -294,6 +301,7 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     assert (result.status, result.chamfer, result.reasons["chamfer"].code) == ("done", None, "FILE_NOT_FOUND")
 
 
+@pytest.mark.slow
 def test_images_do_not_depend_on_the_number_of_processes(finished: ProtocolFile, tmp_path: Path) -> None:
     alone = replace(finished, path=tmp_path / "protocol.toml")
     run_protocol(alone, jobs=1, only=["two_dts"])

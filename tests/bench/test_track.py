@@ -138,6 +138,7 @@ def test_without_library_or_gpu_there_is_a_reason(monkeypatch: pytest.MonkeyPatc
     assert Gpus().result() == (None, None, "NVML: no driver")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
 def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:

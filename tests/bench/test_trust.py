@@ -119,6 +119,7 @@ def test_no_number_stands_on_an_edited_photograph(again: ProtocolFile) -> None:
     assert said == ["test/r_0.png was changed; the ground truth was written again"]
 
 
+@pytest.mark.slow
 def test_photographs_are_written_again_also_where_all_cells_are_done(again: ProtocolFile) -> None:
     (path, *_) = (again.results / "ground_truth").rglob("*.png")
     right = path.read_bytes()
@@ -127,6 +128,7 @@ def test_photographs_are_written_again_also_where_all_cells_are_done(again: Prot
     assert path.read_bytes() == right
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_again(
     again: ProtocolFile,
 ) -> None:

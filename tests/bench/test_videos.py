@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+pytestmark = pytest.mark.slow
+
 
 def frames(path: Path) -> list[NDArray[np.uint8]]:
     import av

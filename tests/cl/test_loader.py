@@ -94,6 +94,7 @@ def test_a_loader_that_fails_is_no_platform(monkeypatch: pytest.MonkeyPatch) -> 
         open_device()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME"])
 def test_a_cache_that_cannot_be_written(child: Child, tmp_path: Path, variable: str) -> None:
     """PoCL has no device then, and pyopencl no kernels, but for what the loader does about it."""
@@ -112,6 +113,7 @@ def test_a_user_without_a_home(child: Child) -> None:
     assert found[-1].startswith("~ cannot be written")
 
 
+@pytest.mark.slow
 def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) -> None:
     """All kernels of a program are found again (not so where one of them uses 16-wide vectors)."""
     first = answer(child(SORT, POCL_CACHE_DIR=str(tmp_path)))
@@ -121,6 +123,7 @@ def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) ->
     assert {path for path in tmp_path.rglob("*.so") if path.is_file()} == built
 
 
+@pytest.mark.slow
 def test_eight_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
     together = [child(SORT, POCL_CACHE_DIR=str(tmp_path)) for _ in range(8)]
     assert len({answer(process) for process in together}) == 1

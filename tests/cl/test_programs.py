@@ -33,6 +33,7 @@ def scaled(device: Device, **defines: Any) -> list[float]:
     return out.read().tolist()
 
 
+@pytest.mark.slow
 def test_defines_and_includes_reach_the_kernel(device: Device) -> None:
     assert scaled(device) == [0, 2, 4, 6, 8]
     assert scaled(device, OFFSET=1) == [1, 3, 5, 7, 9]

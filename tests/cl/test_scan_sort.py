@@ -39,6 +39,7 @@ def test_scan_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
     assert np.array_equal(offsets.read(), prefix(values, dtype))
 
 
+@pytest.mark.slow
 def test_scan_over_three_levels(styled: Device) -> None:
     count = TILE * TILE + 5
     values = np.random.default_rng(0).integers(0, 100, count, np.uint32)
@@ -89,6 +90,7 @@ def expect_sorted(
     assert given_values is None or np.array_equal(given_values.read(), values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", EDGES)
 @pytest.mark.parametrize("dtype", [np.uint32, np.uint64])
 def test_sort_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
@@ -178,6 +180,7 @@ def test_both_styles_agree_on_the_work_done(styled: Device) -> None:
     assert uses <= {"sort keys", "sort values", "sort places", "scan starts"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [64, 100, 128])
 @pytest.mark.parametrize("who", ["device", "kernel"])
 def test_work_groups_are_as_large_as_device_and_kernels_allow(who: str, most: int) -> None:

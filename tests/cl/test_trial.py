@@ -120,6 +120,7 @@ def children(monkeypatch: pytest.MonkeyPatch, code: str | None = None) -> list[A
     return started
 
 
+@pytest.mark.slow
 def test_a_device_is_tried_once_and_the_result_is_kept(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -137,6 +138,7 @@ def test_a_device_is_tried_once_and_the_result_is_kept(
     assert len(started) > before
 
 
+@pytest.mark.slow
 def test_another_driver_is_tried_anew(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,6 +150,7 @@ def test_another_driver_is_tried_anew(
     assert started
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [b"", b"\xff\n\0", b"key", b"key perhaps", b"k" * (1 << 20)])
 def test_a_damaged_cache_says_nothing(real: tuple[Any, DeviceRecord], tmp_path: Path, content: bytes) -> None:
     kept = tmp_path / "meshsplatbench" / "devices.txt"
@@ -226,6 +229,7 @@ def test_the_wheel_is_mended_where_it_does_not_know_the_processor(
         ]
 
 
+@pytest.mark.slow
 def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, str]) -> None:
     lines = answer(child(SHOW, **{**unknown, mend.MEND_VARIABLE: "0"})).splitlines()
     assert lines[0] == lines[2] == "generic"
@@ -235,6 +239,7 @@ def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, st
     assert lines[3] == "None"
 
 
+@pytest.mark.slow
 def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dict[str, str]) -> None:
     failing = "from msb.cl import trial\nwhy_not = trial._why_not\n"
     failing += (
@@ -245,6 +250,7 @@ def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dic
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
 
 
+@pytest.mark.slow
 def test_pictures_of_a_mended_wheel_are_those_of_any(
     child: Child, unknown: dict[str, str], demo_asset: Path, tmp_path: Path
 ) -> None:

@@ -95,6 +95,7 @@ def test_every_mesh_format_is_audited(msb: Msb, tmp_path: Path, suffix: str) -> 
     assert counts["edges"] == (12 if soup else 6)
 
 
+@pytest.mark.slow
 def test_soup_is_named_and_weld_shown_beside(msb: Msb, tmp_path: Path) -> None:
     path = write(tmp_path, "tetra.stl", TETRAHEDRON)
     data = msb("audit", "--weld", "exact", "--json", "-", path).json
@@ -150,6 +151,7 @@ def test_debug_shows_the_traceback(msb: Msb) -> None:
     assert "Traceback" in msb("info", "--debug", "missing.triasset").err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("condition", "status"),
     [
@@ -203,6 +205,7 @@ def test_gate_on_a_ratio_over_nothing_fails(msb: Msb, tmp_path: Path) -> None:
     assert "does not exist for this mesh" in result.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gate", ["nm_edges", "foo>1", "components>", "components>x", "components>nan", ">1"])
 def test_bad_gate_is_a_usage_error_before_anything_is_read(msb: Msb, gate: str) -> None:
     result = msb("audit", "--fail-on", gate, "missing.ply")
@@ -273,6 +276,7 @@ def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> No
     assert 'NumberOfVerts="4" NumberOfLines="7" NumberOfStrips="0" NumberOfPolys="3"' in head
 
 
+@pytest.mark.slow
 def test_elements_as_vtk_reads_them(msb: Msb, book: Path, tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista", reason="extra view is not installed")
     assert msb("audit", "-q", "--elements", tmp_path / "e.vtp", book).status == 0

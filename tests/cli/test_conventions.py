@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 ASSET = "data_stubs/splat_like.triasset"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [
@@ -49,6 +50,7 @@ def test_a_document_names_its_schema_and_our_version(msb: Msb, line: str) -> Non
     assert re.fullmatch(r"\d+\.\d+\.\d+", result.json["tool_version"])
 
 
+@pytest.mark.slow
 def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path) -> None:
     log = tmp_path / "new" / "msb.log"
     assert msb("audit", "-q", "--log-file", log, ASSET).err == ""
@@ -67,6 +69,7 @@ def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path)
     assert (result.status, result.err.split(":")[0]) == (3, "OUTPUT_UNWRITABLE")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "env", "colored"),
     [
@@ -86,6 +89,7 @@ def test_colour_is_as_asked_for(msb: Msb, args: tuple[str, ...], env: dict[str, 
     assert ("\x1b[" in result.out) is colored
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
 def test_on_a_terminal_results_for_programs_stay_alone() -> None:
     """Neither a spinner nor an escape sequence, on either stream, when both are the terminal."""
@@ -121,6 +125,7 @@ def test_on_a_terminal_results_for_programs_stay_alone() -> None:
     assert "\x1b[1mvalid\x1b[0m" in shown["-q"]
 
 
+@pytest.mark.slow
 def test_stopping_early_leaves_the_rest_alone(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "bad.ply").write_text("no mesh")
     for command, bad in (("audit", "bad.ply"), ("audit", "none.ply"), ("validate", "none.ply")):

@@ -164,6 +164,7 @@ def test_a_variable_that_is_no_flag_is_named(project: Path, monkeypatch: pytest.
         defaults.read_defaults(COMMANDS)
 
 
+@pytest.mark.slow
 def test_commands_take_what_is_set_and_options_are_stronger(
     msb: Msb, demo_asset: Path, tmp_path: Path
 ) -> None:
@@ -191,6 +192,7 @@ def test_commands_take_what_is_set_and_options_are_stronger(
     assert f"set by {path}" in result.err
 
 
+@pytest.mark.slow
 def test_msb_audit_reads_the_table_of_audit(tmp_path: Path, demo_asset: Path) -> None:
     import os
     import subprocess

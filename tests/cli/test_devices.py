@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 CLEAN = {"MSB_DEVICE": "", "PYOPENCL_CTX": ""}
 
 
+@pytest.mark.slow
 def test_the_table_says_what_to_type_and_what_is_taken(msb: Msb) -> None:
     result = msb("devices", **CLEAN)
     assert result.status == 0
@@ -25,6 +26,7 @@ def test_the_table_says_what_to_type_and_what_is_taken(msb: Msb) -> None:
     assert max(map(len, lines)) <= 80
 
 
+@pytest.mark.slow
 def test_verbose_shows_every_capability(msb: Msb) -> None:
     result = msb("devices", "-v", **CLEAN)
     for text in ("max work group", "int64 atomics", "alignment", "opencl c", "host unified"):
@@ -32,10 +34,12 @@ def test_verbose_shows_every_capability(msb: Msb) -> None:
     assert max(map(len, result.out.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_quiet_leaves_hints_out(msb: Msb) -> None:
     assert not [line for line in msb("devices", "-q", **CLEAN).out.splitlines() if line.startswith("- ")]
 
 
+@pytest.mark.slow
 def test_json(msb: Msb) -> None:
     result = msb("devices", "--json", "-", **CLEAN)
     assert result.status == 0
@@ -69,6 +73,7 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
     assert drawing["reference"] is None
 
 
+@pytest.mark.slow
 def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> None:
     result = msb("devices", "-v", "--device", "pocl", **unknown)
     assert result.status == 0
@@ -76,11 +81,13 @@ def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> 
     assert next(line for line in result.out.splitlines() if line.startswith("pocl:0")).endswith("mended")
 
 
+@pytest.mark.slow
 def test_why_is_told(msb: Msb) -> None:
     assert "because of --device cpu" in msb("devices", "--device", "cpu").out
     assert "because of MSB_DEVICE pocl" in msb("devices", MSB_DEVICE="pocl").out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("json_wanted", [False, True])
 def test_a_device_that_is_not_there_ends_with_5_after_the_list(msb: Msb, json_wanted: bool) -> None:
     result = msb("devices", "--device", "nosuch:3", *(["--json", "-"] if json_wanted else []))
@@ -92,6 +99,7 @@ def test_a_device_that_is_not_there_ends_with_5_after_the_list(msb: Msb, json_wa
         assert result.json["chosen"] is None
 
 
+@pytest.mark.slow
 def test_wrong_text_ends_with_2(msb: Msb) -> None:
     result = msb("devices", "--device", "a:b:c")
     assert result.status == 2

@@ -105,6 +105,7 @@ def nowhere(tmp_path: Path) -> str:
     return str(tmp_path / "file" / "folder")
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
     missing = {
         "bench": [
@@ -147,6 +148,7 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
     cameras = ("--cameras", "data_stubs/views.json", "--camera", "0")
     needs = [
@@ -179,6 +181,7 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
     assert {one.words[0]: one.status for one in ended[len(needs) :] if one.status} == {}
 
 
+@pytest.mark.slow
 def test_neither_home_nor_cache_is_needed(work: Path, nowhere: str) -> None:
     commands = [
         ("render", *SMALL, "r", ASSET),
@@ -201,6 +204,7 @@ def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) ->
     assert "cannot be written" in result.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env", "shown"),
     [
@@ -248,6 +252,7 @@ NAMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse some of these names")
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES.keys())
 def test_any_file_name_will_do(tmp_path: Path, name: str) -> None:
@@ -290,6 +295,7 @@ def is_utf8(name: str) -> bool:
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_every_help_example_runs(work: Path) -> None:
     pytest.importorskip("pymeshlab", reason="extra crosscheck is not installed")
@@ -305,6 +311,7 @@ def test_every_help_example_runs(work: Path) -> None:
     assert {one.words: one.err for one in ended if one.status or b"Traceback" in one.err} == {}
 
 
+@pytest.mark.slow
 def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
     commands = [
         ("audit", ASSET),
@@ -329,6 +336,7 @@ def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
     assert row.split() == ["this", "mesh", "0.52", "6.46", "0.47", "0.17", "0.74", "0.72", "0.72", "5,799"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pipes are closed otherwise there")
 @pytest.mark.parametrize("line", ["methods", f"audit --json - {ASSET}"])
 def test_a_reader_that_left_is_no_error(line: str) -> None:

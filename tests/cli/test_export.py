@@ -80,6 +80,7 @@ def test_export_set_overrides_and_checks(msb: Msb, tmp_path: Path) -> None:
         assert len(result.err.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_statuses_of_what_cannot_be_exported(msb: Msb, tmp_path: Path) -> None:
     gaussians(tmp_path / "gs" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
     target = tmp_path / "a.triasset"
@@ -101,6 +102,7 @@ def test_statuses_of_what_cannot_be_exported(msb: Msb, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.triasset", "gs"]
 
 
+@pytest.mark.slow
 def test_progress_bars_on_a_terminal_only(tmp_path: Path) -> None:
     leader, follower = pty.openpty()
     process = subprocess.Popen(
@@ -126,6 +128,7 @@ def test_progress_bars_on_a_terminal_only(tmp_path: Path) -> None:
         assert stage in shown
 
 
+@pytest.mark.slow
 def test_convert_official(msb: Msb, tmp_path: Path) -> None:
     asset = tmp_path / "ring.triasset"
     msb("export", "--quiet", RING, asset)
@@ -157,6 +160,7 @@ def test_convert_official_folder_of_diffsoup_and_no_standard_tier(msb: Msb, tmp_
     assert msb("convert", asset, tmp_path / "ico.glb").status == 4
 
 
+@pytest.mark.slow
 def test_audit_takes_checkpoints(msb: Msb, tmp_path: Path) -> None:
     result = msb("audit", "--json", "-", RING)
     assert result.status == 0

@@ -100,6 +100,7 @@ def test_an_asset_can_be_written_through_a_pipe_though_its_writer_seeks(tmp_path
     assert got == [(tmp_path / "file.triasset").read_bytes()]
 
 
+@pytest.mark.slow
 @POSIX
 def test_descriptors_go_on_where_they_are(tmp_path: Path) -> None:
     log = tmp_path / "log"
@@ -145,6 +146,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["packed", "folder"])
 def test_of_programs_that_make_one_new_output_at_once_only_one_succeeds(tmp_path: Path, form: str) -> None:
     target = tmp_path / "new.triasset"
@@ -242,6 +244,7 @@ def test_a_name_that_was_taken_is_given_back_when_the_renaming_fails(
 # --- places that are taken within one command ----------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_two_outputs_into_one_file_are_refused_however_they_are_spelled(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "o").write_bytes(b"mine")
     (tmp_path / "hard").hardlink_to(tmp_path / "o")
@@ -348,6 +351,7 @@ def test_an_unset_variable_does_not_score_the_current_folder(msb: Msb) -> None:
     assert result.err.startswith("USAGE: PRED is empty")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_an_option_of_one_value_is_not_taken_twice(name: str, refused: Refused) -> None:
     for param in COMMANDS[name].params:

@@ -81,6 +81,7 @@ def test_floats_depth_and_ids_are_written_as_rendered(
     assert msb("render", *args, "--force", demo_asset).status == 0
 
 
+@pytest.mark.slow
 def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     base = ("render", "--cameras", cameras, "-q")
     msb(
@@ -137,6 +138,7 @@ def test_both_tiers_and_names_of_files(msb: Msb, demo_asset: Path, cameras: Path
         assert (result.status, text in result.err) == (2, True), result.err
 
 
+@pytest.mark.slow
 def test_supersampling_averages_samples(msb: Msb, tmp_path: Path) -> None:
     """Of a mesh whose method has no setting of that name, too."""
     mesh = GOLDEN / "meshes" / "synthetic_splat_small.ply"
@@ -149,6 +151,7 @@ def test_supersampling_averages_samples(msb: Msb, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, large.reshape(22, 2, 30, 2, 3).mean(axis=(1, 3)), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> None:
     size = ("--turntable", "2", "--size", "40x32", "--background", "#ff8000")
     for tier in ("standard", "reference"):
@@ -161,6 +164,7 @@ def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> 
     assert not (tmp_path / "no").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["dedicated", "reference"])
 def test_orders_and_samplings_of_an_engine(msb: Msb, tmp_path: Path, tier: Tier) -> None:
     checkpoint = GOLDEN / "two_dts" / "orb_diffuse" / "checkpoint"
@@ -194,6 +198,7 @@ def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, t
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_wrong_usage_is_said_before_anything_is_drawn(
     msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
@@ -244,6 +249,7 @@ def test_broken_assets_are_refused_by_name(msb: Msb, demo_asset: Path, tmp_path:
     assert (result.status, result.err.startswith("TRIASSET_VALUE_NONFINITE: ")) == (3, True)
 
 
+@pytest.mark.slow
 def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     record = tmp_path / "old.json"
     args = ("bench", "--cameras", cameras, "--repeat", "4", "--seconds", "0")

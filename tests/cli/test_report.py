@@ -22,6 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_results(tmp_path_factory.mktemp("run"), datasets=["tanksandtemples"], images=True)
 
 
+@pytest.mark.slow
 def test_report_is_written_whole_and_not_twice_without_force(msb: Msb, folder: Path) -> None:
     done = msb("report", folder)
     assert done.status == 0, done.err
@@ -62,6 +63,7 @@ def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
     assert wrong.err.startswith('TABLE_UNKNOWN: there is no table "nonsense"; there are renderer_comparison')
 
 
+@pytest.mark.slow
 def test_json_is_one_document_with_the_files(msb: Msb, folder: Path, tmp_path: Path) -> None:
     data = msb("report", "--json", "-", "--format", "csv", "-o", tmp_path / "out", folder).json
     assert data["schema"] == "msb.report/1"
@@ -69,6 +71,7 @@ def test_json_is_one_document_with_the_files(msb: Msb, folder: Path, tmp_path: P
     assert {verdict["scene"] for verdict in data["verdicts"]} == {"train", "truck"}
 
 
+@pytest.mark.slow
 def test_papers_tables_are_printed_or_written(msb: Msb, tmp_path: Path) -> None:
     printed = msb("report", "--paper").out
     assert (
@@ -97,6 +100,7 @@ def test_what_cannot_be_done_is_one_line(msb: Msb, args: list[str], code: str) -
     assert len(done.err.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_mixed_results_are_refused_unless_allowed(msb: Msb, tmp_path: Path) -> None:
     write(tmp_path, make_result("capture", "desk", "two_dts", "non_engine"))
     made = make_result("capture", "desk", "two_dts", "dedicated")
@@ -113,6 +117,7 @@ def test_mixed_results_are_refused_unless_allowed(msb: Msb, tmp_path: Path) -> N
     assert "mixed: " in (tmp_path / "report" / "index.html").read_text()
 
 
+@pytest.mark.slow
 def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyvista", reason="extra view is not installed")
     import msb as library
@@ -139,6 +144,7 @@ def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: P
     assert "data:image/png;base64," not in page
 
 
+@pytest.mark.slow
 def test_sorting_works_in_a_browser(msb: Msb, folder: Path, tmp_path: Path) -> None:
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:

@@ -30,6 +30,7 @@ def results(msb: Msb, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
     again = msb("run", "--scene", SCENE, "-o", results, "--json", "-", MODEL)
     assert again.status == 0
@@ -54,6 +55,7 @@ def test_what_is_to_do_is_shown_and_not_done(msb: Msb, tmp_path: Path) -> None:
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.slow
 def test_failures_are_lines_and_the_highest_status(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "model.ckpt").write_bytes(b"nothing")
     text = f"""
@@ -81,6 +83,7 @@ conditions = ["exported_mesh"]
     assert "3 failed" in result.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "said"),
     [

@@ -6,6 +6,8 @@ import json
 import shutil
 from typing import TYPE_CHECKING
 
+import pytest
+
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 STUBS = ROOT / "data_stubs" / "scenes"
 
 
+@pytest.mark.slow
 def test_several_scenes_are_a_table(msb: Msb) -> None:
     result = msb("scenes", STUBS, COLUMNS="80")
     assert result.status == 0

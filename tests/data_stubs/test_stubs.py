@@ -120,6 +120,7 @@ def test_points_lie_on_the_surface() -> None:
     assert reach.min() * 0.95 < radius.min() <= radius.max() < reach.max() * 1.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "model"),
     [

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from tests.cli.conftest import Msb
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["msb"]
 VIEWS = ROOT / "data_stubs" / "views.json"
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from msb.render import Frame
     from msb.scenes import Camera
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 
 OFF_CENTRE = replace(camera(160, 120, 150.0, (71.0, 66.5)), fx=170.0)
 TALL = replace(camera(90, 130, 140.0, (50.0, 60.0)), fy=120.0)

@@ -194,6 +194,7 @@ def test_a_python_without_bpy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert info.value.code == "ENGINE_FAILED"
 
 
+@pytest.mark.slow
 def test_a_browser_that_ends_is_told() -> None:
     need("threejs")
     asset = mesh_asset(scene("small", 1))
@@ -204,6 +205,7 @@ def test_a_browser_that_ends_is_told() -> None:
         assert info.value.code == "ENGINE_FAILED"
 
 
+@pytest.mark.slow
 def test_only_the_page_is_served() -> None:
     from urllib.error import HTTPError
     from urllib.request import urlopen

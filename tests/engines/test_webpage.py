@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     InBrowser = Callable[..., Any]
 
+pytestmark = pytest.mark.slow
+
 VIEW = camera(200, 150, 160.0, (91.0, 70.0))
 
 

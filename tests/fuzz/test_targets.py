@@ -31,6 +31,7 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_every_target_survives_its_seeds_and_mutations_of_them(tmp_path: Path) -> None:
     done = run(tmp_path, *TARGETS)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -44,6 +45,7 @@ def test_reading_bad_files_executes_nothing_opens_nothing_else_and_stays_small(t
     assert done.stdout == f"{count} files\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deed", ["exec", "write", "child", "socket", "memory", "slow", "error"])
 def test_the_guard_sees(deed: str, tmp_path: Path) -> None:
     """A target that does what none may do is found out: the test above can fail."""

@@ -124,6 +124,7 @@ def random_obj(seed: int) -> tuple[str, list[list[float]], list[list[int]]]:
     return "\n".join(lines), vertices, faces
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [1, 97, text.BLOCK_BYTES])
 def test_random_files_against_a_reader_of_single_lines(
     read: Read, monkeypatch: pytest.MonkeyPatch, block: int

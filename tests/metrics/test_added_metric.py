@@ -55,6 +55,7 @@ def run(package: Path, *words: object) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_eval_measures_an_added_metric(package: Path) -> None:
     out = run(package, "eval", "--json", "here.json", "--csv", "here.csv", GOLDEN / "pred", GOLDEN / "gt")
     assert out.splitlines()[0].split() == ["Image", "Size", "PSNR", "SSIM", "LPIPS", "MAE"]
@@ -66,6 +67,7 @@ def test_eval_measures_an_added_metric(package: Path) -> None:
     assert (package / "here.csv").read_text().splitlines()[0].endswith("psnr,ssim,lpips,mae")
 
 
+@pytest.mark.slow
 def test_records_gaps_and_tables_hold_an_added_metric(package: Path, tmp_path: Path) -> None:
     file = protocol(tmp_path, ("two_dts",), each='conditions = ["dedicated", "standard"]')
     file.path.write_bytes(file.text)

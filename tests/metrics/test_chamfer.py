@@ -103,6 +103,7 @@ def test_golden_points(case: dict[str, Any]) -> None:
     assert shorter["identity"]["parameters"]["max_distance_mm"] == 1
 
 
+@pytest.mark.slow
 def test_memory_bounds_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = read_mesh(DTU / "mesh2.ply")
     vertices, faces = mesh.vertices.astype(np.float64), mesh.faces

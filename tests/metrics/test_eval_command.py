@@ -134,6 +134,7 @@ def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
         assert result.err.startswith("FILE_NOT_FOUND: ")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
 def test_without_the_extra_lpips_is_a_usage_error(msb: Msb, vgg_file: Path) -> None:
     result = msb("eval", "--vgg-weights", vgg_file, PRED, GT)

@@ -153,6 +153,7 @@ def write_safetensors(path: Path, tensors: dict[str, Any]) -> None:
     path.write_bytes(len(text).to_bytes(8, "little") + text + body)
 
 
+@pytest.mark.slow
 def test_safetensors_hold_the_same_tensors(vgg_file: Path, tmp_path: Path) -> None:
     path = tmp_path / "vgg.safetensors"
     write_safetensors(path, synthetic_vgg())
@@ -161,6 +162,7 @@ def test_safetensors_hold_the_same_tensors(vgg_file: Path, tmp_path: Path) -> No
     assert weights["features.28.weight"].flags.writeable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["missing", "shape", "nan", "integers", "range"])
 def test_bad_weights_are_refused(tmp_path: Path, kind: str) -> None:
     weights: dict[str, Any] = synthetic_vgg()

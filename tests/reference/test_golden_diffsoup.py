@@ -35,6 +35,7 @@ def test_float32_repeats_the_official_kernels(view: View) -> None:
         assert worst(frame.raw["clip_vertices"], stored["clip_vertices"]) <= 5e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float64_sees_the_same_faces(view: View) -> None:
     """The key of the depth test is a float32 by definition, else near ties would fall otherwise."""

@@ -40,6 +40,7 @@ def test_float32_repeats_every_plane_of_the_raster(view: View) -> None:
             assert worst(frame.raw[name], stored[name]) <= 2e-6, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float64_differs_at_single_edge_pixels(view: View) -> None:
     """Suggested acceptance: 0.5 % of the stable pixels; the telephoto view is the worst."""
@@ -51,6 +52,7 @@ def test_float64_differs_at_single_edge_pixels(view: View) -> None:
     assert (frame.face_id != stored["ss1_face_id"]).sum() <= 1
 
 
+@pytest.mark.slow
 def test_float64_supersampled() -> None:
     view = VIEWS[3]
     frame = view.render(np.float64)

@@ -27,6 +27,7 @@ def test_float32_repeats_the_official_kernels(view: View) -> None:
         assert worst(frame.normal, stored["normal_accum"]) <= 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float64_differs_at_single_edge_pixels(view: View) -> None:
     frame = view.render(np.float64)

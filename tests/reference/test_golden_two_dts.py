@@ -25,6 +25,7 @@ def test_float32_repeats_the_official_kernels(view: View) -> None:
         assert worst(frame.raw["normal"], stored["normal"]) <= 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float64_differs_by_rounding(view: View) -> None:
     frame = view.render(np.float64)

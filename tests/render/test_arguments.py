@@ -31,6 +31,7 @@ def renderers(asset: Asset, cpu: Device) -> list[msb.Renderer]:
     return [msb.Renderer(asset, tier=tier, device=cpu) for tier in TIERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "background",
     [
@@ -89,6 +90,7 @@ def test_a_background_is_three_numbers_or_a_name(background: Any, color: Any) ->
     assert check_background(background, "white") == pytest.approx(color)
 
 
+@pytest.mark.slow
 def test_names_of_backgrounds_are_those_of_the_command_line(asset: Asset, cpu: Device) -> None:
     empty = replace(front_camera(8, 8), world_to_camera=np.diag([-1.0, 1, -1, 1]))
     trained = replace(asset, manifest=replace(asset.manifest, appearance={"background": "white"}))
@@ -123,6 +125,7 @@ def test_an_argument_of_another_type_is_refused_by_name(
     assert caught.value.code == code
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_what_lies_at_a_path_is_drawn_as_the_asset_made_of_it(tier: Any, cpu: Device) -> None:
     path = "data_stubs/models/walled/mesh_splatting"

@@ -87,6 +87,7 @@ def raster_rows(view: View, image: np.ndarray) -> np.ndarray:
     return image[::-1] if view.stored["flip_rows"] else image
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=str)
 def test_official_evaluation(device: Device, view: View) -> None:
     frame, stored = draw(device, view), view.stored
@@ -136,6 +137,7 @@ def test_frame(device: Device, view: View) -> None:
     np.testing.assert_array_equal(plain.image, frame.image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", TAME, ids=str)
 def test_official_viewer(device: Device, view: View) -> None:
     """The viewer's render targets and colours: bytes in its textures, bytes again after interpolation."""
@@ -165,6 +167,7 @@ def test_web_export_is_near_the_checkpoint(device: Device, view: View) -> None:
     assert 30 < -10 * np.log10(np.mean((frame.image - view.image) ** 2)) < 60
 
 
+@pytest.mark.slow
 def test_styles_agree_to_the_bit() -> None:
     frames: list[list[Frame]] = []
     for style in STYLES:

@@ -113,6 +113,7 @@ def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK,
         pipeline.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", range(6))
 @pytest.mark.parametrize("quantised", [False, True], ids=["numbers", "bytes"])
 def test_reference(device: Device, level: int, quantised: bool) -> None:
@@ -164,6 +165,7 @@ def test_small_images(device: Device, size: tuple[int, int]) -> None:
     assert frame.image.shape == (*size[::-1], 3)
 
 
+@pytest.mark.slow
 def test_large_image() -> None:
     """8K: a band of it is drawn, the rest is background."""
     positions = np.array([[-9, -0.02, 3], [9, -0.02, 3], [9, 0.02, 3], [-9, 0.02, 3]])
@@ -197,6 +199,7 @@ def test_one_triangle_over_everything(device: Device) -> None:
     np.testing.assert_allclose(frame.depth, 3, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_many_triangles_in_one_tile(device: Device) -> None:
     """Each covers all of the picture: the nearest is seen, wherever it stands among the 100,000."""
     count = 100_000

@@ -65,6 +65,7 @@ def crossing(method: str, seed: int) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "settings", "order", "sampling"), CASES)
 def test_equals_the_reference(
     method: str, settings: dict[str, Any], order: Any, sampling: Any, device: Device
@@ -111,6 +112,7 @@ def test_an_engine_sees_what_the_official_renderers_drop(device: Device) -> None
         assert np.abs(engine.image - official.image).max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_tiles_do_not_matter_to_an_engine(method: str, device: Device) -> None:
     asset = soup(method, random_triangles(2))
@@ -120,6 +122,7 @@ def test_tiles_do_not_matter_to_an_engine(method: str, device: Device) -> None:
     np.testing.assert_array_equal(first.image, second.image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_one_triangle_through_the_camera_plane_covers_everything(method: str, device: Device) -> None:
     rows = 3 if method == "mesh_splatting" else 1
@@ -134,6 +137,7 @@ def test_one_triangle_through_the_camera_plane_covers_everything(method: str, de
     np.testing.assert_allclose(frame.depth, wanted.depth, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_an_8k_image() -> None:
     """Positions are as exact at the far corner as at the first one."""
     spread = random_triangles(1, 20)
@@ -151,6 +155,7 @@ def test_an_8k_image() -> None:
     assert (np.abs(part - wanted.image).max(axis=-1) > 1e-3).mean() < 5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[5], VIEWS[6], TAME[0]], ids=str)
 def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> None:
     """Golden pictures of a real rasterizer; officially a triangle that crosses the camera plane vanishes."""

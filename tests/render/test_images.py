@@ -54,6 +54,7 @@ def test_png_npy_and_exr(tmp_path: Path) -> None:
     assert not (tmp_path / "depth.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["mp4", "gif"])
 def test_films_have_every_frame(suffix: str, tmp_path: Path) -> None:
     frames = [np.roll(IMAGE, 4 * i, axis=1) for i in range(7)]

@@ -60,6 +60,7 @@ def refused(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
     return None, ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
     """From no memory to enough: model, projected faces, lists, samples and pixels are met in turn."""
@@ -82,6 +83,7 @@ def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
     draw(asset, device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("faces", [20, 20_000], ids=["few", "many"])
 def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: int, device: Device) -> None:
@@ -96,6 +98,7 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
     assert (use in own) == (faces == 20_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_samples_are_drawn_in_bands_that_fit(
     method: str, device: Device, monkeypatch: pytest.MonkeyPatch

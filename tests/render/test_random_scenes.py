@@ -23,6 +23,8 @@ from tests.render.random_cases import KINDS, STANDARD, draw_case, draw_settings
 if TYPE_CHECKING:
     from msb.cl import Device
 
+pytestmark = pytest.mark.slow
+
 DRAWS = 10
 
 

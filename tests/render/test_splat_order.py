@@ -148,6 +148,7 @@ def test_equal_depths_are_sorted_by_number(
     np.testing.assert_array_equal(result, places[np.lexsort((numbers[places], by_depth))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize(

@@ -81,6 +81,7 @@ def draw(
         pipeline.close()
 
 
+@pytest.mark.slow
 @variants
 @pytest.mark.parametrize("seed", range(3))
 def test_equals_the_reference(method: str, settings: dict[str, Any], seed: int, cpu: Device) -> None:
@@ -102,6 +103,7 @@ def test_equals_the_reference(method: str, settings: dict[str, Any], seed: int, 
         assert (frame.face_id != wanted.face_id).mean() <= 2e-3
 
 
+@pytest.mark.slow
 @variants
 def test_both_styles_agree(method: str, settings: dict[str, Any], cpu: Device, gpu: Device) -> None:
     asset, camera = model(method, 7), front_camera(71, 45)
@@ -188,6 +190,7 @@ def test_one_triangle_over_everything(method: str, cpu: Device, gpu: Device) -> 
         np.testing.assert_allclose(frame.depth, 4, rtol=1e-5)
 
 
+@pytest.mark.slow
 @methods
 def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> None:
     """Nearly transparent ones, so that all are listed and most are blended: 100,000 of one method."""
@@ -226,6 +229,7 @@ def test_ties_keep_the_order_of_the_asset(method: str, cpu: Device, gpu: Device)
         assert middle[0] > middle[1] >= middle[2]
 
 
+@pytest.mark.slow
 def test_an_8k_image_is_drawn_in_bands(cpu: Device) -> None:
     """Planes of all samples, 4 x 4 to a pixel, would take 10 GB."""
     asset = soup("mesh_splatting", random_triangles(1, 60, 0.2))
@@ -264,6 +268,7 @@ def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pyt
         assert caught.value.code == "DEVICE_MEMORY"
 
 
+@pytest.mark.slow
 @variants
 def test_what_saves_time_changes_no_pixel(
     method: str, settings: dict[str, Any], cpu: Device, gpu: Device
@@ -276,6 +281,7 @@ def test_what_saves_time_changes_no_pixel(
         np.testing.assert_array_equal(plain.depth, frame.depth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
     """Depth keys decide the order; sample positions are double precision upstream, two floats here."""
@@ -302,6 +308,7 @@ def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> No
     np.testing.assert_array_equal(faces[places, 6:9], windows.edge_offset[numbers])
 
 
+@pytest.mark.slow
 @methods
 @pytest.mark.parametrize("sampling", ["official", "engine"])
 @pytest.mark.parametrize("offset", [0.0, 3000.0])

@@ -78,6 +78,7 @@ def test_single_samples_are_the_official_ones(view: View, device: Device) -> Non
     assert (frame.raw["ss1_face_id"] != stored["ss1_face_id"])[stable].mean() <= 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[0], VIEWS[3], VIEWS[11], VIEWS[20]], ids=names)
 def test_outputs_do_not_change_the_image(view: View, device: Device) -> None:
     """Other kernels draw when more than image, alpha and depth is asked for."""

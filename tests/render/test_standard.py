@@ -62,6 +62,7 @@ def test_agrees_with_the_twin(device: Device, kind: str, seed: int) -> None:
     check_agreement(frame, twin(mesh, colors, view))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", STYLES[1:])
 @pytest.mark.parametrize("kind", KINDS)
 def test_styles_of_kernels_agree(devices: dict[str, Device], kind: str, style: str) -> None:
@@ -86,6 +87,7 @@ def test_hidden_layers(devices: dict[str, Device]) -> None:
     check_equal(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 @pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
 def test_colors_of_every_domain(device: Device, domain: str, dtype: type) -> None:
@@ -192,6 +194,7 @@ def test_infinitely_thin(device: Device) -> None:
     assert np.isfinite(draw(device, mesh_asset(unshared(flat)), view).image).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (7, 3), (8, 1), (257, 129), (3, 300)])
 def test_sizes_of_images(device: Device, size: tuple[int, int]) -> None:
     mesh = scene("everything", 13)
@@ -202,6 +205,7 @@ def test_sizes_of_images(device: Device, size: tuple[int, int]) -> None:
     check_agreement(frame, twin(mesh, colors, view), 0.998 if max(size) > 7 else 0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("principal", [(-30.3, 20.7), (60.25, 200.0), (4000.0, -9000.0)])
 def test_principal_point_off_the_middle(device: Device, principal: tuple[float, float]) -> None:
     mesh = scene("everything", 17)
@@ -226,6 +230,7 @@ def test_far_from_the_origin(device: Device) -> None:
     np.testing.assert_array_equal(frame.face_id, here.face_id)
 
 
+@pytest.mark.slow
 def test_8k(devices: dict[str, Device]) -> None:
     view = camera(7680, 4320, 6000.0)
     mesh = unshared(np.concatenate([scattered(2, 300, 0.2, 1.2, 4), BIG + np.array([0, 0, 6])]))

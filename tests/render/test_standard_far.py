@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from tests.render.standard_scenes import Arrays
 
+pytestmark = pytest.mark.slow
+
 REAL = np.longdouble
 NEAR = REAL(np.float32(0.01))
 

@@ -51,6 +51,7 @@ def coverage(device: Device, triangles: NDArray[Any], view: Camera = VIEW) -> ND
     return count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius", "middle"),
     [

@@ -123,6 +123,7 @@ def test_settings_of_other_tiers_do_nothing(styled: Device) -> None:
     np.testing.assert_array_equal(one.image, other.image)
 
 
+@pytest.mark.slow
 def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
     mesh = scene("everything", 5)
     renderer = StandardRenderer(mesh_asset(mesh, random_colors(5, len(mesh[0]))), device=styled)
@@ -170,6 +171,7 @@ def test_closed_twice(fresh: Device) -> None:
     fresh.finish()  # still open
 
 
+@pytest.mark.slow
 def test_alpha_channel_is_not_used(styled: Device) -> None:
     mesh = scene("small", 8)
     colors = random_colors(8, len(mesh[0]))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from msb.cl import Device
     from tests.render.standard_scenes import Arrays
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 
 VIEW = camera(320, 240, 300.0)
 

@@ -42,6 +42,7 @@ def draw(tier: type, method: str, device: Device) -> Frame:
     return frame
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_blending_is_refused_where_a_group_cannot_be_a_tile(method: str, limited: Device) -> None:
     allowed = limited.record.max_work_group

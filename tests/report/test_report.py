@@ -76,6 +76,7 @@ def test_findings_are_the_papers_with_its_numbers() -> None:
     assert len(said["ranking"]) == 6
 
 
+@pytest.mark.slow
 def test_findings_point_at_tables_that_exist(report: Report) -> None:
     made = paper_report()
     for one in (report, made):
@@ -120,6 +121,7 @@ def test_charts_are_well_formed_and_take_the_colours_of_the_page(report: Report)
     assert len(identifiers) == len(set(identifiers))
 
 
+@pytest.mark.slow
 def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
     first, second = (deployment_gap(numbers, "mipnerf360") for _ in range(2))
     assert first is not None
@@ -342,6 +344,7 @@ def test_one_failed_record_makes_a_report(tmp_path: Path) -> None:
     assert made.findings == ()
 
 
+@pytest.mark.slow
 def test_hostile_names_stay_names(tmp_path: Path) -> None:
     scene = '<img src=x onerror="alert(1)">'
     found = []

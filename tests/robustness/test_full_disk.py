@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from tests.robustness.conftest import Disk, Here
 
+pytestmark = pytest.mark.slow
+
 FULL = Path("/dev/full")
 STUBS = ROOT / "data_stubs"
 ASSET, CHECKPOINT = STUBS / "splat_like.triasset", STUBS / "checkpoint"

@@ -14,7 +14,7 @@ from tests.robustness.kill import Killer, Tally
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="process groups are POSIX")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="process groups are POSIX")]
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     Refused = Callable[..., tuple[int, str]]
 
+pytestmark = pytest.mark.slow
+
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 TURN = ("render", "--turntable", 1, "--size", "64x48")

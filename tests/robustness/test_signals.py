@@ -17,9 +17,9 @@ from tests.robustness.whole import finals, leftovers
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-# Who is started in the background inherits that interrupts are ignored, under nohup hang-ups, too. Writing is made
-# slow, so that the signal comes in the middle of it.
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
+# Who is started in the background inherits that interrupts are ignored, under nohup hang-ups, too. Writing
+# is made slow, so that the signal comes in the middle of it.
 SLOW = (
     "import signal, sys, time\n"
     "signal.signal(signal.SIGINT, signal.default_int_handler)\n"

@@ -140,6 +140,7 @@ def test_a_text_point_may_have_a_signed_or_rounded_look(tmp_path: Path) -> None:
     assert rgb.tolist() == [[0, 255, 12], [1, 2, 3]]
 
 
+@pytest.mark.slow
 def test_points_take_little_more_memory_than_they_are(tmp_path: Path) -> None:
     count = 50_000
     (tmp_path / "points3D.bin").write_bytes(many(*[point_bin(track=2)] * count))

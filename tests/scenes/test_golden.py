@@ -166,6 +166,7 @@ def color_error(camera: Camera, photograph: np.ndarray, xyz: np.ndarray, rgb: np
     return float(np.median(np.abs(photograph[row, column] - rgb[inside] / 255).mean(axis=1)))
 
 
+@pytest.mark.slow
 def test_points_of_the_garden_land_on_their_colours(shared: Path) -> None:
     image = pytest.importorskip("PIL.Image")
     garden = shared / "golden" / "garden"

@@ -79,6 +79,7 @@ def test_a_flight_passes_through_the_given_cameras(closed: bool) -> None:
         assert (met.width, met.height) == (cameras[0].width, cameras[0].height)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [False, True])
 def test_a_flight_has_no_kinks(closed: bool) -> None:
     """Steps between frames change by less and less as the frames get denser: the velocity is continuous."""

@@ -87,6 +87,7 @@ def test_chains_partition_the_boundary_edges() -> None:
     assert (np.bincount(rim.reshape(-1)) % 2 == 0).all()
 
 
+@pytest.mark.slow
 def test_loops_agree_with_a_walk_in_plain_python() -> None:
     random = np.random.default_rng(21)
     meshes = [random_mesh(random) for _ in range(300)] + [splat_like(14)]

@@ -72,6 +72,7 @@ def test_peer_explains_every_hand_made_case(peer: str) -> None:
         assert_explained(check_in_process(peer, case.vertices, case.faces))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("peer", IN_PROCESS)
 def test_peer_explains_every_random_mesh(peer: str) -> None:
@@ -98,6 +99,7 @@ CHILD_CASES = [
 """Those of the specification's table (section 5), where the peers differ; a child process each."""
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CHILD_CASES)
 def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str) -> None:
@@ -110,6 +112,7 @@ def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str) -
         assert_explained(compare(peer, reply, facts)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("file", ["synthetic_splat_small.ply", "synthetic_splat_medium.ply"])
 def test_all_five_peers_explain_a_synthetic_splat_mesh(file: str) -> None:
@@ -123,6 +126,7 @@ def test_all_five_peers_explain_a_synthetic_splat_mesh(file: str) -> None:
     assert {r.peer for r in strict} == {"libigl", "PyMeshLab", "NetworkX"}
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_all_five_peers_explain_a_large_random_mesh() -> None:
     """A few hundred faces glued at random: every count of the audit is far from 0 at once."""
@@ -147,6 +151,7 @@ def test_large_coordinates_slivers_and_offsets_do_not_upset_areas() -> None:
             assert row_of(check_in_process(peer, moved, faces), peer, "total_area").verdict == "agrees"
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_five_peers_on_a_closed_mesh_agree_on_everything() -> None:
     need(*PEERS)
@@ -161,12 +166,14 @@ def test_five_peers_on_a_closed_mesh_agree_on_everything() -> None:
         explain(row["quantity"])
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_nothing_of_the_peers_leaks_to_our_streams(capfd: pytest.CaptureFixture[str]) -> None:
     check(*BOOK)
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_book_differs_only_where_pymeshlab_skips_edge_endpoints() -> None:
     need(*PEERS)
@@ -197,6 +204,7 @@ NOT_COMPARED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("more", "off"),
@@ -252,6 +260,7 @@ def test_disagreement_says_what_was_expected() -> None:
 # --- who is asked
 
 
+@pytest.mark.slow
 def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     present, here = find_spec, {"trimesh", "networkx", "manifold3d"}
     monkeypatch.setattr(extras, "find_spec", lambda name: present(name) if name in here else None)
@@ -297,6 +306,7 @@ def test_bad_index_is_an_error_before_any_peer_is_asked(child: Callable[[str], N
 # --- predictions
 
 
+@pytest.mark.slow
 def test_pair_numbers_of_proper_faces_are_our_own_counts() -> None:
     random = np.random.default_rng(41)
     meshes = [(c.vertices, c.faces) for c in WITH_FACES] + [random_mesh(random) for _ in range(300)]

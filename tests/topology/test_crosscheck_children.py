@@ -57,6 +57,7 @@ def test_peer_that_fails_is_skipped_with_its_last_words(
     assert len(why) < 300
 
 
+@pytest.mark.slow
 def test_one_crashing_peer_costs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     honest = children.command
 
@@ -89,6 +90,7 @@ def test_interrupt_ends_the_children(child: Callable[[str], None], monkeypatch: 
     assert all(process.poll() is not None for process in started)
 
 
+@pytest.mark.slow
 def test_child_does_not_run_files_of_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

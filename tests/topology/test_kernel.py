@@ -102,6 +102,7 @@ def crowded(draw: st.DrawFn) -> Mesh:
     return random.standard_normal((count + 2, 3)) * 10.0 ** random.integers(-3, 4), faces
 
 
+@pytest.mark.slow
 @settings(QUICK, max_examples=100)
 @given(mesh=crowded())
 def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
@@ -215,6 +216,7 @@ def test_ties_for_the_largest_component_go_to_the_area_then_to_the_first(device:
     assert everywhere(device, (flat, faces)).largest_component_area == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [1, 3, 8, 13, 24])
 def test_a_connected_mesh_has_all_of_its_area_in_its_largest_component(
     device: Device, frequency: int

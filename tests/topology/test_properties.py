@@ -45,6 +45,7 @@ def numbers(mesh: Mesh) -> dict[str, Any]:
     return {**rounded, "valence": report.valence_histogram, "soup": report.is_soup, "kind": report.topology}
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes(), seeds)
 def test_renumbering_vertices_changes_nothing(mesh: Mesh, random: np.random.Generator) -> None:
@@ -53,6 +54,7 @@ def test_renumbering_vertices_changes_nothing(mesh: Mesh, random: np.random.Gene
     assert numbers((points[order], np.argsort(order)[faces])) == numbers(mesh)
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes(), seeds)
 def test_reordering_and_rotating_faces_changes_nothing(mesh: Mesh, random: np.random.Generator) -> None:
@@ -62,6 +64,7 @@ def test_reordering_and_rotating_faces_changes_nothing(mesh: Mesh, random: np.ra
     assert numbers((points, rotated[random.permutation(len(faces))])) == numbers(mesh)
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes(), seeds)
 def test_reversing_faces_changes_winding_alone(mesh: Mesh, random: np.random.Generator) -> None:
@@ -76,6 +79,7 @@ def test_reversing_faces_changes_winding_alone(mesh: Mesh, random: np.random.Gen
     assert other == one
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes())
 def test_splitting_all_vertices_gives_a_soup(mesh: Mesh) -> None:
@@ -95,6 +99,7 @@ def test_splitting_all_vertices_gives_a_soup(mesh: Mesh) -> None:
 MAXIMA = {"largest_component_faces", "max_edge_faces"}
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes(), meshes())
 def test_disjoint_union_adds_counts_and_keeps_maxima(one: Mesh, other: Mesh) -> None:
@@ -104,6 +109,7 @@ def test_disjoint_union_adds_counts_and_keeps_maxima(one: Mesh, other: Mesh) -> 
     assert asdict(union.counts) == expected
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes())
 def test_another_unreferenced_vertex_changes_only_what_counts_vertices(mesh: Mesh) -> None:
@@ -117,6 +123,7 @@ def test_another_unreferenced_vertex_changes_only_what_counts_vertices(mesh: Mes
     assert after["unreferenced_vertices"] == before["unreferenced_vertices"] + 1
 
 
+@pytest.mark.slow
 @QUICK
 @given(meshes())
 def test_identities_hold(mesh: Mesh) -> None:
@@ -147,12 +154,13 @@ def test_identities_hold_on_a_splat_like_mesh() -> None:
     assert_identities(splat_like(24))
 
 
-def test_audit_agrees_with_the_brute_force_twin_on_thousands_of_meshes() -> None:
+@pytest.mark.parametrize("count", [400, pytest.param(4000, marks=pytest.mark.slow)])
+def test_audit_agrees_with_the_brute_force_twin_on_random_meshes(count: int) -> None:
     random = np.random.default_rng(2024)
     seen = dict.fromkeys(
         ["nonmanifold_edges", "multifan_vertices", "repeated_index_faces", "nonfinite_faces"], 0
     )
-    for _ in range(4000):
+    for _ in range(count):
         points, faces = random_mesh(random)
         report = audit(points, faces)
         expected = brute_force.audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
@@ -166,7 +174,7 @@ def test_audit_agrees_with_the_brute_force_twin_on_thousands_of_meshes() -> None
                 assert got[key] == value, (key, faces.tolist(), points.tolist())
         for key in seen:
             seen[key] += expected[key] > 0
-    assert min(seen.values()) > 300, seen  # the meshes are as rich as they claim
+    assert min(seen.values()) > 0.07 * count, seen  # the meshes are as rich as they claim
 
 
 def test_audit_agrees_with_the_brute_force_twin_on_a_splat_like_mesh() -> None:

@@ -43,6 +43,7 @@ def no_pyvista(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"PYTHONPATH": os.pathsep.join((str(folder), str(ROOT), str(ROOT / "viewers")))}
 
 
+@pytest.mark.slow
 def test_pictures_and_pages_need_neither_vtk_nor_a_display(
     tmp_path: Path, no_pyvista: dict[str, str]
 ) -> None:
@@ -101,6 +102,7 @@ def test_photographs_are_the_truth_and_views_have_their_size(tmp_path: Path) -> 
     assert white < 6 < black  # a dark asset on black is far from white
 
 
+@pytest.mark.slow
 def test_a_page_without_cameras_goes_round_the_asset(tmp_path: Path) -> None:
     result = compare("--tiers", "standard", "--html", tmp_path / "c.html", CHECKPOINT)
     assert result.returncode == 0, result.stderr
@@ -109,6 +111,7 @@ def test_a_page_without_cameras_goes_round_the_asset(tmp_path: Path) -> None:
     assert len({view["shots"]["standard"]["image"] for view in meta["views"]}) == 8
 
 
+@pytest.mark.slow
 def test_a_method_without_any_of_the_tiers_is_status_4(tmp_path: Path) -> None:
     mesh = tmp_path / "m.off"
     mesh.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
@@ -120,6 +123,7 @@ def test_a_method_without_any_of_the_tiers_is_status_4(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "code", "status"),
     [
@@ -145,6 +149,7 @@ def test_wrong_use_is_one_line(args: list[str], code: str, status: int, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_nothing_is_half_written(tmp_path: Path) -> None:
     out = tmp_path / "c.html"
     out.write_text("mine")

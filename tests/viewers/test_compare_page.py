@@ -106,6 +106,7 @@ def in_browser(tmp_path: Path, text: str, script: str, width: int = 1280) -> dic
     return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
 
 
+@pytest.mark.slow
 def test_a_browser_draws_the_same_map_and_figures(tmp_path: Path) -> None:
     script = """
       setLayout("difference"); await new Promise((r) => setTimeout(r, 1500));
@@ -136,6 +137,7 @@ def test_a_browser_draws_the_same_map_and_figures(tmp_path: Path) -> None:
     assert found["wide"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["side", "wipe", "difference"])
 def test_a_phone_shows_it_without_scrolling_sideways(tmp_path: Path, layout: Any) -> None:
     script = """await new Promise((r) => setTimeout(r, 1000));

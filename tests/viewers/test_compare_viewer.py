@@ -57,6 +57,7 @@ def free_state(**more: Any) -> CompareState:
     return CompareState.first(comparison([], FAST), **more)
 
 
+@pytest.mark.slow
 def test_the_window_shows_the_composed_picture(opened: Any) -> None:
     viewer = opened(CompareState.first(comparison(tiers=FAST)))
     assert viewer.settled
@@ -198,6 +199,7 @@ def test_every_key_of_the_help_does_something(
     assert [path.name for path in tmp_path.iterdir()] == ["demo_view_1.png"]
 
 
+@pytest.mark.slow
 def test_the_window_does_not_wait_for_the_reference(opened: Any) -> None:
     state = CompareState.first(comparison(settings={"supersample": 1}))
     state.reference = False
@@ -262,6 +264,7 @@ def test_the_newest_order_counts() -> None:
         painter.close()
 
 
+@pytest.mark.slow
 def test_while_moving_paths_come_together_and_slow_ones_are_left_out() -> None:
     renderers = Slow({"dedicated": 0.3, "standard": 0.0})
     painter = Painter(renderers)
@@ -304,6 +307,7 @@ def collected(solver: ReferenceSolver, seconds: float = 60.0) -> list[Shot]:
     return found
 
 
+@pytest.mark.slow
 def test_the_reference_comes_from_a_child_first_small_then_whole() -> None:
     solver = ReferenceSolver(checkpoint_asset(), {"sh_degree": 0, "supersample": 1})
     camera = small_cameras(1)[0].resized(200, 150)
@@ -327,6 +331,7 @@ def test_the_reference_comes_from_a_child_first_small_then_whole() -> None:
     assert solver._process is None
 
 
+@pytest.mark.slow
 def test_a_child_that_died_is_told_and_replaced() -> None:
     solver = ReferenceSolver(checkpoint_asset(), {})
     try:

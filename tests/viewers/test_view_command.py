@@ -83,6 +83,7 @@ def test_one_command_writes_picture_figure_and_page(gl: None, book: Path, tmp_pa
     assert "OUTPUT_EXISTS" in again.stderr
 
 
+@pytest.mark.slow
 def test_the_picture_shows_what_is_asked_for(gl: None, book: Path, tmp_path: Path) -> None:
     from msb_viewers.palette import HIGHLIGHT
 
@@ -112,6 +113,7 @@ def test_without_a_display_the_message_says_what_works(book: Path) -> None:
         assert result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @needs_pyvista
 @pytest.mark.skipif(sys.platform != "linux", reason="the libraries are those of Linux")
 def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_path: Path) -> None:
@@ -223,6 +225,7 @@ def test_audit_views_one_mesh_only(tmp_path: Path, book: Path) -> None:
     assert "--view takes one mesh" in result.stderr
 
 
+@pytest.mark.slow
 @needs_pyvista
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
 def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
