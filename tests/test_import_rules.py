@@ -15,6 +15,8 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+pytestmark = pytest.mark.slow  # `make lint` runs them
+
 ROOT = Path(__file__).parent.parent
 GROUND = {
     "errors",

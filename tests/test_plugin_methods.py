@@ -64,6 +64,7 @@ def test_it_is_one_of_the_methods(site: Path) -> None:
     assert detect(TWO_DTS) == "two_dts"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 @pytest.mark.parametrize("order", ["tile", "none"])
 def test_its_kernels_draw_what_its_reference_draws(site: Path, style: Any, order: str) -> None:

@@ -7,6 +7,7 @@ lets deep nesting end in RecursionError. A manifest that relies on any of these 
 from __future__ import annotations
 
 import json
+import re
 from typing import Any, NoReturn
 
 from msb.asset.manifest import MANIFEST_NAME
@@ -19,6 +20,7 @@ MAX_DEPTH = 16
 """The format nests 4 deep; extensions may nest further."""
 MAX_DIGITS = 20
 """2^64 has 20 digits; no field of the format needs more."""
+_SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
 def parse_strict_json(
@@ -126,7 +128,7 @@ class _Parser:
 def has_lone_surrogate(value: Any) -> bool:
     """Return whether any string in the JSON data `value` cannot be written as UTF-8."""
     if isinstance(value, str):
-        return any("\ud800" <= character <= "\udfff" for character in value)
+        return not value.isascii() and _SURROGATE.search(value) is not None
     if isinstance(value, list):
         return any(map(has_lone_surrogate, value))
     if isinstance(value, dict):

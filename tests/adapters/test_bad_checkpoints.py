@@ -13,6 +13,7 @@ from msb.adapters.checkpoint import read_checkpoint
 from msb.errors import CODES, CheckpointError, InputError
 from tests.adapters.assemble import GOOD, archive, legacy
 from tests.adapters.bad_checkpoints import CASES, write_case
+from tests.fuzz.corpora import LONGEST
 
 MSB = Path(msb.errors.__file__).parent
 _ALL = [code for code in CODES if CODES[code].kind is CheckpointError]
@@ -20,7 +21,10 @@ CHECKPOINT_CODES = set(_ALL[: _ALL.index("CHECKPOINT_UNKNOWN")])
 """Those of `read_checkpoint`; the ones behind are about models, and test_bad_models.py has their cases."""
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, id=case.name, marks=[pytest.mark.slow] * (case.name == LONGEST)) for case in CASES],
+)
 def test_a_bad_checkpoint_gives_its_code(case, tmp_path: Path) -> None:
     path = write_case(case, tmp_path)
     with pytest.raises(CheckpointError) as caught:

@@ -67,6 +67,7 @@ def test_the_mapping_outlives_the_name_of_the_file(tmp_path: Path) -> None:
     assert value["w"].sum() == 21
 
 
+@pytest.mark.slow
 def test_a_large_storage_is_not_read(tmp_path: Path) -> None:
     """64 MiB of zeros: opening allocates next to nothing."""
     count = 1 << 24

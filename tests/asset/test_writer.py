@@ -216,6 +216,7 @@ def test_buffers_changed_by_hand_are_checked(tmp_path: Path) -> None:
         assert refused(Asset(good.manifest, MappingProxyType(buffers)), tmp_path) == "BUFFER_SHAPE"
 
 
+@pytest.mark.slow
 def test_a_manifest_that_grows_over_its_limit_by_being_indented_is_not_written(tmp_path: Path) -> None:
     good = parts(mesh()).change("/x", [0] * 200_000)
     compact = str(good.manifest).replace("'", '"').replace(" ", "").encode()

@@ -96,6 +96,7 @@ def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path,
     assert found.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
 
 
+@pytest.mark.slow
 def test_the_weights_of_lpips_decide_whether_a_cell_is_done(bench: Bench, fake_network: None) -> None:
     bench.compute("standard", "quality", "timing")
     (planned,) = bench.plan("standard")
@@ -132,6 +133,7 @@ def test_a_bug_while_a_model_is_read_costs_its_cells_and_says_where(bench: Bench
     assert {one.reason.code for one in found if one.reason} == {"INTERNAL"}
 
 
+@pytest.mark.slow
 def test_a_timing_keeps_the_images_and_the_other_way_round(bench: Bench) -> None:
     first = bench.record(bench.compute("dedicated", "quality"))
     second = bench.record(bench.compute("dedicated", "timing"))

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 
 
+@pytest.mark.slow
 def test_answers_errors_and_deaths(tmp_path: Path) -> None:
     tasks = ["a", "die", "b", "raise it", f"once {tmp_path / 'seen'}", "c", "d"]
     with LocalWorkers(2) as workers:
@@ -37,6 +38,7 @@ def test_answers_errors_and_deaths(tmp_path: Path) -> None:
     assert died.code == "RUN_WORKER_DIED"
 
 
+@pytest.mark.slow
 def test_alone_survives_a_death_too(tmp_path: Path) -> None:
     tasks = [f"once {tmp_path / 'seen'}", "die", "a"]
     with LocalWorkers(1) as workers:
@@ -45,6 +47,7 @@ def test_alone_survives_a_death_too(tmp_path: Path) -> None:
     assert getattr(found["die"], "code", None) == "RUN_WORKER_DIED"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_their_parent(tmp_path: Path, number: int) -> None:
     code = (

@@ -100,6 +100,7 @@ def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) ->
     assert found[0] == found[1] == found[2]
 
 
+@pytest.mark.slow
 def test_memory_of_a_cell_does_not_depend_on_the_cells_before_it() -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble")
     found = []

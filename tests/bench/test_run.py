@@ -189,6 +189,7 @@ def test_a_changed_photograph_or_model_is_noticed(again: ProtocolFile, tmp_path:
     assert "asset" in str(told["two_dts/exported_mesh"])
 
 
+@pytest.mark.slow
 def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     (broken / "ckpt").mkdir(parents=True)

@@ -24,6 +24,7 @@ TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
 HOLD = f"import time; {TAKE}; time.sleep(0.5)"
 
 
+@pytest.mark.slow
 def test_time_memory_and_status() -> None:
     found = track([sys.executable, "-c", f"{HOLD}; raise SystemExit(7)"], interval=0.02)
     assert found.exit_status == 7
@@ -34,6 +35,7 @@ def test_time_memory_and_status() -> None:
     assert found.started <= found.ended
 
 
+@pytest.mark.slow
 def test_memory_of_children_counts() -> None:
     child = f"{TAKE}; print(flush=True); input()"
     code = (

@@ -90,6 +90,7 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_ground_truth_that_is_not_as_it_was_written_is_written_again(
     task: PhotographTask, damage: str
@@ -190,6 +191,7 @@ def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) 
         read_results(again.results)
 
 
+@pytest.mark.slow
 def test_a_report_names_renderings_it_cannot_show(again: ProtocolFile) -> None:
     here = again.results / CELLS / "two_dts"
     gone = here / "dedicated/images/test/r_0.png"

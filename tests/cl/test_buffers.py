@@ -79,6 +79,7 @@ def test_views_share_memory(device: Device) -> None:
         bits.read()
 
 
+@pytest.mark.slow
 def test_every_byte_is_accounted(fresh: Device) -> None:
     assert fresh.memory() == {}
     positions = fresh.upload(np.zeros((5, 3), np.float32), "positions")

@@ -54,10 +54,12 @@ def test_nothing_is_loaded_before_it_is_needed(child: Child) -> None:
     assert answer(child(code)) == "False"
 
 
+@pytest.mark.slow
 def test_pocl_is_found_with_nothing_set(child: Child) -> None:
     assert "pocl:0" in answer(child(LIST, **NOTHING_SET)).split("|")
 
 
+@pytest.mark.slow
 def test_no_platform(child: Child, tmp_path: Path) -> None:
     """The pyopencl wheel's loader finds nothing at all if the folder it is pointed to does not exist."""
     line = answer(child(OPEN, **{**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / "absent")}))
@@ -67,6 +69,7 @@ def test_no_platform(child: Child, tmp_path: Path) -> None:
     assert "\n" not in line
 
 
+@pytest.mark.slow
 def test_platform_without_device(child: Child, tmp_path: Path) -> None:
     """The wheel's is the only platform where the loader is pointed to an empty folder."""
     env = {"OCL_ICD_VENDORS": str(tmp_path), "POCL_DEVICES": "no_such_driver", "MSB_DEVICE": "pocl"}
@@ -76,6 +79,7 @@ def test_platform_without_device(child: Child, tmp_path: Path) -> None:
     assert "found Portable Computing Language without a usable device" in line
 
 
+@pytest.mark.slow
 def test_no_pyopencl(child: Child) -> None:
     line = answer(child("import sys\nsys.modules['pyopencl'] = None\n" + OPEN))
     assert line.startswith("DEVICE_NOT_FOUND: pyopencl cannot be loaded")
@@ -106,6 +110,7 @@ def test_a_cache_that_cannot_be_written(child: Child, tmp_path: Path, variable: 
     assert "cannot be written" in note
 
 
+@pytest.mark.slow
 def test_a_user_without_a_home(child: Child) -> None:
     code = "import pathlib\ndef none(): raise RuntimeError\npathlib.Path.home = none\n" + LIST
     found = answer(child(code, **{**NOTHING_SET, "XDG_CACHE_HOME": None})).split("|")
@@ -141,6 +146,7 @@ def fake_intel(folder: Path, *, library: str = "not a library") -> Path:
     return site
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the Intel runtime is registered on Linux only")
 def test_intel_without_what_it_needs_is_said_and_left_out(child: Child, tmp_path: Path) -> None:
     site = fake_intel(tmp_path)
@@ -150,6 +156,7 @@ def test_intel_without_what_it_needs_is_said_and_left_out(child: Child, tmp_path
     assert 'intel-opencl-rt needs libtbb.so.12: pip install "meshsplatbench[intel]"' in found
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the Intel runtime is registered on Linux only")
 def test_intel_that_does_not_load_is_said_and_the_others_stay(child: Child, tmp_path: Path) -> None:
     site = fake_intel(tmp_path)
@@ -160,6 +167,7 @@ def test_intel_that_does_not_load_is_said_and_the_others_stay(child: Child, tmp_
     assert found[-1].startswith("intel-opencl-rt is installed but its platform does not appear")
 
 
+@pytest.mark.slow
 def test_what_the_user_set_holds(child: Child, tmp_path: Path) -> None:
     site = fake_intel(tmp_path)
     code = f"import sys\nsys.path.insert(0, {str(site)!r})\n" + LIST

@@ -42,10 +42,12 @@ def test_defines_and_includes_reach_the_kernel(device: Device) -> None:
     assert scaled(device, SCALE=True) == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.slow
 def test_a_float_define_is_exact(device: Device) -> None:
     assert scaled(device, SCALE=0.1)[3] == np.float32(0.1) * np.float32(3)
 
 
+@pytest.mark.slow
 def test_built_once_for_each_set_of_defines(device: Device) -> None:
     first = device.program("simple", {"OFFSET": 0, "SCALE": 7}, KERNELS)
     assert device.program("simple", {"SCALE": 7, "OFFSET": 0}, KERNELS) is first
@@ -188,6 +190,7 @@ def test_nothing_is_launched_over_nothing(device: Device) -> None:
     assert kernel(3, 64, out, out, np.uint32(0)) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", [(8,), (2, 4)])
 @pytest.mark.parametrize("who", ["device", "kernel"])
 def test_larger_work_groups_than_allowed_are_refused_with_the_sizes(
@@ -227,6 +230,7 @@ def test_a_launch_the_device_refuses(device: Device) -> None:
     assert error.value.code == "DEVICE_COMMAND"
 
 
+@pytest.mark.slow
 def test_threads_share_a_device(device: Device) -> None:
     wrong: list[int] = []
 

@@ -30,6 +30,7 @@ def prefix(values: NDArray[np.uint32], dtype: type) -> NDArray[np.uint64]:
     return sums.astype(dtype)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", EDGES)
 @pytest.mark.parametrize("dtype", [np.uint32, np.uint64])
 def test_scan_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
@@ -100,6 +101,7 @@ def test_sort_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
     expect_sorted(styled, keys, None)
 
 
+@pytest.mark.slow
 @CALM
 @given(
     st.integers(0, 12_000),

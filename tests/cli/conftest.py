@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import shlex
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
+from typer.main import get_command
 
+from msb.cli.app import app
+from msb.cli.process import run as run_here
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
@@ -29,6 +35,9 @@ class Result:
         return json.loads(self.out, parse_constant=lambda name: pytest.fail(f"bare {name} in JSON"))
 
 
+Refused = Callable[[str | list[str]], str]
+
+
 class Msb(Protocol):
     """Run a command: ``msb("audit", path)``."""
 
@@ -45,3 +54,20 @@ def msb() -> Msb:
         return Result(done.returncode, done.stdout.decode(), done.stderr.decode())
 
     return run
+
+
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+    group = get_command(app)
+    monkeypatch.setattr("typer.main.get_command", lambda _: group)
+
+    def line_of(line: str | list[str]) -> str:
+        monkeypatch.setattr(sys, "argv", ["msb", *(shlex.split(line) if isinstance(line, str) else line)])
+        assert run_here(app, "msb") == 2, sys.argv
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1
+        return err.rstrip()
+
+    return line_of

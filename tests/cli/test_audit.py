@@ -45,6 +45,7 @@ def book(tmp_path: Path) -> Path:
     return write(tmp_path, "book.ply", BOOK)
 
 
+@pytest.mark.slow
 def test_json_holds_the_contract_and_nothing_else_is_on_stdout(msb: Msb, demo_asset: Path) -> None:
     result = msb("audit", "--json", "-", "-v", demo_asset)
     data = result.json
@@ -76,6 +77,7 @@ def test_paper_row_is_printed_beside_ours(msb: Msb, demo_asset: Path) -> None:
     assert ["paper", "mean", "0.52", "6.49", "0.45", "0.18", "0.65", "0.70", "0.69", "0.71", "M"] in rows
 
 
+@pytest.mark.slow
 def test_folder_and_packed_asset_give_the_same_audit(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     asset = library.load(demo_asset)
     library.save(asset, tmp_path / "demo.triasset", form="folder")
@@ -170,6 +172,7 @@ def test_gates(msb: Msb, book: Path, condition: str, status: int) -> None:
     assert result.err.startswith(f"GATE_FAILED: {book}: ") is bool(status)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("profile", "failing"),
     [
@@ -213,6 +216,7 @@ def test_bad_gate_is_a_usage_error_before_anything_is_read(msb: Msb, gate: str) 
     assert result.err.startswith("USAGE: --fail-on")
 
 
+@pytest.mark.slow
 def test_outputs_are_not_overwritten_without_force(msb: Msb, book: Path, tmp_path: Path) -> None:
     target = tmp_path / "out.json"
     target.write_text("mine")
@@ -225,6 +229,7 @@ def test_outputs_are_not_overwritten_without_force(msb: Msb, book: Path, tmp_pat
     assert json.loads(target.read_text())["counts"]["nonmanifold_edges"] == 1
 
 
+@pytest.mark.slow
 def test_lines_of_json_patterns_and_stopping_at_the_first_failure(
     msb: Msb, book: Path, tmp_path: Path
 ) -> None:
@@ -258,6 +263,7 @@ def test_csv_has_one_row_a_mesh(msb: Msb, book: Path, demo_asset: Path, tmp_path
     assert rows[0]["nonmanifold_vertices"] == "2"
 
 
+@pytest.mark.slow
 def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> None:
     for suffix in ("npz", "csv", "vtp"):
         assert msb("audit", "-q", "--elements", tmp_path / f"e.{suffix}", book).status == 0
@@ -304,6 +310,7 @@ def test_elements_need_one_mesh_and_a_known_suffix(
     assert "--elements takes one mesh" in result.err
 
 
+@pytest.mark.slow
 def test_explain_prints_formula_section_and_peers(msb: Msb) -> None:
     result = msb("audit", "--explain", "nonmanifold_vertex_ratio")
     assert result.status == 0

@@ -60,6 +60,7 @@ def test_version_is_one_line(msb: Msb) -> None:
     assert re.fullmatch(r"msb \d+\.\d+\.\d+ \(triasset 1\.0, numpy \S+, pyopencl \S+\)\n", result.out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "args",
     [[], ["audit"], ["validate"], ["info"], ["convert", "a.ply"], ["nonsense"], ["audit", "--jsn", "x"]],
@@ -78,6 +79,7 @@ def test_unknown_option_suggests_the_right_one(msb: Msb) -> None:
     assert "Did you mean 'render'?" in msb("rendr").err
 
 
+@pytest.mark.slow
 def test_info_shows_counts_settings_and_buffers(msb: Msb, demo_asset: Path) -> None:
     text = msb("info", demo_asset).out
     for part in ("mesh_splatting", "17,919 vertices", "34,761 faces", "sigma = 0.0001", "17919 x 3"):
@@ -100,6 +102,7 @@ def test_validate_good_asset(msb: Msb, demo_asset: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_validate_shows_errors_first_and_not_endlessly(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     path = tmp_path / "many.triasset"
     library.save(library.load(demo_asset), path, form="folder")
@@ -115,6 +118,7 @@ def test_validate_shows_errors_first_and_not_endlessly(msb: Msb, demo_asset: Pat
     assert len(text.splitlines()) < 200
 
 
+@pytest.mark.slow
 def test_validate_reports_all_errors_with_code_and_pointer(
     msb: Msb, demo_asset: Path, tmp_path: Path
 ) -> None:
@@ -173,6 +177,7 @@ def test_convert_keeps_rows_order_and_colours(
     assert np.abs(colors[:, :3] - expected).max() <= 0.5 / 255 + 1e-6
 
 
+@pytest.mark.slow
 def test_convert_round_trip_through_ply_and_both_forms(msb: Msb, tmp_path: Path) -> None:
     source = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
     steps = [source, *(tmp_path / name for name in ("a.triasset", "b.triasset", "c.triasset", "d.ply"))]
@@ -187,6 +192,7 @@ def test_convert_round_trip_through_ply_and_both_forms(msb: Msb, tmp_path: Path)
     assert (origin.path, origin.byte_length) == (source.name, source.stat().st_size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("up", "direction"), [("-y", (0, -1, 0)), ("+z", (0, 0, 1)), ("-x", (-1, 0, 0))])
 def test_convert_up_turns_the_axis_to_y_without_mirroring(
     msb: Msb, tmp_path: Path, up: str, direction: tuple[int, int, int]
@@ -210,6 +216,7 @@ def test_convert_linear_colours(msb: Msb, tmp_path: Path) -> None:
     assert colors[0, :3] == pytest.approx([1.0, 0.2158605, 0.0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_convert_refuses_what_makes_no_sense(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     assert msb("convert", demo_asset, tmp_path / "x.xyz").status == 2
     assert msb("convert", demo_asset, tmp_path / "x.glb", "--form", "folder").status == 2
@@ -221,6 +228,7 @@ def test_convert_refuses_what_makes_no_sense(msb: Msb, demo_asset: Path, tmp_pat
     assert sorted(path.name for path in tmp_path.iterdir()) == ["nan.off"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_prints_a_script_for_both_programs(msb: Msb, shell: str) -> None:
     result = msb("completion", shell)

@@ -52,6 +52,7 @@ def test_json(msb: Msb) -> None:
     assert isinstance(data["notes"], list)
 
 
+@pytest.mark.slow
 def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
     msb: Msb, unknown: dict[str, str]
 ) -> None:

@@ -27,6 +27,7 @@ RING = GOLDEN / "two_dts" / "ring_solid" / "checkpoint"
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 
 
+@pytest.mark.slow
 def test_export_says_what_it_made_and_where_settings_come_from(msb: Msb, tmp_path: Path) -> None:
     target = tmp_path / "ring.triasset"
     result = msb("export", RING, target)
@@ -40,6 +41,7 @@ def test_export_says_what_it_made_and_where_settings_come_from(msb: Msb, tmp_pat
     assert library.load(target).manifest == library.export(RING).manifest
 
 
+@pytest.mark.slow
 def test_export_json_and_quiet(msb: Msb, tmp_path: Path) -> None:
     result = msb("export", "--json", "-", CHECKPOINT, tmp_path / "a.triasset")
     assert (result.status, result.err) == (0, "")
@@ -52,6 +54,7 @@ def test_export_json_and_quiet(msb: Msb, tmp_path: Path) -> None:
     assert (tmp_path / "c.triasset" / "manifest.json").is_file()
 
 
+@pytest.mark.slow
 def test_export_set_overrides_and_checks(msb: Msb, tmp_path: Path) -> None:
     target = tmp_path / "a.triasset"
     result = msb(
@@ -152,6 +155,7 @@ def test_convert_official(msb: Msb, tmp_path: Path) -> None:
         assert (result.status, result.err.startswith(line)) == (status, True), result.err
 
 
+@pytest.mark.slow
 def test_convert_official_folder_of_diffsoup_and_no_standard_tier(msb: Msb, tmp_path: Path) -> None:
     asset = tmp_path / "ico.triasset"
     msb("export", "--quiet", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint", asset)
@@ -178,6 +182,7 @@ def test_audit_takes_checkpoints(msb: Msb, tmp_path: Path) -> None:
     assert (result.status, result.err.startswith("UNSUPPORTED_METHOD: ")) == (4, True)
 
 
+@pytest.mark.slow
 def test_audit_counts_a_vertex_that_is_nan_and_export_refuses_it(msb: Msb, tmp_path: Path) -> None:
     values = models.mesh_splatting()
     values["triangles_points"][values["_triangle_indices"][0, 0], 1] = np.nan
@@ -188,6 +193,7 @@ def test_audit_counts_a_vertex_that_is_nan_and_export_refuses_it(msb: Msb, tmp_p
     assert not (tmp_path / "a.triasset").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["two_dts/ring_solid", "diffsoup/ico_l2_white"])
 def test_validate_judges_the_asset_that_would_be_made(msb: Msb, folder: str, tmp_path: Path) -> None:
     assert msb("validate", GOLDEN / folder / "checkpoint").status == 0

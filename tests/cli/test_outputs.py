@@ -5,11 +5,9 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shlex
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,45 +19,23 @@ import msb as library
 from msb import atomic
 from msb.atomic import check_place, forget_free_places, new_file, new_folder
 from msb.cli.app import app
-from msb.cli.process import run
 from msb.errors import OutputError, UsageError
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tests.cli.conftest import Msb
+    from tests.cli.conftest import Msb, Refused
 
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")
 SOURCE = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
 
 
-GROUP: Any = get_command(app)
-Refused = Callable[[str | list[str]], str]
-
-
 @pytest.fixture(autouse=True)
 def _forgetting() -> Iterator[None]:
     yield
     forget_free_places()
-
-
-@pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refused:
-    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
-
-    monkeypatch.setattr("typer.main.get_command", lambda _: GROUP)
-
-    def line_of(line: str | list[str]) -> str:
-        monkeypatch.setattr(sys, "argv", ["msb", *(shlex.split(line) if isinstance(line, str) else line)])
-        assert run(app, "msb") == 2, sys.argv
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.count("\n") == 1
-        return err.rstrip()
-
-    return line_of
 
 
 # --- devices and pipes ---------------------------------------------------------------------------------
@@ -112,6 +88,7 @@ def test_descriptors_go_on_where_they_are(tmp_path: Path) -> None:
     assert json.loads("\n".join(document))["schema"] == "msb.info/1"
 
 
+@pytest.mark.slow
 @POSIX
 def test_the_systems_name_of_standard_output_means_it(msb: Msb) -> None:
     assert msb("info", "--json", "/dev/stdout", ASSET).json == msb("info", "--json", "-", ASSET).json
@@ -295,6 +272,7 @@ def test_an_image_is_not_written_where_the_json_goes(tmp_path: Path, refused: Re
 
 # --- paths and options ---------------------------------------------------------------------------------
 
+GROUP: Any = get_command(app)
 COMMANDS = {name: one for name, one in GROUP.commands.items() if not hasattr(one, "commands")}
 COMMANDS["config show"] = GROUP.commands["config"].commands["show"]
 READ = {
@@ -328,6 +306,7 @@ def test_every_path_of_every_command_is_known_as_read_or_written() -> None:
         assert {key for key, written in paths.items() if written} <= WRITTEN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_an_empty_path_is_refused_by_name_and_is_not_the_current_folder(name: str, refused: Refused) -> None:
     for param in COMMANDS[name].params:
@@ -366,36 +345,3 @@ def test_an_option_of_one_value_is_not_taken_twice(name: str, refused: Refused) 
 def test_flags_and_lists_may_be_given_again(msb: Msb) -> None:
     result = msb("audit", "-q", "-q", "-f", "-f", "--fail-on", "faces<1", "--fail-on", "faces<2", ASSET)
     assert (result.status, result.err) == (0, "")
-
-
-# --- logs ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("force", [(), ("--force",)])
-@pytest.mark.parametrize(
-    "text", [b"glTF\2\0\0\0", b"ply\nformat ascii 1.0\n", b"\n", b"2024-01-01 10:00 INFO a\n"]
-)
-def test_a_file_that_is_no_log_is_not_added_to(
-    tmp_path: Path, refused: Refused, text: bytes, force: tuple[str, ...]
-) -> None:
-    (tmp_path / "a.glb").write_bytes(text)
-    (tmp_path / "link").symlink_to("a.glb")
-    for name in ("a.glb", "link"):
-        said = refused(["audit", *force, "--log-file", str(tmp_path / name), str(ASSET)])
-        reason = "it is no log of msb's, and a log is only added to one; name another file"
-        assert said == f"OUTPUT_EXISTS: {tmp_path / name}: --log-file: {reason}"
-    assert (tmp_path / "a.glb").read_bytes() == text
-
-
-def test_a_log_is_added_to_where_there_is_none_an_empty_one_or_one_of_ours(msb: Msb, tmp_path: Path) -> None:
-    (tmp_path / "log").touch()
-    for lines in (1, 2):
-        assert msb("completion", "--log-file", tmp_path / "log", "bash").status == 0
-        assert len((tmp_path / "log").read_text().splitlines()) == lines
-    (tmp_path / "null").symlink_to(os.devnull)
-    assert msb("completion", "--log-file", tmp_path / "null", "bash").status == 0
-
-
-def test_an_input_that_is_not_there_is_not_made_by_the_log(tmp_path: Path, refused: Refused) -> None:
-    assert refused(f"audit --log-file {tmp_path}/a.ply {tmp_path}/a.ply").startswith("USAGE: ")
-    assert list(tmp_path.iterdir()) == []

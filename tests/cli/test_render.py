@@ -35,6 +35,7 @@ def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_every_camera_gives_an_image_named_like_it(
     msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
@@ -55,6 +56,7 @@ def test_every_camera_gives_an_image_named_like_it(
     assert (pixels != 255).any()
 
 
+@pytest.mark.slow
 def test_floats_depth_and_ids_are_written_as_rendered(
     msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
@@ -185,6 +187,7 @@ def test_orders_and_samplings_of_an_engine(msb: Msb, tmp_path: Path, tier: Tier)
     np.testing.assert_array_equal(images[3], images[2])
 
 
+@pytest.mark.slow
 def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     args = ("--turntable", "1", "--size", "20x16", "-o", tmp_path / "out", demo_asset)
     for option, value in (("--order", "tile"), ("--sampling", "engine")):

@@ -37,6 +37,7 @@ def test_report_is_written_whole_and_not_twice_without_force(msb: Msb, folder: P
     assert not (folder / "report" / "old.txt").exists()
 
 
+@pytest.mark.slow
 def test_force_does_not_replace_what_is_no_report(msb: Msb, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("years of work")
@@ -83,6 +84,7 @@ def test_papers_tables_are_printed_or_written(msb: Msb, tmp_path: Path) -> None:
     assert len(list((tmp_path / "paper" / "tables").iterdir())) == 14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "code"),
     [

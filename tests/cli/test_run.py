@@ -48,6 +48,7 @@ def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
     assert max(map(len, text.splitlines()[:-1])) <= 80
 
 
+@pytest.mark.slow
 def test_what_is_to_do_is_shown_and_not_done(msb: Msb, tmp_path: Path) -> None:
     result = msb("run", "--dry-run", "-o", tmp_path / "r", STUBS / "protocol.toml")
     assert result.status == 0

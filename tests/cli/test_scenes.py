@@ -32,6 +32,7 @@ def test_several_scenes_are_a_table(msb: Msb) -> None:
     assert msb("scenes", "--quiet", STUBS).err == ""
 
 
+@pytest.mark.slow
 def test_one_scene_is_described_in_full(msb: Msb) -> None:
     result = msb("scenes", STUBS / "nerf_synthetic", COLUMNS="200")
     assert result.status == 0
@@ -78,6 +79,7 @@ def test_options_reach_the_reader(msb: Msb) -> None:
     assert (scene["evaluated"]["width"], scene["evaluated"]["image_folder"]) == (64, "images_2")
 
 
+@pytest.mark.slow
 def test_a_bad_scene_is_one_line_and_the_others_are_described(msb: Msb, tmp_path: Path) -> None:
     shutil.copytree(STUBS, tmp_path / "scenes")
     (tmp_path / "scenes/mipnerf360/pebble/images_4/DSC07950.JPG").unlink()
@@ -97,6 +99,7 @@ def test_a_bad_scene_is_one_line_and_the_others_are_described(msb: Msb, tmp_path
     ]
 
 
+@pytest.mark.slow
 def test_a_real_capture(msb: Msb, shared: Path) -> None:
     garden = shared / "golden" / "garden"
     refused = msb("scenes", garden)

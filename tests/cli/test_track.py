@@ -6,6 +6,8 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -27,6 +29,7 @@ def test_arguments_and_status_go_through(msb: Msb, tmp_path: Path) -> None:
     assert str(tmp_path / "t.json") in result.err
 
 
+@pytest.mark.slow
 def test_two_dashes_may_be_left_out_and_outputs_are_kept(msb: Msb, tmp_path: Path) -> None:
     target = tmp_path / "t.json"
     assert msb("track", "-q", "-o", target, sys.executable, "-c", "pass").status == 0

@@ -52,6 +52,7 @@ class Unwritten:
         return np.zeros((camera.height, camera.width, 4))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dataset", captures.WRITERS)
 def test_scenes_are_what_their_scripts_make_but_for_the_photographs(
     dataset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -73,6 +74,7 @@ def pixels(path: Path) -> Any:
         return np.asarray(image).astype(int)
 
 
+@pytest.mark.slow
 def test_png_photographs_are_what_the_twin_renders() -> None:
     camera = captures.nerf_synthetic_cameras()["test"][2]
     rendered = to_bytes(photograph(pebble(), camera))
@@ -80,6 +82,7 @@ def test_png_photographs_are_what_the_twin_renders() -> None:
     assert np.abs(stored - rendered).max() <= 1
 
 
+@pytest.mark.slow
 def test_jpeg_photographs_are_what_the_twin_renders() -> None:
     camera = captures.mipnerf360_cameras()[3]
     rendered = photograph(walled().turned(Y_DOWN), camera)[..., :3]

@@ -38,6 +38,7 @@ def test_every_target_survives_its_seeds_and_mutations_of_them(tmp_path: Path) -
     assert done.stdout.startswith(f"{len(TARGETS)} targets, ")  # and nothing was printed by a library
 
 
+@pytest.mark.slow
 def test_reading_bad_files_executes_nothing_opens_nothing_else_and_stays_small(tmp_path: Path) -> None:
     count = write_all(tmp_path / "corpora")
     done = run(tmp_path / "corpora", "corpora")
@@ -63,6 +64,7 @@ def test_the_guard_sees(deed: str, tmp_path: Path) -> None:
     assert wanted[deed] in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deed", "seen"), [("import", "import ('this'"), ("read", "beside' opened"), ("compile", "compile (")]
 )
@@ -85,6 +87,7 @@ PREFIXES = {
 """Formats that say where they end: target -> the codes of what ends sooner, if few."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PREFIXES)
 def test_no_prefix_of_these_is_taken_for_a_whole_file(name: str, tmp_path: Path) -> None:
     feed, whole = TARGETS[name].at(tmp_path), TARGETS[name].small_seeds()[0]

@@ -52,26 +52,25 @@ class Machine(NamedTuple):
     tests: tuple[str, ...]
 
 
-KERNELS = *ALL_CORES, "tests/cl", "tests/render"
-RUSTICL_FILES = "diffsoup", "diffsoup_scenes", "splatting", "splatting_golden", "standard", "work_groups"
+# The slow ones are the same kernels on larger and random scenes.
+KERNELS = *ALL_CORES, "-m", "not slow", "tests/cl", "tests/render"
+RUSTICL_FILES = "diffsoup", "splatting_golden", "standard", "work_groups"
 MACHINES = {
     # Both styles of kernels on either PoCL. Where the system has one, that is what `make test` takes.
     "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, KERNELS),
     "wheel": Machine("pocl-binary-distribution", "", "pocl:0", {}, KERNELS),
     # As on a processor that the wheel does not know, so that it has to be mended.
     "unknown": Machine("pocl-binary-distribution", "", "pocl", {"PYTHONPATH": str(UNKNOWN_CPU)}, KERNELS),
-    # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for images of 8K and long
-    # for random scenes, which are left out; golden images, references and work-groups are not.
+    # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for what is left out: large and
+    # random scenes, comparisons with the references. Golden images and work-groups are in.
     "rusticl": Machine(
         "mesa-opencl-icd",
         "libRusticlOpenCL",
         "rusticl",
         {"RUSTICL_ENABLE": "llvmpipe"},
         (
-            *ALL_CORES,
-            "tests/cl",
+            *(*ALL_CORES, "-m", "not slow", "-k", "not 8k", "tests/cl"),
             *(f"tests/render/test_{name}.py" for name in RUSTICL_FILES),
-            *("-k", "not 8k"),
         ),
     ),
     # An interpreter that looks for races, a thousand times as slow: a small scene of each kind.

@@ -70,6 +70,7 @@ def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content
         read_mesh(path)
 
 
+@pytest.mark.slow
 def test_import_loads_no_mesh_library() -> None:
     code = "import sys, msb.meshes; sys.exit('trimesh' in sys.modules or 'scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -46,6 +46,7 @@ def run(*words: object) -> str:
     return done.output
 
 
+@pytest.mark.slow
 def test_an_added_format_is_converted_audited_and_exported(tri: Format, tmp_path: Path) -> None:
     source, target = tmp_path / "a.off", tmp_path / "b.tri"
     source.write_bytes(SMALL[".off"])

@@ -25,6 +25,7 @@ def facets() -> list[bytes]:
     return [stl_facet([" ".join(map(str, row)) for row in triangle]) for triangle in TRIANGLES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [1, text.BLOCK_BYTES])
 @pytest.mark.parametrize(
     "content",

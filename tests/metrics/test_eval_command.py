@@ -46,6 +46,7 @@ def test_table(msb: Msb) -> None:
     assert [line.split() for line in quiet] == [lines[0], lines[4]]
 
 
+@pytest.mark.slow
 def test_json_and_csv_hold_full_doubles(msb: Msb, tmp_path: Path) -> None:
     cases = {case["id"]: case for case in golden("psnr_ssim.json")["cases"]}
     result = msb("eval", "--json", "-", "--csv", tmp_path / "rows.csv", PRED, GT)
@@ -74,6 +75,7 @@ def test_two_files(msb: Msb) -> None:
     assert data["images"][0]["name"] == "r_0"
 
 
+@pytest.mark.slow
 def test_every_bad_image_is_a_line_and_the_rest_is_compared(msb: Msb, folders: tuple[Path, Path]) -> None:
     pred, gt = folders
     (pred / "r_0.png").write_bytes((pred / "r_0.png").read_bytes()[:200])
@@ -94,6 +96,7 @@ def test_every_bad_image_is_a_line_and_the_rest_is_compared(msb: Msb, folders: t
     assert (alone.status, alone.json["mean"]["psnr"], len(alone.err.splitlines())) == (3, None, 3)
 
 
+@pytest.mark.slow
 def test_missing_and_extra_images_are_named(msb: Msb, folders: tuple[Path, Path]) -> None:
     pred, gt = folders
     (pred / "r_1.npy").unlink()
@@ -105,6 +108,7 @@ def test_missing_and_extra_images_are_named(msb: Msb, folders: tuple[Path, Path]
     assert msb("eval", "--subset", "--json", "-", pred, gt).json["count"] == 2
 
 
+@pytest.mark.slow
 def test_alpha_needs_a_background(msb: Msb, tmp_path: Path) -> None:
     red = np.zeros((20, 20, 4), np.uint8)
     red[..., 0], red[:10, :, 3] = 255, 255
@@ -119,6 +123,7 @@ def test_alpha_needs_a_background(msb: Msb, tmp_path: Path) -> None:
     assert data["background"] == [1, 1, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("background", ["official", "mauve", "#12345", "2,0,0"])
 def test_background_is_a_colour(msb: Msb, background: str) -> None:
     result = msb("eval", "--background", background, PRED, GT)
@@ -126,6 +131,7 @@ def test_background_is_a_colour(msb: Msb, background: str) -> None:
     assert result.err.startswith(f'USAGE: --background is "{background}"; it must be black, white')
 
 
+@pytest.mark.slow
 def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
     assert msb("eval", PRED).status == 2
     for arguments in ((tmp_path / "none", GT), (PRED, tmp_path / "none")):
@@ -160,6 +166,7 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")
 
 
+@pytest.mark.slow
 def test_importing_stays_light(msb: Msb) -> None:
     import subprocess
     import sys

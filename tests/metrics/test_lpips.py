@@ -126,6 +126,7 @@ def test_the_package_s_linear_layers_are_version_0_1() -> None:
     assert sha256.startswith("a78928a0")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
 def test_without_the_extra_the_error_names_it(vgg_file: Path) -> None:
     image = np.zeros((16, 16, 3))

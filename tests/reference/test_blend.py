@@ -45,6 +45,7 @@ def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, ru
     return composite([tile], shade, rule, samples, 1, np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES, ids=str)
 @pytest.mark.parametrize(
     ("faces", "scale"), [(1, 1.0), (7, 1.0), (32, 0.3), (33, 0.5), (100, 0.1), (500, 0.02)]

@@ -39,6 +39,7 @@ def rays(camera: Any) -> np.ndarray:
     return np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("incentre", [True, False])
 def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) -> None:
@@ -171,6 +172,7 @@ def test_what_is_near_is_clipped_and_not_dropped(method: str) -> None:
         assert not engine.alpha[: 28 // 2 - 2].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_in_an_engine_there_are_no_tiles(method: str) -> None:
     asset = soup(method, around_the_camera(3).astype(np.float32))
@@ -180,6 +182,7 @@ def test_in_an_engine_there_are_no_tiles(method: str) -> None:
     np.testing.assert_array_equal(first.image, second.image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_without_order_faces_are_blended_as_stored(method: str) -> None:
     """Two that cover the middle: the first of the asset is in front, although it is farther away."""
@@ -195,6 +198,7 @@ def test_without_order_faces_are_blended_as_stored(method: str) -> None:
             assert (middle[..., channel] > middle[..., 1 - channel] + 0.02).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting"])
 def test_without_tiles_faces_are_seen_wherever_they_reach(method: str) -> None:
     """One that its official tiles cut: alone, so that order does not matter."""
@@ -217,6 +221,7 @@ def test_a_z_buffer_has_no_order() -> None:
         np.testing.assert_array_equal(other.image, frames[0].image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "view", [v for v in golden_views("diffsoup") if v.name.startswith("soup")][:2], ids=names
 )

@@ -34,6 +34,7 @@ def same(first: ReferenceFrame, second: ReferenceFrame) -> None:
             np.testing.assert_array_equal(a, b, err_msg=name)
 
 
+@pytest.mark.slow
 @variants
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_shapes_and_dtypes(method: str, settings: dict[str, Any], dtype: type) -> None:
@@ -63,6 +64,7 @@ def test_an_empty_view_is_background(method: str, settings: dict[str, Any]) -> N
     assert frame.face_id is None or (frame.face_id == -1).all()
 
 
+@pytest.mark.slow
 @variants
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (3, 17), (16, 16), (33, 31)])
 def test_any_image_size(method: str, settings: dict[str, Any], width: int, height: int) -> None:
@@ -74,6 +76,7 @@ def test_any_image_size(method: str, settings: dict[str, Any], width: int, heigh
     assert frame.alpha.any()
 
 
+@pytest.mark.slow
 @variants
 def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any]) -> None:
     """Unless depths are equal: no two are here."""
@@ -92,6 +95,7 @@ def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any
     np.testing.assert_array_equal(first.visible[order], second.visible)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("seed", range(3))
 def test_weights_and_transmittance_add_up_to_one(method: str, seed: int) -> None:
@@ -146,6 +150,7 @@ def test_gamma_is_stored_or_overridden() -> None:
     assert np.abs(render_reference(stored, camera).image - render_reference(plain, camera).image).max() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_a_lower_sh_degree_ignores_the_rest(method: str, degree: int) -> None:
@@ -232,6 +237,7 @@ def test_one_face_that_covers_everything(method: str) -> None:
     np.testing.assert_allclose(frame.depth, 5, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_same_call_gives_the_same_bytes() -> None:
     for method in METHODS:
         asset = soup(method, random_triangles(10))

@@ -101,6 +101,7 @@ def test_names_of_backgrounds_are_those_of_the_command_line(asset: Asset, cpu: D
         msb.render(asset, empty, background="official", device=cpu)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 @pytest.mark.parametrize(
     ("changed", "code", "named"),
@@ -178,6 +179,7 @@ def test_planes_that_float32_can_hold_give_finite_pictures(
         assert np.isfinite(frame.image).all()
 
 
+@pytest.mark.slow
 def test_a_sigma_that_is_zero_in_float32_is_drawn_without_a_warning(cpu: Device) -> None:
     asset = soup("mesh_splatting", random_triangles(1, count=20), welded=True)
     with warnings.catch_warnings():

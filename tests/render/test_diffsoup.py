@@ -113,6 +113,7 @@ def test_official_evaluation(device: Device, view: View) -> None:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[0], VIEWS[-1]], ids=str)
 def test_frame(device: Device, view: View) -> None:
     frame = draw(device, view)
@@ -159,6 +160,7 @@ def test_official_viewer(device: Device, view: View) -> None:
     np.testing.assert_array_equal(again.image, frame.image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", TAME[:1], ids=str)
 def test_web_export_is_near_the_checkpoint(device: Device, view: View) -> None:
     """Bytes without the viewer's second rounding: the truncation alone, and pixels where it moves an edge."""
@@ -181,6 +183,7 @@ def test_styles_agree_to_the_bit() -> None:
                 np.testing.assert_array_equal(array, other.raw[name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
     """Bands, one work-item a group, are right there too, and no way to use a GPU."""
     asset = exported(VIEWS[0].scene / "checkpoint")

@@ -135,6 +135,7 @@ def test_reference(device: Device, level: int, quantised: bool) -> None:
     assert np.abs(frame.image - expected.image)[same].max() < 1e-5
 
 
+@pytest.mark.slow
 def test_lowest_of_equal_triangles_wins(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3]])
     for count in (2, 9, 40):
@@ -156,6 +157,7 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
     assert set(np.unique(frame.face_id)) == {-1, 1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (7, 1), (1, 9), (8, 16), (17, 33)])
 def test_small_images(device: Device, size: tuple[int, int]) -> None:
     asset = model(*soup(3), 1)
@@ -239,6 +241,7 @@ def test_large_coordinates(device: Device) -> None:
     assert (frame.face_id == expected.face_id).mean() > 0.995
 
 
+@pytest.mark.slow
 def test_viewer_rounds_features_to_bytes(device: Device) -> None:
     asset = model(*soup(2), 2)
     frame = draw(device, asset, camera(), viewer=True)

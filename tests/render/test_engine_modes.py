@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.render.frame import Frame
 
+pytestmark = pytest.mark.slow
+
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("two_dts", {}),
     ("two_dts", {"sh_degree": 1, "gamma": 7.5, "back_culling": True, "gamma_rescale": True}),

@@ -113,6 +113,7 @@ def test_samples_are_drawn_in_bands_that_fit(
         draw(asset, device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_memory_is_told_by_use(method: str) -> None:
     asset = model(method)

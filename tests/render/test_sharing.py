@@ -68,6 +68,7 @@ def test_memory_is_a_renderers_own(asset: Asset, tier: Any) -> None:
             assert dict(small.memory()) == wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_renderers_leave_nothing_on_the_device(asset: Asset, tier: Any) -> None:
     """Neither buffers nor programs, of which PoCL keeps a megabyte each for every context."""

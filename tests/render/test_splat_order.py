@@ -76,6 +76,7 @@ def curve(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     return interleaved(np.minimum((points - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64))
 
 
+@pytest.mark.slow
 def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> None:
     kept = pipeline._static
     numbers = kept["numbers"].read()
@@ -181,6 +182,7 @@ def test_the_order_on_the_device_does_not_show(
             np.testing.assert_array_equal(frame.raw[name], frames[0].raw[name], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("why", ["room on the device", "room on the host"])
 def test_a_model_stays_as_it_is_where_there_is_no_room_for_a_copy(
     why: str, device: Device, monkeypatch: pytest.MonkeyPatch

@@ -114,6 +114,7 @@ def test_both_styles_agree(method: str, settings: dict[str, Any], cpu: Device, g
         assert (np.abs(found - right) > 1e-4 * max(1, np.abs(right).max())).mean() <= 1e-3, name
 
 
+@pytest.mark.slow
 @methods
 def test_same_device_same_bytes(method: str, cpu: Device, gpu: Device) -> None:
     asset, camera = model(method, 3), front_camera(71, 45)
@@ -163,6 +164,7 @@ def test_an_empty_view_is_background(method: str, cpu: Device, gpu: Device) -> N
         assert frame.face_id is None or (frame.face_id == -1).all()
 
 
+@pytest.mark.slow
 @methods
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 16), (15, 33), (129, 3)])
 def test_any_size(method: str, size: tuple[int, int], cpu: Device, gpu: Device) -> None:
@@ -174,6 +176,7 @@ def test_any_size(method: str, size: tuple[int, int], cpu: Device, gpu: Device) 
         assert np.abs(frame.image - wanted.image).max() <= 2e-3
 
 
+@pytest.mark.slow
 @methods
 def test_one_triangle_over_everything(method: str, cpu: Device, gpu: Device) -> None:
     corners = np.array([[[-9, -9, 4], [9, -9, 4], [0, 14, 4]]], np.float32)
@@ -255,6 +258,7 @@ def test_bands_do_not_show(method: str, cpu: Device, monkeypatch: pytest.MonkeyP
     np.testing.assert_array_equal(whole.image, banded.image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_styled(style) as device:

@@ -48,7 +48,7 @@ def device(request: pytest.FixtureRequest, devices: dict[str, Device]) -> Device
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_agrees_with_the_twin(device: Device, kind: str, seed: int) -> None:
+def test_both_styles_agree_with_the_twin(devices: dict[str, Device], kind: str, seed: int) -> None:
     mesh = scene(kind, seed)
     colors = random_colors(seed, len(mesh[0]))
     pose = np.eye(4)
@@ -57,9 +57,11 @@ def test_agrees_with_the_twin(device: Device, kind: str, seed: int) -> None:
         pose[:3, :3] *= np.linalg.det(pose[:3, :3])
         mesh = (mesh[0] @ pose[:3, :3].astype(np.float32), mesh[1])
     view = camera(pose=pose)
-    frame = draw(device, mesh_asset(mesh, colors), view)
-    assert (frame.face_id >= 0).sum() > 30
-    check_agreement(frame, twin(mesh, colors, view))
+    expected = twin(mesh, colors, view)
+    for style in STYLES[:2]:
+        frame = draw(devices[style], mesh_asset(mesh, colors), view)
+        assert (frame.face_id >= 0).sum() > 30
+        check_agreement(frame, expected)
 
 
 @pytest.mark.slow

@@ -81,6 +81,7 @@ def test_closed_fans(styled: Device, radius: float, middle: tuple[float, float])
     renderer.close()
 
 
+@pytest.mark.slow
 def test_fan_through_the_near_plane(styled: Device) -> None:
     """Both faces of a clipped edge find the same point on the near plane."""
     triangles = fan(3, 40.0, 9, (36.2, 28.7), tilt=-6.0)
@@ -112,6 +113,7 @@ coordinates = st.integers(-3 * UNITS, 20 * UNITS)
 points = st.tuples(coordinates, coordinates)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(points, points, points, points)
 def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:

@@ -135,6 +135,7 @@ def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
     renderer.close()
 
 
+@pytest.mark.slow
 def test_frames_stay_as_they_are(styled: Device) -> None:
     """Memory of frames that were dropped is used again, of those that are held it is not."""
     mesh = scene("small", 6)

@@ -53,6 +53,7 @@ def test_blending_is_refused_where_a_group_cannot_be_a_tile(method: str, limited
     assert f"allows {allowed} for it" in caught.value.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tier", "method"), [(DedicatedRenderer, "diffsoup"), (StandardRenderer, "two_dts")])
 def test_z_buffers_draw_with_small_groups(tier: type, method: str, limited: Device, gpu: Device) -> None:
     frame, expected = draw(tier, method, limited), draw(tier, method, gpu)

@@ -106,6 +106,7 @@ def test_no_numbers_give_no_findings_and_no_charts() -> None:
     assert figures(Numbers({}), paper_numbers()) == []
 
 
+@pytest.mark.slow
 def test_charts_are_well_formed_and_take_the_colours_of_the_page(report: Report) -> None:
     charts = [figure for section in report.sections for figure in section.figures]
     names = {figure.name for figure in charts}
@@ -128,6 +129,7 @@ def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
     assert first == second
 
 
+@pytest.mark.slow
 def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     scene = Key("tanksandtemples", "train", "two_dts", "non_engine", "psnr", "paper")
     found = pairs(numbers, Numbers({scene: Number(23.0)}))
@@ -138,6 +140,7 @@ def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     assert differences(found, "dtu") is None
 
 
+@pytest.mark.slow
 def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     made = build_report(read_results(small), chosen=["truck/a/0002.png"])
     (section,) = [section for section in made.sections if section.name == "looks"]
@@ -154,6 +157,7 @@ def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     assert picture.data[:3] == b"\xff\xd8\xff"
 
 
+@pytest.mark.slow
 def test_pictures_that_are_not_what_the_record_says_are_left_out(tmp_path: Path) -> None:
     write_results(tmp_path, datasets=["tanksandtemples"], methods=["two_dts"], images=True)
     for path in tmp_path.rglob("dedicated/images/a/*.png"):

@@ -62,6 +62,7 @@ def test_a_model_of_too_many_images(monkeypatch: pytest.MonkeyPatch, tmp_path: P
         msb.read_cameras(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [name for name in BAD if "huge" in name or "deep" in name or "absurd" in name]
 )

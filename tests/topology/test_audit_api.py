@@ -210,6 +210,7 @@ def test_json_has_every_field_in_its_place() -> None:
     assert all(isinstance(ms, float) for ms in data["timings_ms"].values())
 
 
+@pytest.mark.slow
 def test_json_is_strict_for_every_mesh() -> None:
     random = np.random.default_rng(4)
     meshes = [(c.vertices, c.faces) for c in CASES if c.valid]

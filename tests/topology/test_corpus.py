@@ -21,6 +21,7 @@ FOLDER = SHARED / "golden" / "meshes"
 MESHES = json.loads((FOLDER / "expected.json").read_text())["meshes"] if FOLDER.is_dir() else []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", MESHES, ids=lambda m: m["file"])
 def test_file_has_its_expected_counts(mesh: dict) -> None:
     path = FOLDER / mesh["file"]

@@ -64,6 +64,7 @@ def assert_explained(rows: Any) -> None:
 # --- the peers themselves
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("peer", IN_PROCESS)
 def test_peer_explains_every_hand_made_case(peer: str) -> None:
@@ -186,6 +187,7 @@ def test_book_differs_only_where_pymeshlab_skips_edge_endpoints() -> None:
     assert result.skipped["libigl boundary_loops"].endswith("it is defined on manifold meshes only")
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_rows_that_hang_pymeshlab_are_turned_first() -> None:
     need("PyMeshLab")

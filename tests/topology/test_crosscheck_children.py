@@ -29,6 +29,7 @@ def test_peer_that_crashes_is_skipped_with_the_signal(child: Callable[[str], Non
     }
 
 
+@pytest.mark.slow
 def test_peer_that_hangs_is_ended_and_skipped(child: Callable[[str], None]) -> None:
     child("import time; time.sleep(600)")
     start = time.monotonic()
@@ -37,6 +38,7 @@ def test_peer_that_hangs_is_ended_and_skipped(child: Callable[[str], None]) -> N
     assert time.monotonic() - start < 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "reason"),
     [

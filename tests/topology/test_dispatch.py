@@ -92,6 +92,7 @@ def test_vertex_numbers_beyond_32_bits_are_left_to_numpy() -> None:
     assert found.computed_by == "NumPy"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("kernels")
 def test_a_forked_process_leaves_its_parents_device_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     audit(*MESH)

@@ -85,6 +85,7 @@ def test_manual_is_current() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run python -m docs.make_definitions"
 
 
+@pytest.mark.slow
 def test_explaining_loads_nothing_heavy() -> None:
     code = "from msb.topology.explain import explain; explain('E'); import sys; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

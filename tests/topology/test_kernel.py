@@ -74,6 +74,7 @@ def test_cases(device: Device, case: object) -> None:
     everywhere(device, (case.vertices, case.faces))  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 @QUICK
 @given(mesh=meshes())
 def test_small_meshes(device: Device, mesh: Mesh) -> None:
@@ -109,6 +110,7 @@ def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
     everywhere(device, mesh)
 
 
+@pytest.mark.slow
 def test_random_meshes(device: Device) -> None:
     random = np.random.default_rng(8)
     for _ in range(200):

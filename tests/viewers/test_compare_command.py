@@ -66,6 +66,7 @@ def test_pictures_and_pages_need_neither_vtk_nor_a_display(
     assert all(20 < view["decibels"]["dedicated standard"] < 100 for view in meta["views"])
 
 
+@pytest.mark.slow
 def test_a_window_without_pyvista_says_which_extra(no_pyvista: dict[str, str]) -> None:
     result = compare(CHECKPOINT, **no_pyvista)
     assert result.returncode == 2
@@ -81,6 +82,7 @@ def test_a_window_without_a_display_says_what_works() -> None:
     assert result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_photographs_are_the_truth_and_views_have_their_size(tmp_path: Path) -> None:
     views = photographs(tmp_path / "images", [(250, 250, 250), (0, 0, 0)])
     out = tmp_path / "c.html"

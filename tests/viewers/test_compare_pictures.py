@@ -181,6 +181,7 @@ def test_what_is_missing_is_said_in_its_place() -> None:
         assert middle(composed.image, box, 0.5, 0.1) == (226, 227, 229)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("size", [(64, 64), (200, 1200), (2560, 300)])
 def test_windows_of_any_shape_are_no_error(layout: str, size: tuple[int, int]) -> None:
@@ -190,6 +191,7 @@ def test_windows_of_any_shape_are_no_error(layout: str, size: tuple[int, int]) -
         assert composed.image.shape == (size[1], size[0], 3)
 
 
+@pytest.mark.slow
 def test_long_names_are_shortened() -> None:
     from dataclasses import replace
 
@@ -212,6 +214,7 @@ def test_captions_tell_time_memory_size_and_place() -> None:
     assert caption_lines(slow, None)[0].startswith("65.4 s, ")
 
 
+@pytest.mark.slow
 def test_a_composer_forgets() -> None:
     state, composer = CompareState.first(comparison()), Composer()
     for number in range(60):

@@ -66,6 +66,7 @@ def test_the_window_shows_the_composed_picture(opened: Any) -> None:
     assert (viewer.image() == viewer.composition.image).all()
 
 
+@pytest.mark.slow
 def test_dragging_turns_the_asset_in_every_path(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("msb_viewers.deployment.painter.FLUID_SECONDS", 1e-6)  # nothing is fast enough
     viewer = opened(free_state())
@@ -99,6 +100,7 @@ def test_dragging_turns_the_asset_in_every_path(opened: Any, monkeypatch: pytest
     )
 
 
+@pytest.mark.slow
 def test_what_is_drawn_is_what_vtks_camera_sees(opened: Any) -> None:
     viewer = opened(free_state(layout="wipe"))
     target = viewer.state.around.center
@@ -173,6 +175,7 @@ def test_the_divider_is_dragged_and_moved_by_keys(opened: Any) -> None:
     assert not viewer.controls.press(box.left + 3, box.top + 30)
 
 
+@pytest.mark.slow
 def test_layouts_and_paths_are_switched_by_keys(opened: Any) -> None:
     viewer = opened(free_state())
     for key, kinds in (
@@ -187,6 +190,7 @@ def test_layouts_and_paths_are_switched_by_keys(opened: Any) -> None:
         assert all(shot.image is not None for shot in viewer.shots.values())
 
 
+@pytest.mark.slow
 def test_every_key_of_the_help_does_something(
     opened: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

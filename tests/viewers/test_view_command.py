@@ -48,6 +48,7 @@ def book(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_help_has_examples_and_loads_nothing_heavy() -> None:
     result = view("--help")
     assert result.returncode == 0
@@ -129,6 +130,7 @@ def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_pat
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_without_pyvista_the_message_says_which_extra(book: Path, tmp_path: Path) -> None:
     blocked = tmp_path / "sitecustomize.py"
     blocked.write_text(
@@ -142,6 +144,7 @@ def test_without_pyvista_the_message_says_which_extra(book: Path, tmp_path: Path
     assert "meshsplatbench[view]" in result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "code", "status"),
     [
@@ -234,6 +237,7 @@ def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
 
 
+@pytest.mark.slow
 def test_audit_opens_the_window_on_its_own_result(
     gl: None, book: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

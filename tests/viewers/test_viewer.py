@@ -59,6 +59,7 @@ def middle(viewer: TopologyViewer, vertices: list[int]) -> np.ndarray:
     return viewer.project(viewer.model.points[vertices].mean(axis=0)[None])[0]
 
 
+@pytest.mark.slow
 def test_colours_are_shown_as_stored(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     image = viewer.image()
@@ -127,6 +128,7 @@ def test_winding_flips_are_dashed(opened: Any) -> None:
     assert seen == [True, False, True, False, True]
 
 
+@pytest.mark.slow
 def test_a_surface_hides_layers_until_they_are_seen_through_it(opened: Any) -> None:
     # A small open triangle behind a large one.
     points = [[-2, -2, 1], [2, -2, 1], [0, 2.5, 1], [-0.5, -0.5, -1], [0.5, -0.5, -1], [0, 0.5, -1]]
@@ -185,6 +187,7 @@ def test_clicking_picks_the_vertex_under_the_mouse(opened: Any, shared: bool) ->
     assert "nothing there" in viewer.state.message
 
 
+@pytest.mark.slow
 def test_the_fan_inspector_shows_each_fan_in_its_colour(opened: Any, faults: ViewModel) -> None:
     from msb_viewers.palette import FAN_COLORS
 
@@ -203,6 +206,7 @@ def test_the_fan_inspector_shows_each_fan_in_its_colour(opened: Any, faults: Vie
     assert not (np.abs(viewer.image().astype(int) - FAN_COLORS[0]) <= 3).all(axis=2).any()
 
 
+@pytest.mark.slow
 def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     viewer.state.visible = {"boundary_edges"}
@@ -218,6 +222,7 @@ def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> Non
     assert viewer.stage.box is not None
 
 
+@pytest.mark.slow
 def test_isolating_leaves_one_component_in_the_middle(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     viewer.state.visible = {"boundary_edges", "multifan_vertices"}
@@ -268,6 +273,7 @@ def test_every_key_of_the_help_does_something(opened: Any, faults: ViewModel) ->
     assert not viewer.controls.key("F12")
 
 
+@pytest.mark.slow
 def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults, plain=False)
     viewer.controls.attach()
@@ -292,6 +298,7 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
     assert np.linalg.norm(viewer.pose.eye - before.eye) > 0.05
 
 
+@pytest.mark.slow
 def test_a_stand_in_is_drawn_while_a_slow_view_moves(opened: Any, demo: ViewModel) -> None:
     viewer = opened(demo)
     viewer.state.visible = {"boundary_edges"}

@@ -204,6 +204,7 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_scene(name: str, copy: Copy) -> None:
     place, change, options, code, file, message = BAD[name]
