@@ -56,9 +56,8 @@ class Machine(NamedTuple):
 KERNELS = *ALL_CORES, "-m", "not slow", "tests/cl", "tests/render"
 RUSTICL_FILES = "diffsoup", "splatting_golden", "standard", "work_groups"
 MACHINES = {
-    # Both styles of kernels on either PoCL. Where the system has one, that is what `make test` takes.
+    # Both styles of kernels on the system's PoCL; `make test` has the wheel's alone.
     "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, KERNELS),
-    "wheel": Machine("pocl-binary-distribution", "", "pocl:0", {}, KERNELS),
     # As on a processor that the wheel does not know, so that it has to be mended.
     "unknown": Machine("pocl-binary-distribution", "", "pocl", {"PYTHONPATH": str(UNKNOWN_CPU)}, KERNELS),
     # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for what is left out: large and
@@ -123,8 +122,6 @@ def run(name: str) -> bool:
     library = library_of(machine)
     if library is None:
         return skip(f"{name}: {machine.package} is not installed")
-    if name == "wheel" and library_of(MACHINES["pocl"]) is None:
-        return skip(f"{name}: it is the only PoCL here, so make test runs on it")
     with tempfile.TemporaryDirectory(prefix="msb-machine-") as folder:
         environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}
         for variable in ("POCL_CACHE_DIR", "PYOPENCL_CTX"):
