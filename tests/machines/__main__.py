@@ -16,6 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
+from msb.cl import mend
 from tests.conftest import ROOT, UNKNOWN_CPU, list_skips
 
 VENDORS = Path("/etc/OpenCL/vendors")
@@ -122,6 +123,8 @@ def run(name: str) -> bool:
     library = library_of(machine)
     if library is None:
         return skip(f"{name}: {machine.package} is not installed")
+    if name == "unknown" and (lacks := mend.why_not()):
+        return skip(f"{name}: {lacks}")
     with tempfile.TemporaryDirectory(prefix="msb-machine-") as folder:
         environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}
         for variable in ("POCL_CACHE_DIR", "PYOPENCL_CTX"):
