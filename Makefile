@@ -6,6 +6,9 @@ BIN := $(VENV)/bin
 FOR_DEMO := $(VENV)/.installed-demo
 FOR_TEST := $(VENV)/.installed-test
 
+# Commands and tests start many interpreters; without bytecode each of them would compile all of msb anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-all engines lint bench clean
 
 $(BIN)/python:
