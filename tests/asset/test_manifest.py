@@ -124,6 +124,7 @@ BOTH_FORMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BOTH_FORMS, ids=lambda case: case.name)
 def test_a_bad_asset_is_judged_alike_in_both_forms(case: Case, tmp_path: Path) -> None:
     path = write_case(case, tmp_path)

@@ -125,6 +125,7 @@ def test_same_device_same_bytes(method: str, cpu: Device, gpu: Device) -> None:
                 np.testing.assert_array_equal(getattr(other, name), getattr(frames[0], name))
 
 
+@pytest.mark.slow
 @methods
 def test_f_rest_may_be_channel_major(method: str, cpu: Device) -> None:
     asset, camera = model(method, 4), front_camera()
