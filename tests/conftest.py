@@ -36,7 +36,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """List what was skipped, and why."""
+    """List what was skipped, and why; once, not in every worker as well."""
+    if hasattr(terminalreporter.config, "workerinput"):
+        return
     reasons = (str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", ()))
     list_skips(reason.removeprefix("Skipped: ") for reason in reasons)
 
