@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -19,15 +19,6 @@ if TYPE_CHECKING:
 
     from msb.cl import Buffer
     from msb.render.backend import Group
-
-
-class _Scoped(Protocol):
-    _scope: DeviceScope
-
-
-S = TypeVar("S", bound=_Scoped)
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 class DeviceScope:
@@ -113,8 +104,31 @@ class DeviceScope:
             self._memory.release_all()
 
 
+class OnDevice:
+    """What every renderer in OpenCL does by its scope, which its constructor makes."""
+
+    _scope: DeviceScope
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes on the device for this renderer."""
+        return self._scope.memory()
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group of what `memory` names."""
+        return self._scope.memory_groups()
+
+    def close(self) -> None:
+        """Release everything; the device stays open."""
+        self._scope.close()
+
+
+S = TypeVar("S", bound=OnDevice)
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
 def in_turn(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Make a method one block of `turn`, of an object that has a `_scope`."""
+    """Make a method of a renderer one block of `turn`."""
 
     @functools.wraps(method)
     def taking_turns(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:

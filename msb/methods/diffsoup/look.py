@@ -15,7 +15,7 @@ from msb.asset.settings import check_modes, effective_settings
 from msb.methods.diffsoup.look_camera import diffsoup_matrices, pixel_centers
 from msb.methods.diffsoup.look_model import FEATURES, diffsoup_model
 from msb.render.backend import Drawn
-from msb.render.device_scope import DeviceScope, in_turn
+from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class _Queued(NamedTuple):
     flip: bool
 
 
-class Pipeline:
+class Pipeline(OnDevice):
     """Draws DiffSoup's models by the rules of the official evaluation; the model stays on the device.
 
     Parameters
@@ -221,18 +221,6 @@ class Pipeline:
         with device.stage("decode"):
             outputs, raws = self._shade(raster, scene, planes, visible, flip)
         return _Queued(outputs, raws, visible, fragments, scene["corners"], mvp, inverse, flip)
-
-    def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes on the device for this renderer."""
-        return self._scope.memory()
-
-    def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group of what `memory` names."""
-        return self._scope.memory_groups()
-
-    def close(self) -> None:
-        """Release everything; the device stays open."""
-        self._scope.close()
 
     def _project(self, raster: _Raster, frame: Any) -> dict[str, Buffer]:
         """Queue the projection of all triangles; return what drawing needs of the frame."""

@@ -15,7 +15,7 @@ from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
 from msb.render.backend import SETTLED_AT, Drawn
-from msb.render.device_scope import DeviceScope, in_turn
+from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
 from msb.render.splat.bins import Projected, bin_faces
 from msb.render.splat.depth import DepthSort
@@ -49,7 +49,7 @@ _PLANES = ("red", "green", "blue", "transmittance", "depth")
 _EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
 
 
-class SplattingPipeline:
+class SplattingPipeline(OnDevice):
     """Draws one asset of 2DTS, Triangle-Splatting or MeshSplatting as its official renderer does.
 
     Parameters
@@ -173,18 +173,6 @@ class SplattingPipeline:
         with self._device.timing() as timing:
             self._run(camera, background)
         return Drawn(timing.milliseconds(), timing.span())
-
-    def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes on the device for this renderer."""
-        return self._scope.memory()
-
-    def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group of what `memory` names."""
-        return self._scope.memory_groups()
-
-    def close(self) -> None:
-        """Release everything; the device stays open."""
-        self._scope.close()
 
     def _order_faces(self, at_frame: int = _ORDERED_AT) -> None:
         """Put faces in drawing order before that frame."""

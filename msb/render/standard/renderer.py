@@ -11,7 +11,7 @@ from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_overrides, effective_settings
 from msb.render.backend import Drawn, check_supported
-from msb.render.device_scope import DeviceScope, in_turn
+from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
 from msb.render.host_arrays import HostArrays
 from msb.render.standard.supersampling import box_filter, enlarged, split_supersample
@@ -38,7 +38,7 @@ _GROUPS, _ROWS = 256, 16
 """Work-groups for triangles one work-item would draw too long, and how many share the rows of a huge one."""
 
 
-class StandardRenderer:
+class StandardRenderer(OnDevice):
     """Draws any asset with a static colour as an opaque mesh; rules and kernels are in docs/standard.md.
 
     One sample at the centre of each pixel, near plane 0.01 with clipping, no far plane, two-sided, colours
@@ -139,18 +139,6 @@ class StandardRenderer:
         with self._device.timing() as timing:
             self._run(camera, background, everything=True)
         return Drawn(timing.milliseconds(), timing.span())
-
-    def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes on the device for this renderer."""
-        return self._scope.memory()
-
-    def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group of what `memory` names."""
-        return self._scope.memory_groups()
-
-    def close(self) -> None:
-        """Release everything; the device stays open."""
-        self._scope.close()
 
     def _read(self, buffer: Buffer) -> NDArray[Any]:
         return buffer.read(self._host.take(buffer.shape, buffer.dtype))
