@@ -37,6 +37,9 @@ Assignments = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Override a setting; msb methods lists them."),
 ]
+Supersample = Annotated[
+    int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
+]
 RendererName = Annotated[
     str | None, typer.Option("--renderer", metavar="NAME", help="Another renderer than ours, by its name.")
 ]

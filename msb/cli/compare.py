@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.camera_options import Assignments, Background, Cameras, Chosen, Scale
+from msb.cli.camera_options import Assignments, Background, Cameras, Chosen, Scale, Supersample
 from msb.cli.options import DeviceName, Force, Quiet, Verbose, epilog, refuse
 from msb.cli.output import Output, echo
 from msb.cli.window import (
@@ -84,9 +84,7 @@ def compare(
     ] = None,
     background: Background = "white",
     assignments: Assignments = None,
-    supersample: Annotated[
-        int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
-    ] = 1,
+    supersample: Supersample = 1,
     device: DeviceName = None,
     up: Up = None,
     size: WindowSize = DEFAULT_SIZE,

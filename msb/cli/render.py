@@ -19,6 +19,7 @@ from msb.cli.camera_options import (
     SamplingName,
     Scale,
     Size,
+    Supersample,
     Tier,
 )
 from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
@@ -80,9 +81,7 @@ def render(
     ] = None,
     fps: Annotated[int, typer.Option(min=1, max=240, help="Frames of the film a second.")] = 24,
     assignments: Assignments = None,
-    supersample: Annotated[
-        int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
-    ] = 1,
+    supersample: Supersample = 1,
     order: Ordering = None,
     sampling: SamplingName = None,
     renderer_name: RendererName = None,
