@@ -21,32 +21,34 @@ SECONDS = 600
 """After which a command is killed."""
 STARTS = ("PYTHON", "LC_", "LANG", "LD_")
 """Beginnings of the names of variables that an interpreter reads when it starts."""
-IMPORTED = (
-    *(
-        "msb.adapters.exporter",
-        "msb.adapters.tensors",
-        "msb.bench.profile",
-        "msb.bench.run",
-        "msb.meshes.assets",
-    ),
-    *("msb.metrics", "msb.reference", "msb.render.dedicated", "msb.render.images", "msb.report.build"),
-    *("msb.render.standard.renderer", "msb.scenes.datasets", "msb.topology.explain", "jinja2", "yaml"),
-    *(
-        "matplotlib.backends.backend_agg",
-        "matplotlib.figure",
-        "PIL.PngImagePlugin",
-        "platformdirs",
-        "sqlite3",
-    ),
-    *(
-        "pytools.persistent_dict",
-        "rich._emoji_codes",
-        "rich.progress",
-        "scipy.sparse.csgraph",
-        "scipy.spatial",
-    ),
+IMPORTED = [
+    "msb.adapters.exporter",
+    "msb.adapters.tensors",
+    "msb.bench.profile",
+    "msb.bench.run",
+    "msb.meshes.assets",
+    "msb.metrics",
+    "msb.reference",
+    "msb.render.dedicated",
+    "msb.render.images",
+    "msb.render.standard.renderer",
+    "msb.report.build",
+    "msb.scenes.datasets",
+    "msb.topology.explain",
+    "jinja2",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.figure",
+    "PIL.PngImagePlugin",
+    "platformdirs",
+    "pytools.persistent_dict",
+    "rich._emoji_codes",
+    "rich.progress",
+    "scipy.sparse.csgraph",
+    "scipy.spatial",
     "skimage.metrics",
-)
+    "sqlite3",
+    "yaml",
+]
 """What commands import when they run; not pyopencl, whose loader must start in the child."""
 SERVER = """
 import functools, gc, json, os, pkgutil, signal, sys
