@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +12,12 @@ import msb
 from msb.asset import write_asset
 from msb.errors import CheckpointError, InputError, MeshError, MsbError, OutputError, Unsupported, UsageError
 from msb.meshes import MESH_SUFFIXES, read_mesh
+from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-MSB = (sys.executable, "-m", "msb")
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 DIFFSOUP = ROOT / "data_stubs" / "models" / "walled" / "diffsoup"
 NEAR = [[1.0, 0, 0], [1 + 1e-12, 0, 0], [1, 1, 0], [1, 0, 1]]
@@ -37,9 +35,8 @@ def mesh_file(tmp_path: Path) -> Path:
 
 
 def audited(path: Path, *options: str) -> Any:
-    command = [*MSB, "audit", *options, "--json", "-", str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
-    data = json.loads(done.stdout) if done.stdout else done.stderr
+    done = run_msb(["audit", *options, "--json", "-", str(path)], ROOT, {})
+    data = json.loads(done.stdout) if done.stdout else done.stderr.decode()
     return comparable(data) if isinstance(data, dict) else data
 
 
@@ -142,7 +139,7 @@ def test_an_asset_is_saved_in_the_format_of_its_suffix(demo_asset: Path, tmp_pat
     assert msb.open(path).manifest.face_count == asset.manifest.face_count
     if suffix != ".triasset":
         other = tmp_path / f"b{suffix}"
-        subprocess.run([*MSB, "convert", "-q", str(demo_asset), str(other)], check=True, cwd=ROOT)
+        assert run_msb(["convert", "-q", str(demo_asset), str(other)], ROOT, {}).returncode == 0
         assert other.read_bytes() == before
         assert (read_mesh(path).vertex_colors is None) == (suffix == ".stl")
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb-audit data_stubs/splat_like.triasset",
     "msb-audit --json - data_stubs/splat_like.triasset",
-    "msb-audit --cross-check --fail-on 'nonmanifold_edges>9' data_stubs/models",
+    "msb-audit --cross-check --fail-on 'components>999' data_stubs/checkpoint",
     "msb-audit --explain nonmanifold_vertex_ratio",
 )
 

@@ -28,6 +28,14 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     return file
 
 
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
+    """The same without a reference of our own, to compare runs that are interrupted or on a cluster with."""
+    file = protocol(tmp_path_factory.mktemp("whole"))
+    assert run_protocol(file, jobs=2).exit_status == 0
+    return file
+
+
 @pytest.fixture
 def again(finished: ProtocolFile, tmp_path: Path) -> ProtocolFile:
     """The same with results of its own, which may be changed."""

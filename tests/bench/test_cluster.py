@@ -16,13 +16,15 @@ import pytest
 from msb.bench.folder import check_run
 from msb.bench.run import run_protocol
 from msb.errors import MsbError
-from tests.bench.protocols import differences, images, protocol, records
+from tests.bench.protocols import differences, images, records
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
     from pathlib import Path
+
+    from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
 
@@ -101,10 +103,10 @@ class KillsOne:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-def test_a_worker_killed_in_the_middle_costs_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    here = protocol(tmp_path / "here")
-    assert run_protocol(here, jobs=2).exit_status == 0
-    there = replace(here, path=tmp_path / "there" / "protocol.toml")
+def test_a_worker_killed_in_the_middle_costs_nothing(
+    cluster: Cluster, whole: ProtocolFile, tmp_path: Path
+) -> None:
+    there = replace(whole, path=tmp_path / "there" / "protocol.toml")
     watch = KillsOne(cluster)
     found = run_protocol(there, scheduler=cluster.address, watch=watch)
     assert {str(row.reasons) for row in found.rows} == {"{}"}
@@ -112,8 +114,8 @@ def test_a_worker_killed_in_the_middle_costs_nothing(cluster: Cluster, tmp_path:
     assert cluster.processes[1].wait(10) != 0
     assert found.exit_status == 0
     assert all(row.result is not None and not row.reasons for row in found.rows)
-    assert differences(records(there.results), records(here.results)) == []
-    assert images(there.results) == images(here.results)
+    assert differences(records(there.results), records(whole.results)) == []
+    assert images(there.results) == images(whole.results)
     again = run_protocol(there, scheduler=cluster.address)
     assert {row.planned.status for row in again.rows} == {"done", "unsupported"}
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from msb.bench.run import run_protocol
-from tests.bench.protocols import differences, images, protocol, records
+from tests.bench.protocols import differences, images, records
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -26,14 +26,6 @@ if TYPE_CHECKING:
     Start = Callable[[], subprocess.Popen[bytes]]
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
-    """A protocol that has been run without interruption."""
-    file = protocol(tmp_path_factory.mktemp("whole"))
-    assert run_protocol(file, jobs=2).exit_status == 0
-    return file
 
 
 @pytest.fixture

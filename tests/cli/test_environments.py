@@ -331,7 +331,7 @@ def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
         prose = [line for line in lines if line.startswith((ASSET, str(work)))]
         assert max(len(line) for line in lines if line not in prose) <= 80
         assert all(c.isprintable() or c == "\n" for c in one.out.decode())
-    narrow = run_all(commands, work, COLUMNS="40", **plain)
+    narrow = run_all(commands[:1], work, COLUMNS="40", **plain)
     row = next(line for line in narrow[0].out.decode().splitlines() if line.startswith("this mesh"))
     assert row.split() == ["this", "mesh", "0.52", "6.46", "0.47", "0.17", "0.74", "0.72", "0.72", "5,799"]
 

@@ -91,14 +91,11 @@ conditions = ["exported_mesh"]
         (["nothing.toml"], "FILE_NOT_FOUND: nothing.toml"),
         ([str(MODEL)], "USAGE: "),
         (["--non-engine", "reference", "p.toml"], "USAGE: "),
-        (["--scheduler", "tcp://127.0.0.1:9", str(STUBS / "protocol.toml")], "RUN_SCHEDULER: "),
         (["--only", "nobody", str(STUBS / "protocol.toml")], "USAGE: --only nobody selects no cell"),
         (["--jobs", "0", "p.toml"], "USAGE: "),
     ],
 )
 def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], said: str) -> None:
-    if "--scheduler" in args:
-        pytest.importorskip("distributed", reason="extra distributed is not installed")
     result = msb("run", "-o", tmp_path / "r", *args, cwd=tmp_path)
     assert result.status in (2, 3)
     assert result.err.startswith(said)

@@ -54,13 +54,17 @@ class Machine(NamedTuple):
 
 
 # The slow ones are the same kernels on larger and random scenes.
-KERNELS = *ALL_CORES, "-m", "not slow", "tests/cl", "tests/render"
-RUSTICL_FILES = "diffsoup", "splatting_golden", "standard", "work_groups"
+QUICK = *ALL_CORES, "-m", "not slow", "tests/cl"
+PICTURES = tuple(
+    f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard", "work_groups")
+)
 MACHINES = {
     # Both styles of kernels on the system's PoCL; `make test` has the wheel's alone.
-    "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, KERNELS),
-    # As on a processor that the wheel does not know, so that it has to be mended.
-    "unknown": Machine("pocl-binary-distribution", "", "pocl", {"PYTHONPATH": str(UNKNOWN_CPU)}, KERNELS),
+    "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, (*QUICK, "tests/render")),
+    # As on a processor that the wheel does not know, so that it has to be mended: the same library otherwise.
+    "unknown": Machine(
+        "pocl-binary-distribution", "", "pocl", {"PYTHONPATH": str(UNKNOWN_CPU)}, (*QUICK, *PICTURES)
+    ),
     # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for what is left out: large and
     # random scenes, comparisons with the references. Golden images and work-groups are in.
     "rusticl": Machine(
@@ -68,10 +72,7 @@ MACHINES = {
         "libRusticlOpenCL",
         "rusticl",
         {"RUSTICL_ENABLE": "llvmpipe"},
-        (
-            *(*ALL_CORES, "-m", "not slow", "-k", "not 8k", "tests/cl"),
-            *(f"tests/render/test_{name}.py" for name in RUSTICL_FILES),
-        ),
+        (*QUICK, "-k", "not 8k", *PICTURES),
     ),
     # An interpreter that looks for races, a thousand times as slow: a small scene of each kind.
     "oclgrind": Machine(

@@ -70,24 +70,25 @@ def crossing(method: str, seed: int) -> Asset:
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "settings", "order", "sampling"), CASES)
 def test_equals_the_reference(
-    method: str, settings: dict[str, Any], order: Any, sampling: Any, device: Device
+    method: str, settings: dict[str, Any], order: Any, sampling: Any, cpu: Device, gpu: Device
 ) -> None:
     asset, camera = crossing(method, 1), front_camera(64, 44, cx=20.5, cy=31.25)
-    frame = draw(asset, device, camera, settings=settings, order=order, sampling=sampling)
     wanted = render_reference(asset, camera, GREEN, settings, order=order, sampling=sampling)
     assert wanted.alpha.mean() > 0.1
-    np.testing.assert_array_equal(frame.visible, wanted.visible)
-    for name in ("image", "alpha", "depth", "normal", "depth_median"):
-        found, right = getattr(frame, name), getattr(wanted, name)
-        if right is None or found is None:
-            continue
-        scale = max(1.0, float(np.abs(right).max()))
-        off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
-        assert (off > 1e-4).mean() <= 2e-3, name
-    for name in frame.raw.keys() & wanted.raw.keys():
-        assert (
-            np.abs(frame.raw[name] - wanted.raw[name]) > 1e-4 * max(1, np.abs(wanted.raw[name]).max())
-        ).mean() <= 2e-3
+    for device in (cpu, gpu):
+        frame = draw(asset, device, camera, settings=settings, order=order, sampling=sampling)
+        np.testing.assert_array_equal(frame.visible, wanted.visible)
+        for name in ("image", "alpha", "depth", "normal", "depth_median"):
+            found, right = getattr(frame, name), getattr(wanted, name)
+            if right is None or found is None:
+                continue
+            scale = max(1.0, float(np.abs(right).max()))
+            off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
+            assert (off > 1e-4).mean() <= 2e-3, name
+        for name in frame.raw.keys() & wanted.raw.keys():
+            assert (
+                np.abs(frame.raw[name] - wanted.raw[name]) > 1e-4 * max(1, np.abs(wanted.raw[name]).max())
+            ).mean() <= 2e-3
 
 
 @pytest.mark.parametrize("method", SPLATTING)

@@ -198,23 +198,27 @@ def test_infinitely_thin(device: Device) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (7, 3), (8, 1), (257, 129), (3, 300)])
-def test_sizes_of_images(device: Device, size: tuple[int, int]) -> None:
+def test_sizes_of_images(devices: dict[str, Device], size: tuple[int, int]) -> None:
     mesh = scene("everything", 13)
     colors = random_colors(13, len(mesh[0]))
     view = camera(*size, focal=max(size))
-    frame = draw(device, mesh_asset(mesh, colors), view)
-    assert frame.image.shape == (size[1], size[0], 3)
-    check_agreement(frame, twin(mesh, colors, view), 0.998 if max(size) > 7 else 0.9)
+    expected = twin(mesh, colors, view)
+    for style in STYLES[:2]:
+        frame = draw(devices[style], mesh_asset(mesh, colors), view)
+        assert frame.image.shape == (size[1], size[0], 3)
+        check_agreement(frame, expected, 0.998 if max(size) > 7 else 0.9)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("principal", [(-30.3, 20.7), (60.25, 200.0), (4000.0, -9000.0)])
-def test_principal_point_off_the_middle(device: Device, principal: tuple[float, float]) -> None:
+def test_principal_point_off_the_middle(devices: dict[str, Device], principal: tuple[float, float]) -> None:
     mesh = scene("everything", 17)
     mesh = (mesh[0] + np.float32([41 - principal[0], 30 - principal[1], 0]) / 70 * 4, mesh[1])
     colors = random_colors(17, len(mesh[0]))
     view = camera(principal=principal)
-    check_agreement(draw(device, mesh_asset(mesh, colors), view), twin(mesh, colors, view), 0.995)
+    expected = twin(mesh, colors, view)
+    for style in STYLES[:2]:
+        check_agreement(draw(devices[style], mesh_asset(mesh, colors), view), expected, 0.995)
 
 
 def test_far_from_the_origin(device: Device) -> None:
