@@ -39,9 +39,9 @@ def cross(a: Reals, b: Reals) -> Reals:
     return np.stack([x, y, z], axis=-1)
 
 
-def cross_2d(a: Reals, b: Reals) -> Reals:
-    """Return a.x b.y - a.y b.x of vectors (..., 2)."""
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+def cross_2d(a: Reals | tuple[Reals, Reals], b: Reals | tuple[Reals, Reals]) -> Reals:
+    """Return a.x b.y - a.y b.x of vectors (2, ...)."""
+    return np.asarray(a[0] * b[1] - a[1] * b[0])
 
 
 def transform(matrix: Reals, points: Reals) -> Reals:

@@ -22,20 +22,17 @@ _TOGETHER = 32
 
 
 class Layers(NamedTuple):
-    """What K faces are to P samples.
+    """What N faces look like, each at a sample of its own.
 
     Attributes
     ----------
-    alpha : (K, P)
-        Below 1/255 the face is skipped.
-    color : (K, P or 1, 3)
-    depth : (K, P or 1)
+    color : (N, 3)
+    depth : (N,)
         Along the camera's z axis.
-    normal : (K, P or 1, 3)
+    normal : (N, 3)
         In camera space.
     """
 
-    alpha: Reals
     color: Reals
     depth: Reals
     normal: Reals
@@ -79,6 +76,7 @@ class Composite:
 
 def composite(
     tiles: Iterable[Tile],
+    cover: Callable[[Integers, Reals, Reals], Reals],
     shade: Callable[[Integers, Reals, Reals], Layers],
     rule: Rule,
     width: int,
@@ -91,88 +89,86 @@ def composite(
     ----------
     tiles : iterable of Tile
         A sample that is in no tile stays empty.
+    cover : callable
+        Given K faces as (K, 1), and the columns and rows of P samples as (P,) reals, the alpha of every face
+        at every sample, (K, P). Where it is below 1/255 the face is skipped.
     shade : callable
-        Given K faces and the columns and rows of P samples as (P,) reals, what they are to each other.
+        Given N faces and the columns and rows of a sample each, all (N,), what the faces look like there. It
+        is asked only where a face is blended.
     """
     image = Composite(
-        color=np.zeros((height, width, 3), dtype),
-        transmittance=np.ones((height, width), dtype),
-        depth=np.zeros((height, width), dtype),
-        normal=np.zeros((height, width, 3), dtype),
-        depth_median=np.zeros((height, width), dtype),
-        face_median=np.full((height, width), -1, np.int32),
+        color=np.zeros((height * width, 3), dtype),
+        transmittance=np.ones(height * width, dtype),
+        depth=np.zeros(height * width, dtype),
+        normal=np.zeros((height * width, 3), dtype),
+        depth_median=np.zeros(height * width, dtype),
+        face_median=np.full(height * width, -1, np.int32),
     )
     for tile in tiles:
-        samples = (tile.rows, tile.columns)
+        pixels = tile.rows * width + tile.columns
         x, y = tile.columns.astype(dtype), tile.rows.astype(dtype)
-        done = np.zeros(len(x), bool)
         for start in range(0, len(tile.faces), _TOGETHER):
             faces = tile.faces[start : start + _TOGETHER]
-            _blend(image, samples, faces, shade(faces, x, y), rule, done)
-            if done.all():
+            alpha = cover(faces[:, None], x, y)
+            # 1/255 is rounded as C rounds 1.0f / 255.0f.
+            seen = alpha >= dtype(1) / dtype(255)
+            somewhere = seen.any(axis=1)
+            if not somewhere.any():
+                continue
+            faces, alpha = faces[somewhere], np.where(seen, alpha, 0)[somewhere]
+            before, blended, goes_on = _attenuate(image.transmittance, pixels, alpha, rule)
+            # Pairs of a sample and a face, front to back in every sample.
+            sample, face = np.nonzero(blended.T)
+            layers = shade(faces[face], x[sample], y[sample])
+            _add(image, pixels[sample], faces[face], layers, alpha[face, sample], before[face, sample], rule)
+            pixels, x, y = pixels[goes_on], x[goes_on], y[goes_on]
+            if not len(pixels):
                 break
-    return image
+    return Composite(**{name: a.reshape(height, width, *a.shape[1:]) for name, a in vars(image).items()})
 
 
-def _blend(
-    image: Composite,
-    samples: tuple[Integers, Integers],
-    faces: Integers,
-    layers: Layers,
-    rule: Rule,
-    done: NDArray[np.bool_],
-) -> None:
-    """Blend K faces into `image` at P samples; `done` (P,) marks those that have stopped."""
-    dtype = layers.alpha.dtype.type
-    # 1/255 is rounded as C rounds 1.0f / 255.0f.
-    alpha = np.where(layers.alpha >= dtype(1) / dtype(255), layers.alpha, 0)
-    threshold = dtype(MIN_TRANSMITTANCE)
+def _attenuate(
+    transmittance: Reals, pixels: Integers, alpha: Reals, rule: Rule
+) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Let K faces of `alpha` (K, P) lower the transmittance T of P pixels.
+
+    Returns T before every face and whether that is blended, both (K, P), and which pixels go on, (P,).
+    """
     # T before the first face, between the faces, and after the last: products from front to back.
-    chain = np.concatenate([image.transmittance[samples][None], 1 - alpha])
+    chain = np.concatenate([transmittance[pixels][None], 1 - alpha])
     chain = np.multiply.accumulate(chain, axis=0)
     before, after = chain[:-1], chain[1:]
     # T never rises, so a sample that stops at a face stays stopped for all behind it.
-    blended = before > threshold if rule.blends_crossing else after >= threshold
-    blended &= ~done
-    alpha = np.where(blended, alpha, 0)
-    weight = alpha * before
-    # Outside a face its depth and colour may be extrapolated to infinity, and 0 times that is no 0.
-    layer_color, layer_depth = (
-        np.where(alpha[..., None] > 0, layers.color, 0),
-        np.where(alpha > 0, layers.depth, 0),
-    )
-    if rule.weight_first:
-        color = layer_color * weight[..., None]
-    else:
-        color = layer_color * alpha[..., None] * before[..., None]
-    # Advanced indexing copies, so each sum is read, grown face by face (the order matters) and written back.
-    for total, terms in (
-        (image.color, color),
-        (image.depth, layer_depth * weight),
-        (image.normal, layers.normal * weight[..., None]),
-    ):
-        value = total[samples]
-        for term in terms:
-            value = value + term
-        total[samples] = value
-    _update_median(image, samples, faces, layers.depth, (alpha > 0) & (before > 0.5))
-    image.transmittance[samples] = np.take_along_axis(chain, blended.sum(axis=0)[None], axis=0)[0]
-    done |= after[-1] <= threshold if rule.blends_crossing else ~blended[-1]
+    threshold = alpha.dtype.type(MIN_TRANSMITTANCE)
+    goes_on = chain > threshold if rule.blends_crossing else chain >= threshold
+    blended = goes_on[:-1] if rule.blends_crossing else goes_on[1:]
+    transmittance[pixels] = np.where(blended, after, before[0]).min(axis=0)
+    return before, blended & (alpha > 0), goes_on[-1]
 
 
-def _update_median(
+def _add(
     image: Composite,
-    samples: tuple[Integers, Integers],
+    pixels: Integers,
     faces: Integers,
-    depth: Reals,
-    eligible: NDArray[np.bool_],
+    layers: Layers,
+    alpha: Reals,
+    before: Reals,
+    rule: Rule,
 ) -> None:
-    """Take the last of K faces that is `eligible` (K, P) at each sample as its median so far."""
-    found = eligible.any(axis=0)
-    last = len(faces) - 1 - np.argmax(eligible[::-1], axis=0)
-    depths = np.take_along_axis(np.broadcast_to(depth, eligible.shape), last[None], axis=0)[0]
-    image.depth_median[samples] = np.where(found, depths, image.depth_median[samples])
-    image.face_median[samples] = np.where(found, faces[last], image.face_median[samples])
+    """Blend N faces into a pixel each, pixel by pixel and front to back; T is `before` in front of them."""
+    weight = alpha * before
+    if rule.weight_first:
+        color = layers.color * weight[:, None]
+    else:
+        color = layers.color * alpha[:, None] * before[:, None]
+    totals = (*image.color.T, image.depth, *image.normal.T)
+    terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
+    for total, term in zip(totals, terms, strict=True):
+        np.add.at(total, pixels, term)
+    early = np.flatnonzero(before > 0.5)
+    last = early[np.diff(pixels[early], append=-1) != 0]
+    image.depth_median[pixels[last]] = layers.depth[last]
+    image.face_median[pixels[last]] = faces[last]
 
 
 def expected_depth(depth: Reals, alpha: Reals) -> Reals:

@@ -47,6 +47,9 @@ MAX_RADIUS = 1600
 class Windows:
     """F faces on the screen, in samples.
 
+    Methods take face numbers and the columns and rows of samples, which broadcast against each other: K faces
+    as (K, 1) at P samples as (P,), or N faces at a sample each, all (N,).
+
     Attributes
     ----------
     dropped : (F,) bool
@@ -76,22 +79,23 @@ class Windows:
     radius: Reals
 
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the distance to the nearest edge over the inradius, of K faces at P samples; NaN outside."""
-        normal, offset = self.edge_normal[faces, :, :, None], self.edge_offset[faces, :, None]
-        distances = normal[:, :, 0] * x + normal[:, :, 1] * y + offset
-        nearest: Reals = np.fmax.reduce(distances, axis=1)
-        return np.where(nearest > 0, np.nan, nearest * (1 / self.inradius[faces, 2])[:, None])
+        """Return the distance of samples to the nearest edge of faces over the inradius; NaN outside."""
+        normal, offset = self.edge_normal[faces], self.edge_offset[faces]
+        first, second, third = (
+            normal[..., k, 0] * x + normal[..., k, 1] * y + offset[..., k] for k in range(3)
+        )
+        nearest = np.fmax(np.fmax(first, second), third)
+        return np.where(nearest > 0, np.nan, nearest * (1 / self.inradius[faces, 2]))
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the depth of K faces at any sample, (K, 1): that of the centroid."""
-        return np.asarray(self.depth[faces, None])
+        """Return the depth of faces, the same at every sample: that of the centroid."""
+        return np.asarray(self.depth[faces])
 
     def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the weights of the three corners of K faces at P samples, (K, P): affine in screen space."""
-        corners = self.corners[faces]
-        first = corners[:, None, 0]
-        e1, e2 = corners[:, None, 1] - first, corners[:, None, 2] - first
-        e = np.stack([x, y], axis=-1) - first
+        """Return the weights of the three corners of faces at samples: affine in screen space."""
+        first, second, third = np.moveaxis(self.corners[faces], (-2, -1), (0, 1))
+        e1, e2 = second - first, third - first
+        e = x - first[0], y - first[1]
         inverse = 1 / cross_2d(e1, e2)
         b1 = cross_2d(e, e2) * inverse
         b2 = cross_2d(e1, e) * inverse
@@ -168,11 +172,10 @@ def window_alpha(phi: Reals, opacity: Reals, sigma: Reals, cap: float) -> Reals:
     ----------
     phi : (K, P)
         0 on an edge (which is inside), 1 at the incentre, NaN outside.
-    opacity, sigma : (K,)
+    opacity, sigma : (K, 1)
     """
-    face, sample = np.nonzero(~np.isnan(phi))
-    inside = phi[face, sample]
-    alpha = np.zeros_like(phi)
-    coverage = np.fmax(0, fast_power(inside, sigma[face]))
-    alpha[face, sample] = np.fmin(phi.dtype.type(cap), opacity[face] * coverage)
+    inside = np.nonzero(~np.isnan(phi))
+    face, alpha = inside[0], np.zeros_like(phi)
+    coverage = np.fmax(0, fast_power(phi[inside], sigma[face, 0]))
+    alpha[inside] = np.fmin(phi.dtype.type(cap), opacity[face, 0] * coverage)
     return alpha

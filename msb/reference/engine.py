@@ -37,6 +37,8 @@ ALMOST_ONE = 0.999
 class EngineTriangles:
     """F triangles on the screen, in samples; sample (i, j) has its centre at (i, j), as everywhere here.
 
+    Faces and samples broadcast against each other, as those of `msb.reference.edge_window.Windows`.
+
     Attributes
     ----------
     dropped : (F,) bool
@@ -75,28 +77,35 @@ class EngineTriangles:
         return np.where(self.back[:, None], -self.normal, self.normal)
 
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the least weighted barycentric coordinate of K of the triangles at P samples, (K, P).
+        """Return the least weighted barycentric coordinate of faces at samples.
 
         0 on the edges, 1 in the middle, NaN where there is no fragment.
         """
-        nearest = _affine(self.edges[faces], x, y).min(axis=1)
+        first, second, third = self._weighted(faces, x, y)
+        nearest = np.minimum(np.minimum(first, second), third)
         depth = self.depth_at(faces, x, y)
         fragment = (nearest >= 0) & (depth >= depth.dtype.type(NEAR)) & np.isfinite(depth)
         return np.where(fragment, nearest * depth, np.nan)
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the camera depth of the triangles' planes at the samples, (K, P)."""
-        return np.asarray(1 / _affine(self.inverse_depth[faces, None], x, y)[:, 0])
+        """Return the camera depth of the faces' planes at samples."""
+        return np.asarray(1 / _affine(self.inverse_depth[faces], x, y))
 
-    def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the weights of the corners, (3, K, P): linear on the triangle, not on the screen."""
-        weighted = _affine(self.edges[faces], x, y) * self.depth_at(faces, x, y)[:, None]
-        return np.asarray((weighted / self.weights[faces, :, None]).transpose(1, 0, 2))
+    def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
+        """Return the weights of the three corners of faces: linear on the triangle, not on the screen."""
+        (first, second, third), depth = self._weighted(faces, x, y), self.depth_at(faces, x, y)
+        a, b, c = np.moveaxis(self.weights[faces], -1, 0)
+        return first * depth / a, second * depth / b, third * depth / c
+
+    def _weighted(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
+        """Return the three weighted barycentric coordinates of faces at samples, over depth."""
+        first, second, third = np.moveaxis(self.edges[faces], -2, 0)
+        return _affine(first, x, y), _affine(second, x, y), _affine(third, x, y)
 
 
 def _affine(factors: Reals, x: Reals, y: Reals) -> Reals:
-    """Return a x + c + b y of (K, n, 3) factors a, b, c at P samples: (K, n, P)."""
-    a, b, c = (factors[..., k, None] for k in range(3))
+    """Return a x + c + b y of factors a, b, c (..., 3) at samples."""
+    a, b, c = np.moveaxis(factors, -1, 0)
     return np.asarray((a * x + c) + b * y)
 
 

@@ -97,5 +97,5 @@ def tiles_front_to_back(
 
 def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -> Tile:
     x, y = TILE * (number % columns), TILE * (number // columns)
-    rows, samples = np.mgrid[y : min(y + TILE, height), x : min(x + TILE, width)]
-    return Tile(samples.ravel(), rows.ravel(), faces)
+    columns_of_tile, rows = np.arange(x, min(x + TILE, width)), np.arange(y, min(y + TILE, height))
+    return Tile(np.tile(columns_of_tile, len(rows)), np.repeat(rows, len(columns_of_tile)), faces)

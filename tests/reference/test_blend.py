@@ -37,12 +37,14 @@ def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, ru
     faces, samples = alphas.shape
     tile = Tile(np.arange(samples), np.zeros(samples, np.int64), np.arange(faces))
 
-    def shade(chosen: np.ndarray, x: np.ndarray, y: np.ndarray) -> Layers:
+    def cover(chosen: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         assert x.dtype == y.dtype == F
-        normal = np.zeros((len(chosen), 1, 3), F)
-        return Layers(alphas[chosen], colors[chosen, None], depths[chosen, None], normal)
+        return alphas[chosen, x.astype(int)]
 
-    return composite([tile], shade, rule, samples, 1, np.float32)
+    def shade(chosen: np.ndarray, x: np.ndarray, y: np.ndarray) -> Layers:
+        return Layers(colors[chosen], depths[chosen], np.zeros((len(chosen), 3), F))
+
+    return composite([tile], cover, shade, rule, samples, 1, np.float32)
 
 
 @pytest.mark.slow
@@ -87,18 +89,18 @@ def test_the_crossing_face_is_blended_or_refused() -> None:
     assert blended.transmittance[0, 0] < 1e-4 < refused.transmittance[0, 0]
 
 
-def test_infinite_depth_outside_a_face_is_not_blended() -> None:
-    alphas = np.array([[0.5, 0.0]], F)
+def test_a_face_is_shaded_only_where_it_is_blended() -> None:
+    """Outside of a face its depth and colour may be infinite, and 0 times that is no 0."""
+    alphas = np.array([[0.5, 0.001, 0], [0.9999, 0, 0], [0.5, 0.5, 0]], F)
+    shaded = []
 
     def shade(chosen: np.ndarray, x: np.ndarray, y: np.ndarray) -> Layers:
-        depth = np.array([[2.0, np.inf]], F)
-        color = np.array([[[1, 1, 1], [np.nan, np.nan, np.nan]]], F)
-        return Layers(alphas, color, depth, np.ones((1, 1, 3), F))
+        shaded.extend(zip(chosen.tolist(), x.tolist(), y.tolist(), strict=True))
+        return Layers(np.ones((len(chosen), 3), F), np.ones(len(chosen), F), np.ones((len(chosen), 3), F))
 
-    tile = Tile(np.array([0, 1]), np.array([0, 0]), np.array([0]))
-    found = composite([tile], shade, RULES[0], 2, 1, np.float32)
-    np.testing.assert_array_equal(found.depth, [[1, 0]])
-    np.testing.assert_array_equal(found.color[0, 1], 0)
+    tile = Tile(np.arange(3), np.zeros(3, np.int64), np.arange(3))
+    composite([tile], lambda faces, x, y: alphas[faces, x.astype(int)], shade, RULES[2], 3, 1, np.float32)
+    assert sorted(shaded) == [(0, 0, 0), (2, 1, 0)]
 
 
 def test_expected_depth_is_zero_where_nothing_is() -> None:

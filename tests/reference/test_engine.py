@@ -54,15 +54,15 @@ def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) ->
         depth = 1 / scaled.sum(axis=0)
         barycentrics = scaled * depth
         inside = (barycentrics >= 0).all(axis=0) & (depth >= NEAR)
-        phi = shapes.phi([face], columns, rows)[0]
+        phi = shapes.phi(face, columns, rows)
         np.testing.assert_array_equal(~np.isnan(phi), inside)
         if not inside.any():
             continue
         assert not shapes.dropped[face]
         seen += 1
         crossing += corners[:, 2].min() < NEAR
-        np.testing.assert_allclose(shapes.depth_at([face], columns, rows)[0][inside], depth[inside])
-        found = shapes.barycentrics([face], columns, rows)[:, 0, inside]
+        np.testing.assert_allclose(shapes.depth_at(face, columns, rows)[inside], depth[inside])
+        found = np.stack(shapes.barycentrics(face, columns, rows))[:, inside]
         np.testing.assert_allclose(found, barycentrics[:, inside], atol=1e-9)
         low, high = shapes.rectangles.low[face], shapes.rectangles.high[face]
         assert (columns[inside] // 16 >= low[0]).all()

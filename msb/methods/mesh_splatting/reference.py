@@ -58,20 +58,20 @@ def render(
     rectangles = corner_tiles(shapes, view) if isinstance(shapes, Windows) else shapes.rectangles
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
+    def cover(chosen: Integers, x: Reals, y: Reals) -> Reals:
+        return window_alpha(shapes.phi(chosen, x, y), opacity[chosen], sigma[chosen], MAX_ALPHA)
+
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
-        phi = shapes.phi(chosen, x, y)
-        alpha = window_alpha(phi, opacity[chosen], sigma[chosen], MAX_ALPHA)
         b0, b1, b2 = shapes.barycentrics(chosen, x, y)
-        c, z = color[chosen, None], depth[chosen, None]
+        c, z = color[chosen], depth[chosen]
         return Layers(
-            alpha,
-            b0[..., None] * c[..., 0, :] + b1[..., None] * c[..., 1, :] + b2[..., None] * c[..., 2, :],
-            b0 * z[..., 0] + b1 * z[..., 1] + b2 * z[..., 2],
-            shapes.normal[chosen, None],
+            b0[:, None] * c[:, 0] + b1[:, None] * c[:, 1] + b2[:, None] * c[:, 2],
+            b0 * z[:, 0] + b1 * z[:, 1] + b2 * z[:, 2],
+            shapes.normal[chosen],
         )
 
     tiles = modes.tiles(rectangles, shapes.depth, kept, view)
-    blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
+    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype)
     raster = blended.over(background)
     alpha = box_mean(blended.alpha, samples)
     middle = samples // 2

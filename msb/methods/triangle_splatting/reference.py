@@ -62,14 +62,14 @@ def render(
     )
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
+    def cover(chosen: Integers, x: Reals, y: Reals) -> Reals:
+        return window_alpha(shapes.phi(chosen, x, y), opacity[chosen], sigma[chosen], MAX_ALPHA)
+
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
-        phi = shapes.phi(chosen, x, y)
-        alpha = window_alpha(phi, opacity[chosen], sigma[chosen], MAX_ALPHA)
-        depth = shapes.depth_at(chosen, x, y)
-        return Layers(alpha, color[chosen, None], depth, shapes.normal[chosen, None])
+        return Layers(color[chosen], shapes.depth_at(chosen, x, y), shapes.normal[chosen])
 
     tiles = modes.tiles(rectangles, shapes.depth, kept, view)
-    blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
+    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype)
     return ReferenceFrame(
         image=blended.over(background),
         alpha=blended.alpha,

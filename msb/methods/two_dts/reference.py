@@ -79,14 +79,15 @@ def render(
         official = AffineRasterizer if settings["rasterizer"] == "2D" else PlanarRasterizer
         raster = official(vertices, view, settings["back_culling"])
 
+    def cover(chosen: Integers, x: Reals, y: Reals) -> Reals:
+        return coverage_alpha(raster.eccentricity(chosen, x, y), opacity[chosen], gamma)
+
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
-        eccentricity, depth = raster.sample(chosen, x, y)
-        alpha = coverage_alpha(eccentricity, opacity[chosen, None], gamma)
-        return Layers(alpha, color[chosen, None], depth, raster.normal[chosen, None])
+        return Layers(color[chosen], raster.depth_at(chosen, x, y), raster.normal[chosen])
 
     kept = ~raster.dropped
     tiles = modes.tiles(raster.rectangles, raster.depth, kept, view)
-    blended = composite(tiles, shade, _RULE, view.width, view.height, dtype)
+    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype)
     background_depth = norm(view.center - stored).max()
     alpha = resize(blended.alpha, scale)
     return ReferenceFrame(
@@ -164,6 +165,7 @@ def project(points: Reals, view: SplattingCamera) -> Reals:
 class AffineRasterizer:
     """The "2D" rasterizer: perspective is linearised about the centroid, corners are pushed out by 0.5 px.
 
+    Faces and samples broadcast against each other, as those of `msb.reference.edge_window.Windows`.
     Attributes of F triangles: `dropped` (F,), `depth` (F,), `normal` (F, 3), `rectangles`, `radius` (F,).
     """
 
@@ -191,23 +193,31 @@ class AffineRasterizer:
         middle = np.stack([ndc_to_pixel(ndc[:, 0], view.width), ndc_to_pixel(ndc[:, 1], view.height)], axis=1)
         middle = (middle + view.shift)[:, None]
         self.corners = middle + flat
-        self.area = cross_2d(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        first, second, third = np.moveaxis(self.corners, (1, 2), (0, 1))
+        self.area = cross_2d(second - first, third - first)
         # y points down, so a front face (counter-clockwise on the screen) has a negative area.
         self.dropped |= self.area >= -eps if back_culling else np.abs(self.area) < eps
         self.rectangles, self.radius = bounds(middle + DILATION * flat, view.width, view.height)
         self.dropped |= ((self.rectangles.high - self.rectangles.low) <= 0).any(axis=1)
         self.corner_depth = arms[..., 2] + self.depth[:, None]
 
-    def sample(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
-        """Return eccentricity and depth (K, P) of K triangles at P samples; depth is extrapolated outside."""
-        arms = self.corners[faces, None] - np.stack([x, y], axis=-1)[:, None]
-        area = self.area[faces, None]
-        a1 = cross_2d(arms[..., 1, :], arms[..., 2, :]) / area
-        a2 = cross_2d(arms[..., 2, :], arms[..., 0, :]) / area
-        a3 = 1 - a1 - a2
-        z = self.corner_depth[faces, None]
-        depth = z[..., 0] * a1 + z[..., 1] * a2 + z[..., 2] * a3
-        return eccentricity(a1, a2, a3), depth
+    def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
+        """Return the weights of the three corners of faces at samples."""
+        corners = np.moveaxis(self.corners[faces], (-2, -1), (0, 1))
+        first, second, third = ((corner[0] - x, corner[1] - y) for corner in corners)
+        area = self.area[faces]
+        a1, a2 = cross_2d(second, third) / area, cross_2d(third, first) / area
+        return a1, a2, 1 - a1 - a2
+
+    def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the eccentricity of samples in faces."""
+        return eccentricity(*self.barycentrics(faces, x, y))
+
+    def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the depth of faces at samples, extrapolated outside."""
+        a1, a2, a3 = self.barycentrics(faces, x, y)
+        z = self.corner_depth[faces]
+        return np.asarray(z[..., 0] * a1 + z[..., 1] * a2 + z[..., 2] * a3)
 
 
 class PlanarRasterizer:
@@ -233,23 +243,30 @@ class PlanarRasterizer:
         self.rectangles, self.radius = bounds(points, view.width, view.height)
         self.dropped |= ((self.rectangles.high - self.rectangles.low) <= 0).any(axis=1)
 
-    def sample(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
-        """Return eccentricity and depth (K, P) of K triangles at P samples."""
+    def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the eccentricity of samples in faces; NaN where the ray does not meet the face's plane."""
+        ray, slope = self._rays(faces, x, y)
+        normal, corners = self.normal[faces], self.corners[faces]
+        arms = corners - (self.depth_at(faces, x, y)[..., None] * ray)[..., None, :]
+        scale = 1 / dot(normal, normal)
+        a1 = dot(cross(arms[..., 1, :], arms[..., 2, :]), normal) * scale
+        a2 = dot(cross(arms[..., 2, :], arms[..., 0, :]), normal) * scale
+        meets = np.abs(slope) >= slope.dtype.type(EPS)
+        return np.where(meets, eccentricity(a1, a2, 1 - a1 - a2), np.nan)
+
+    def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the depth of the faces' planes at samples."""
+        first, (_, slope) = self.corners[faces][..., 0, :], self._rays(faces, x, y)
+        return np.asarray(dot(first, self.normal[faces]) / slope)
+
+    def _rays(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
+        """Return the rays of samples, (..., 3) with z = 1, and their products with the faces' normals."""
         width, height = self.view.width, self.view.height
         (shift_x, shift_y), (tan_x, tan_y) = self.view.shift, self.view.tan_fov
         ray_x = tan_x * ((2 * (x - shift_x) - width + 1) / width)
         ray_y = tan_y * ((2 * (y - shift_y) - height + 1) / height)
         ray = np.stack([ray_x, ray_y, np.ones_like(x)], axis=-1)
-        normal, corners = self.normal[faces, None], self.corners[faces, None]
-        slope = dot(ray, normal)
-        meets = np.abs(slope) >= slope.dtype.type(EPS)
-        depth = dot(corners[..., 0, :], normal) / slope
-        arms = corners - (depth[..., None] * ray)[..., None, :]
-        scale = 1 / dot(normal, normal)
-        a1 = dot(cross(arms[..., 1, :], arms[..., 2, :]), normal) * scale
-        a2 = dot(cross(arms[..., 2, :], arms[..., 0, :]), normal) * scale
-        a3 = 1 - a1 - a2
-        return np.where(meets, eccentricity(a1, a2, a3), np.nan), depth
+        return ray, dot(ray, self.normal[faces])
 
 
 class EngineRasterizer:
@@ -269,11 +286,14 @@ class EngineRasterizer:
         self.depth, self.normal = shapes.depth, shapes.normal
         self.rectangles, self.radius = shapes.rectangles, shapes.radius
 
-    def sample(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
-        """Return eccentricity and depth (K, P) of K triangles at P samples."""
+    def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the eccentricity of samples in faces; NaN where there is no fragment."""
         # At the centroid rounding may leave less than nothing.
-        outwards = np.maximum(1 - self.shapes.phi(faces, x, y), 0)
-        return self.reached[faces, None] * outwards, self.shapes.depth_at(faces, x, y)
+        return np.asarray(self.reached[faces] * np.maximum(1 - self.shapes.phi(faces, x, y), 0))
+
+    def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
+        """Return the depth of the faces' planes at samples."""
+        return self.shapes.depth_at(faces, x, y)
 
 
 def reach(opacity: Reals, gamma: float) -> Reals:
