@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 MIN_TRANSMITTANCE = 1e-4
 """Compositing of a sample stops here."""
-_TOGETHER = 32
-"""Faces of a tile that are evaluated at once: arrays of 32 x 256 samples stay in the cache."""
+_TOGETHER = 64
+"""Faces of a tile that are evaluated at once: arrays of 64 x 256 samples stay in the cache."""
 
 
 class Layers(NamedTuple):
@@ -163,8 +163,10 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
+    # add.at adds pair after pair, and is quick at one channel at a time.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
+    # The last pair of each pixel before which T > 0.5.
     early = np.flatnonzero(before > 0.5)
     last = early[np.diff(pixels[early], append=-1) != 0]
     image.depth_median[pixels[last]] = layers.depth[last]

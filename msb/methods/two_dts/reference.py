@@ -245,9 +245,9 @@ class PlanarRasterizer:
 
     def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the eccentricity of samples in faces; NaN where the ray does not meet the face's plane."""
-        ray, slope = self._rays(faces, x, y)
-        normal, corners = self.normal[faces], self.corners[faces]
-        arms = corners - (self.depth_at(faces, x, y)[..., None] * ray)[..., None, :]
+        ray, slope, depth = self._meet(faces, x, y)
+        normal = self.normal[faces]
+        arms = self.corners[faces] - (depth[..., None] * ray)[..., None, :]
         scale = 1 / dot(normal, normal)
         a1 = dot(cross(arms[..., 1, :], arms[..., 2, :]), normal) * scale
         a2 = dot(cross(arms[..., 2, :], arms[..., 0, :]), normal) * scale
@@ -256,17 +256,18 @@ class PlanarRasterizer:
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the depth of the faces' planes at samples."""
-        first, (_, slope) = self.corners[faces][..., 0, :], self._rays(faces, x, y)
-        return np.asarray(dot(first, self.normal[faces]) / slope)
+        return self._meet(faces, x, y)[2]
 
-    def _rays(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals]:
-        """Return the rays of samples, (..., 3) with z = 1, and their products with the faces' normals."""
+    def _meet(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
+        """Return rays (..., 3) with z = 1, their products with the normals, and depths on the planes."""
         width, height = self.view.width, self.view.height
         (shift_x, shift_y), (tan_x, tan_y) = self.view.shift, self.view.tan_fov
         ray_x = tan_x * ((2 * (x - shift_x) - width + 1) / width)
         ray_y = tan_y * ((2 * (y - shift_y) - height + 1) / height)
         ray = np.stack([ray_x, ray_y, np.ones_like(x)], axis=-1)
-        return ray, dot(ray, self.normal[faces])
+        normal = self.normal[faces]
+        slope = dot(ray, normal)
+        return ray, slope, dot(self.corners[faces][..., 0, :], normal) / slope
 
 
 class EngineRasterizer:
