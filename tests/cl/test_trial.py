@@ -217,6 +217,7 @@ def draw(path: str) -> list[Any]:
     return [msb.render(asset, camera, tier=tier, device="pocl").image for tier in tiers]
 
 
+@pytest.mark.slow
 def test_the_wheel_is_mended_where_it_does_not_know_the_processor(
     child: Child, unknown: dict[str, str]
 ) -> None:

@@ -31,6 +31,7 @@ def picture(renderer: msb.Renderer, number: int) -> bytes:
     return renderer.render(camera, background=(1, 1, 1)).image.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> None:
     with msb.Renderer(asset, tier=tier, device=SELECTOR) as renderer:

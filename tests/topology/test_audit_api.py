@@ -284,6 +284,7 @@ def test_weld_distance_is_checked_before_anything_else_is_reported() -> None:
 # --- heavy elements
 
 
+@pytest.mark.slow
 def test_edge_shared_by_100000_faces_is_one_group() -> None:
     n = 100_000
     faces = np.stack([np.zeros(n, int), np.ones(n, int), np.arange(2, n + 2)], axis=1)
@@ -294,6 +295,7 @@ def test_edge_shared_by_100000_faces_is_one_group() -> None:
     assert (counts.boundary_loops, counts.open_boundary_chains) == (0, n)
 
 
+@pytest.mark.slow
 def test_vertex_in_every_one_of_100000_faces_is_manifold_when_they_fan() -> None:
     n = 100_000
     rim = np.arange(n)
@@ -304,6 +306,7 @@ def test_vertex_in_every_one_of_100000_faces_is_manifold_when_they_fan() -> None
     assert report.valence_histogram == {3: n, n: 1}
 
 
+@pytest.mark.slow
 def test_one_face_stored_100000_times_is_three_crowded_edges() -> None:
     n = 100_000
     counts = audit(POINTS, np.tile([[0, 1, 2]], (n, 1))).counts

@@ -21,6 +21,14 @@ if TYPE_CHECKING:
 HAS_PYVISTA = importlib.util.find_spec("pyvista") is not None
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what opens a window as slow."""
+    for item in items:
+        if "gl" in getattr(item, "fixturenames", ()):
+            item.add_marker("slow")
+
+
 @pytest.fixture(scope="session")
 def gl() -> None:
     """Skip where nothing can be drawn, with the message a user would get."""

@@ -88,6 +88,7 @@ def test_smaller_pictures_are_means_and_larger_ones_show_pixels() -> None:
 # Views ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_vtk_and_the_renderers_see_a_point_at_the_same_pixel() -> None:
     rendering = pytest.importorskip("vtkmodules.vtkRenderingCore", reason="extra view is not installed")
     camera = replace(small_cameras(2)[1], width=640, height=480)

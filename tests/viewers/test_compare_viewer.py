@@ -57,7 +57,6 @@ def free_state(**more: Any) -> CompareState:
     return CompareState.first(comparison([], FAST), **more)
 
 
-@pytest.mark.slow
 def test_the_window_shows_the_composed_picture(opened: Any) -> None:
     viewer = opened(CompareState.first(comparison(tiers=FAST)))
     assert viewer.settled
@@ -66,7 +65,6 @@ def test_the_window_shows_the_composed_picture(opened: Any) -> None:
     assert (viewer.image() == viewer.composition.image).all()
 
 
-@pytest.mark.slow
 def test_dragging_turns_the_asset_in_every_path(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("msb_viewers.deployment.painter.FLUID_SECONDS", 1e-6)  # nothing is fast enough
     viewer = opened(free_state())
@@ -100,7 +98,6 @@ def test_dragging_turns_the_asset_in_every_path(opened: Any, monkeypatch: pytest
     )
 
 
-@pytest.mark.slow
 def test_what_is_drawn_is_what_vtks_camera_sees(opened: Any) -> None:
     viewer = opened(free_state(layout="wipe"))
     target = viewer.state.around.center
@@ -175,7 +172,6 @@ def test_the_divider_is_dragged_and_moved_by_keys(opened: Any) -> None:
     assert not viewer.controls.press(box.left + 3, box.top + 30)
 
 
-@pytest.mark.slow
 def test_layouts_and_paths_are_switched_by_keys(opened: Any) -> None:
     viewer = opened(free_state())
     for key, kinds in (
@@ -190,7 +186,6 @@ def test_layouts_and_paths_are_switched_by_keys(opened: Any) -> None:
         assert all(shot.image is not None for shot in viewer.shots.values())
 
 
-@pytest.mark.slow
 def test_every_key_of_the_help_does_something(
     opened: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,7 +198,6 @@ def test_every_key_of_the_help_does_something(
     assert [path.name for path in tmp_path.iterdir()] == ["demo_view_1.png"]
 
 
-@pytest.mark.slow
 def test_the_window_does_not_wait_for_the_reference(opened: Any) -> None:
     state = CompareState.first(comparison(settings={"supersample": 1}))
     state.reference = False

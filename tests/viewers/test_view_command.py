@@ -84,7 +84,6 @@ def test_one_command_writes_picture_figure_and_page(gl: None, book: Path, tmp_pa
     assert "OUTPUT_EXISTS" in again.stderr
 
 
-@pytest.mark.slow
 def test_the_picture_shows_what_is_asked_for(gl: None, book: Path, tmp_path: Path) -> None:
     from msb_viewers.palette import HIGHLIGHT
 
@@ -228,7 +227,6 @@ def test_audit_views_one_mesh_only(tmp_path: Path, book: Path) -> None:
     assert "--view takes one mesh" in result.stderr
 
 
-@pytest.mark.slow
 @needs_pyvista
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
 def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
@@ -237,7 +235,6 @@ def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
 
 
-@pytest.mark.slow
 def test_audit_opens_the_window_on_its_own_result(
     gl: None, book: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

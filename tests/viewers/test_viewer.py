@@ -59,7 +59,6 @@ def middle(viewer: TopologyViewer, vertices: list[int]) -> np.ndarray:
     return viewer.project(viewer.model.points[vertices].mean(axis=0)[None])[0]
 
 
-@pytest.mark.slow
 def test_colours_are_shown_as_stored(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     image = viewer.image()
@@ -68,7 +67,6 @@ def test_colours_are_shown_as_stored(opened: Any, faults: ViewModel) -> None:
     assert tuple(image[2, 2]) == BACKGROUND
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
 def test_colours_of_any_domain_reach_their_faces(opened: Any, domain: Any) -> None:
     points = [*square(1, 0, left=-1), *square(1, 0, left=1)]
@@ -87,7 +85,6 @@ def test_colours_of_any_domain_reach_their_faces(opened: Any, domain: Any) -> No
     assert tuple(around(viewer.image(), middle(viewer, [4, 5, 6]), 0)[0]) == BACKGROUND
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "vertices"),
     [
@@ -128,7 +125,6 @@ def test_winding_flips_are_dashed(opened: Any) -> None:
     assert seen == [True, False, True, False, True]
 
 
-@pytest.mark.slow
 def test_a_surface_hides_layers_until_they_are_seen_through_it(opened: Any) -> None:
     # A small open triangle behind a large one.
     points = [[-2, -2, 1], [2, -2, 1], [0, 2.5, 1], [-0.5, -0.5, -1], [0.5, -0.5, -1], [0, 0.5, -1]]
@@ -143,7 +139,6 @@ def test_a_surface_hides_layers_until_they_are_seen_through_it(opened: Any) -> N
     assert not has(viewer.image(), place, color)
 
 
-@pytest.mark.slow
 def test_stepping_flies_to_the_element_and_rings_it(opened: Any, demo: ViewModel) -> None:
     viewer = opened(demo)
     viewer.state.active = "nonmanifold_edges"
@@ -161,7 +156,6 @@ def test_stepping_flies_to_the_element_and_rings_it(opened: Any, demo: ViewModel
     assert viewer.pose.distance > before.distance / 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shared", [True, False], ids=["indexed", "soup"])
 def test_clicking_picks_the_vertex_under_the_mouse(opened: Any, shared: bool) -> None:
     points = np.array([*square(2, 0), *square(1, 1)])
@@ -187,7 +181,6 @@ def test_clicking_picks_the_vertex_under_the_mouse(opened: Any, shared: bool) ->
     assert "nothing there" in viewer.state.message
 
 
-@pytest.mark.slow
 def test_the_fan_inspector_shows_each_fan_in_its_colour(opened: Any, faults: ViewModel) -> None:
     from msb_viewers.palette import FAN_COLORS
 
@@ -206,7 +199,6 @@ def test_the_fan_inspector_shows_each_fan_in_its_colour(opened: Any, faults: Vie
     assert not (np.abs(viewer.image().astype(int) - FAN_COLORS[0]) <= 3).all(axis=2).any()
 
 
-@pytest.mark.slow
 def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     viewer.state.visible = {"boundary_edges"}
@@ -222,7 +214,6 @@ def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> Non
     assert viewer.stage.box is not None
 
 
-@pytest.mark.slow
 def test_isolating_leaves_one_component_in_the_middle(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     viewer.state.visible = {"boundary_edges", "multifan_vertices"}
@@ -236,7 +227,6 @@ def test_isolating_leaves_one_component_in_the_middle(opened: Any, faults: ViewM
     assert viewer.state.component is None
 
 
-@pytest.mark.slow
 def test_the_legend_is_clicked_like_a_row_of_check_boxes(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults, plain=False, size=(1280, 800))
     assert viewer._legend is not None
@@ -253,7 +243,6 @@ def test_the_legend_is_clicked_like_a_row_of_check_boxes(opened: Any, faults: Vi
     assert np.abs(seen - panel[..., :3])[solid].max() <= 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1280, 800), (800, 600), (400, 300), (2560, 1440)])
 def test_the_first_view_leaves_the_legend_free(opened: Any, faults: ViewModel, size: tuple[int, int]) -> None:
     viewer = opened(faults, plain=False, size=size)
@@ -264,7 +253,6 @@ def test_the_first_view_leaves_the_legend_free(opened: Any, faults: ViewModel, s
     assert viewer.image().shape == (size[1], size[0], 3)
 
 
-@pytest.mark.slow
 def test_every_key_of_the_help_does_something(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults, plain=False)
     for name in [*"12345678", "0", "Tab", *"npfci", "[", "]", *"kxlh", "Home", "Escape", "r", "KP_1"]:
@@ -273,7 +261,6 @@ def test_every_key_of_the_help_does_something(opened: Any, faults: ViewModel) ->
     assert not viewer.controls.key("F12")
 
 
-@pytest.mark.slow
 def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults, plain=False)
     viewer.controls.attach()
@@ -298,7 +285,6 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
     assert np.linalg.norm(viewer.pose.eye - before.eye) > 0.05
 
 
-@pytest.mark.slow
 def test_a_stand_in_is_drawn_while_a_slow_view_moves(opened: Any, demo: ViewModel) -> None:
     viewer = opened(demo)
     viewer.state.visible = {"boundary_edges"}
@@ -315,7 +301,6 @@ def test_a_stand_in_is_drawn_while_a_slow_view_moves(opened: Any, demo: ViewMode
     assert not thin[0].GetVisibility()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1])
 def test_next_to_nothing_to_draw_is_no_error(opened: Any, count: int) -> None:
     faces = np.array([[0, 1, 2]])[:count]
@@ -332,7 +317,6 @@ def test_a_clean_mesh_says_so_on_the_screen(opened: Any) -> None:
     assert not viewer.state.visible
 
 
-@pytest.mark.slow
 def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) -> None:
     from msb_viewers.figure import PANELS, compose, panel_images
 
