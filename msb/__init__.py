@@ -1,6 +1,7 @@
 """MeshSplatBench: decide whether a trained triangle or mesh splatting model is a usable graphics asset.
 
-The public API, and nothing else. Names are loaded on first use, so that `import msb` costs milliseconds.
+This package exports the public API and nothing else. Names are loaded on first use, so that `import msb`
+takes milliseconds.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _HOME = {
     "audit": "msb.auditing",
 }
 _PACKAGES = ("metrics", "render")
-"""Packages of the public API; render can be called."""
+"""Packages of the public API. The package `render` can also be called as a function."""
 
 __all__ = [
     "Asset",

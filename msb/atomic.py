@@ -1,7 +1,7 @@
 """Outputs that appear whole or not at all.
 
-They are written beside their place under a temporary name, then renamed. What is no regular file or folder, a
-device or a pipe, is written through: nothing can take its place.
+An output is written beside its place under a temporary name, then renamed. A device or a pipe is written
+through, because nothing can take its place.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def new_file(
     ----------
     path : path-like
     size : int, optional
-        Bytes that will be written, if known: the error of a full disk then tells.
+        Bytes that will be written, if known; the error about a full disk then says how many.
     overwrite : bool
         What is there may be replaced; a device or pipe is written through in any case.
 
@@ -47,8 +47,8 @@ def new_file(
     OutputError
         `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
     UsageError
-        `OUTPUT_EXISTS`: it is there and not to be replaced, or `check_place` was told that the place is free
-        and it is no more.
+        `OUTPUT_EXISTS`: something is there and must not be replaced, or `check_place` found the place free
+        and it no longer is.
     """
     target = _target(path)
     if is_stream(target):
@@ -87,7 +87,7 @@ def new_folder(
     path : path-like
     size : int, optional
     overwrite : bool
-        As of `new_file`.
+        The same as for `new_file`.
 
     Raises
     ------
@@ -139,12 +139,12 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: boo
     Parameters
     ----------
     path : path-like
-        Of a file or folder to be written; its parent folders need not exist.
+        The path of a file or folder to be written; its parent folders need not exist.
     folder : bool
-        A folder is to be written.
+        Whether a folder is to be written.
     free : bool
-        Nothing is there, and what comes there meanwhile must not be replaced: `new_file` and `new_folder`
-        then move in only where there still is nothing, until `forget_free_places`.
+        Whether nothing is there yet. What another program writes there later must then not be replaced:
+        `new_file` and `new_folder` write only where there still is nothing, until `forget_free_places`.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: boo
 
 
 def forget_free_places() -> None:
-    """Let what was found free be replaced from now on, as everything else; for the end of a command."""
+    """Allow outputs at places that were found free to be replaced again; called at the end of a command."""
     _FREE.clear()
 
 
@@ -198,7 +198,7 @@ _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether a file or folder has the name of a temporary one: nobody's, if no writer is at work."""
+    """Return whether a name is that of a temporary file or folder: a leftover, if no writer is at work."""
     return _LEFTOVER.fullmatch(name) is not None
 
 
@@ -335,9 +335,9 @@ def _renamed_by_the_system(source: Path, target: Path) -> bool:
 
 _STANDARD = ("stdin", "stdout", "stderr")
 _AT_FDCWD, _RENAME_NOREPLACE = -100, 1
-"""Of linux/fcntl.h and linux/fs.h."""
+"""Constants of linux/fcntl.h and linux/fs.h."""
 _RENAME_EXCL = 4
-"""Of macOS' stdio.h."""
+"""A constant of stdio.h on macOS."""
 
 
 def _beside(target: Path) -> Path:

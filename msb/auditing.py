@@ -1,4 +1,4 @@
-"""The audit as the public API has it: of arrays, of an asset, or of what lies at a path."""
+"""The function `msb.audit`, which audits arrays, an asset, or what lies at a path."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     Parameters
     ----------
     vertices : (V, 3) real numbers, Asset or path-like
-        In any length unit; NaN is allowed and counted. Or a whole asset, or the path of anything that
-        `msb.open` takes, and then no `faces`. Of a path the result is that of `msb audit PATH`: a mesh file
-        is audited in its own precision, which the asset made of it may not have.
+        Coordinates in any length unit; NaN is allowed and counted. Or a whole asset, or the path of anything
+        that `msb.open` takes; `faces` is then left out. For a path the result is that of `msb audit PATH`: a
+        mesh file is audited in its own precision, which the asset made of it may not have.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional
@@ -50,7 +50,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     MeshError
         `MESH_ARRAY`, `MESH_INDEX_OUT_OF_RANGE`, `MESH_TOO_LARGE`, `WELD_DISTANCE` or `WELD_TOO_WIDE`.
     InputError, AssetError, CheckpointError, MeshFileError, Unsupported
-        Of a path that cannot be read.
+        The path cannot be read.
 
     Notes
     -----

@@ -1,7 +1,7 @@
 """How deep a document nests, known before a recursive parser reads it.
 
-A parser that runs into Python's recursion limit does so at any place: also inside whatever the garbage
-collector happens to run there, whose errors land on standard error. So nesting is bounded beforehand.
+A parser can run into Python's recursion limit at any place, also inside code that the garbage collector
+happens to run, whose errors are printed on standard error. So nesting is bounded beforehand.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ MAX_TOML_DEPTH = 32
 """Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too."""
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-"""A string may have no end; possessive, so that no length of it takes memory."""
+"""A string may have no end. Its quantifier is possessive, so that a string of any length takes no memory."""
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
@@ -40,8 +40,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        It is none, holds an integer of thousands of digits, or nests more than 32 deep in its brackets or
-        its dotted keys.
+        `text` is no TOML, holds an integer of thousands of digits, or nests more than 32 deep in its brackets
+        or its dotted keys.
     """
     if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH:
         raise ValueError(_TOO_DEEP)

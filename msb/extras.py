@@ -1,4 +1,4 @@
-"""What the core does not install: whether it is there, and the one error that says how to get it."""
+"""Optional packages: whether one is installed, and the one error that says how to install it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from msb.errors import UsageError
 
 
 def is_installed(module: str) -> bool:
-    """Return whether the top-level `module` could be imported; it is looked for, not loaded."""
+    """Return whether the top-level `module` could be imported; the module is looked for, not loaded."""
     return find_spec(module) is not None
 
 
@@ -18,7 +18,7 @@ def install(extra: str) -> str:
 
 
 def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
-    """Raise where one of `modules`, which `extra` installs, is missing.
+    """Raise an error if one of `modules`, which `extra` installs, is missing.
 
     Parameters
     ----------

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
-"""Flags of `os.open`. Without blocking: what became a pipe a moment ago must not be waited for."""
+"""Flags of `os.open`. They do not block, because a file that was replaced by a pipe a moment ago must not be
+waited for."""
 _CHUNK = 1 << 22
 
 
@@ -37,7 +38,7 @@ def regular_file(path: str | os.PathLike[str]) -> Path:
 
 
 def read_file(path: str | os.PathLike[str], most: int | None = None) -> bytes:
-    """Return the content of a regular file; of one longer than `most` bytes the first `most` + 1."""
+    """Return the content of a regular file; if it is longer than `most` bytes, its first `most` + 1 bytes."""
     with _opened(given_path(path)) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read() if most is None else file.read(most + 1)
 
@@ -94,14 +95,14 @@ def _refuse_special(status: os.stat_result, path: Path) -> None:
 
 
 def special_kind(status: os.stat_result) -> str | None:
-    """Return what something is that is no regular file, None if it is one."""
+    """Return in words what kind of thing lies there, or None if it is a regular file."""
     if stat.S_ISREG(status.st_mode):
         return None
     return "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
 
 
 def map_descriptor(descriptor: int) -> mmap.mmap | bytes:
-    """Return a read-only mapping of an open file; an empty one, which cannot be mapped, as bytes."""
+    """Return a read-only mapping of an open file, or bytes for an empty file, which cannot be mapped."""
     try:
         return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
     except ValueError:
@@ -124,14 +125,14 @@ def is_missing(error: OSError | ValueError) -> bool:
 
 
 def system_reason(error: OSError | ValueError) -> str:
-    """Return the system's words."""
+    """Return the operating system's words for an error."""
     return getattr(error, "strerror", None) or "it cannot be opened"
 
 
 def library_reason(error: Exception) -> str:
-    """Return why a library could not read a file, from what it raised: damage shows as any exception.
+    """Return why a library could not read a file, from the exception that it raised.
 
-    Also as lack of memory, where a few bytes declare gigabytes.
+    A damaged file can cause any exception, also a lack of memory, where a few bytes declare gigabytes.
     """
     if isinstance(error, MemoryError):
         return "this machine has not enough memory for what it declares"

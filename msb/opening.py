@@ -1,7 +1,7 @@
 """From a path to an asset, or to its mesh as stored: one rule for the library, the commands and the viewers.
 
-An asset is told by its name or manifest, a checkpoint by its name or its folder's, a table of primitives by
-its header; everything else is a mesh file.
+An asset is recognised by its name or manifest, a checkpoint by its name or its folder's, a table of
+primitives by its header; everything else is a mesh file.
 """
 
 from __future__ import annotations
@@ -34,17 +34,19 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
         A `.triasset` (packed or folder), the output folder of a training or the file in it that holds the
         model, or a mesh file.
     method : str, optional
-        The method it must be of; found from the content if not given.
+        The method that the model must be of; found from the content if not given.
 
     Returns
     -------
     Asset
-        As of `load` or `export`: an asset holds float32 coordinates, also where a mesh file holds float64.
+        The asset that `load` or `export` gives. It holds float32 coordinates, also where a mesh file holds
+        float64.
 
     Raises
     ------
     InputError, CheckpointError, MeshFileError, MeshError, AssetError, Unsupported, UsageError
-        As of `load` and `export`; `CHECKPOINT_METHOD` if it is of another method than `method`.
+        The errors of `load` and `export`; `CHECKPOINT_METHOD` if the model is of another method than
+        `method`.
 
     Examples
     --------
@@ -72,7 +74,7 @@ def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
     Raises
     ------
     UsageError
-        `USAGE`: it is neither; and the errors of `open`.
+        `USAGE`: `asset` is neither; and the errors of `open`.
     """
     if isinstance(asset, PATH_TYPES):
         return open(asset)
@@ -94,11 +96,12 @@ class StoredMesh:
     Attributes
     ----------
     path : Path or None
-        None if it was never in a file.
+        None if the mesh was never in a file.
     buffers : mapping of str to ndarray
-        By the asset's names: `positions` (V, 3) floating, `indices` (F, 3) integers, and what else is stored.
+        Arrays by the asset's names: `positions` (V, 3) floating, `indices` (F, 3) integers, and all others
+        stored.
     domains : mapping of str to str
-        Of `color` and the other buffers with a row for each vertex, face or corner.
+        The domains of `color` and the other buffers with a row for each vertex, face or corner.
     method : str or None
         None for a mesh file.
     up : str
@@ -126,7 +129,7 @@ class StoredMesh:
 
 
 def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
-    """Return the mesh at `path`, which is whatever `open` takes, for those who look at it as it is stored.
+    """Return the mesh at `path`, which may be anything that `open` takes, exactly as it is stored.
 
     All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN.
 

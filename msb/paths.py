@@ -9,7 +9,7 @@ from pathlib import Path
 from msb.errors import InputError, UsageError, shorten
 
 PATH_TYPES = (str, os.PathLike)
-"""What may be given as a path."""
+"""The types that may be given as a path."""
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:
@@ -20,7 +20,7 @@ def given_path(path: str | os.PathLike[str]) -> Path:
     InputError
         `FILE_NOT_FOUND`.
     UsageError
-        `USAGE`: it is of a type that is no path.
+        `USAGE`: `path` has a type that is no path.
     """
     if not isinstance(path, PATH_TYPES):
         text = f"the path is of type {type(path).__name__}; it must be text or a pathlib.Path"

@@ -41,7 +41,7 @@ def save(
     overwrite : bool
         Replace what is there. A device or pipe is written through in any case.
     form : {"packed", "folder"}
-        Of a `.triasset`: a single file (ZIP of stored, 64-byte aligned members) or a folder.
+        The form of a `.triasset`: a single file (ZIP of stored, 64-byte aligned members) or a folder.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 
@@ -50,11 +50,10 @@ def save(
     UsageError
         `USAGE`: no such suffix or form, or an argument of another type. `OUTPUT_EXISTS`.
     OutputError
-        `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then. Of mesh files also
+        `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then. For mesh files also
         `OUTPUT_COORDINATES` and `OUTPUT_FORMAT_LIMIT`.
     AssetError
-        If `load` would refuse what is to be written: a manifest changed by hand, or buffers not of its
-        shapes.
+        `load` would refuse the asset: its manifest was changed by hand, or buffers do not have its shapes.
     Unsupported
         `UNSUPPORTED_STANDARD`: the method has no static colours, which mesh files need.
     """

@@ -1,6 +1,6 @@
 """The `.triasset` contract: manifest, buffers, reader, writer, validation.
 
-Needs NumPy and the standard library only. The format itself is described in docs/triasset.md.
+The package needs NumPy and the standard library only. docs/triasset.md describes the format itself.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How stored parameters become what is drawn: one rule for renderers, STE faces and official exports.
 
-The reference has arithmetic of its own, which tests hold against this.
+The reference renderers have arithmetic of their own; tests compare it with this module.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return 1 / (1 + exp(-x)) with each step rounded to float32, as torch evaluates it.
 
-    Rounding once, from a double, gives another float32 for some logits, and with an STE threshold that lies
-    between the two another face is hidden. Infinite logits give 0 and 1.
+    Rounding once, from a double, gives another float32 for some logits. An STE threshold between the two
+    numbers would then hide another face. Infinite logits give 0 and 1.
     """
     with np.errstate(over="ignore"):
         return np.asarray(1 / (1 + exponential(-np.asarray(logits, np.float32))))
@@ -32,7 +32,7 @@ def exponential(x: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def rest_coefficients(asset: Asset) -> NDArray[np.float32]:
-    """Return `f_rest` as (n, K, 3): coefficient, channel, whatever the order in the buffer; a view."""
+    """Return a view of `f_rest` as (n, K, 3), coefficient first, whatever the order in the buffer."""
     flat = asset.buffers["f_rest"]
     if asset.manifest.appearance.get("f_rest_order") == "coefficient_major":
         return flat.reshape(len(flat), -1, 3)

@@ -1,4 +1,4 @@
-"""Arguments of public functions that are of another type than they must be."""
+"""Refuse arguments of public functions that have a wrong type."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ A_CAMERA = "an msb.Camera"
 
 
 def check_type(name: str, value: object, kind: type, wanted: str) -> None:
-    """Refuse an argument that is no `kind`.
+    """Refuse an argument that is not of type `kind`.
 
     Parameters
     ----------
     name : str
-        Of the argument.
+        The name of the argument.
     wanted : str
-        What it must be, for the message.
+        What the argument must be, in words for the message.
 
     Raises
     ------

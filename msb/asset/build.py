@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from msb.asset.progress import Progress
 
 CHUNK_ROWS = 1 << 20
-"""Rows looked at together when a whole buffer is read: bounds memory, costs nothing in speed."""
+"""Number of rows looked at together when a whole buffer is read. This bounds memory and costs no speed."""
 
 CHUNK_BYTES = 1 << 24
-"""Bytes hashed or written at a time."""
+"""Number of bytes hashed or written at a time."""
 
 _ORDER = ("positions", "indices", "color", "f_dc", "f_rest", "opacity", "sigma")
 _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
@@ -48,7 +48,7 @@ _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 
 @dataclass(frozen=True)
 class Description:
-    """What the arrays do not say themselves: the part of the manifest an adapter decides.
+    """The part of the manifest that an adapter decides, because the arrays do not say it.
 
     The defaults are those of a mesh with static colours.
     """
@@ -78,19 +78,19 @@ def build_asset(
     ----------
     buffers : mapping of str to ndarray
         `positions` (V, 3) float32, `indices` (F, 3) uint32 and whatever the method has; float32, uint32 or
-        uint8. Kept, not copied, where already contiguous and little-endian.
+        uint8. Arrays that are already contiguous and little-endian are kept, not copied.
     domains : mapping of str to {"vertex", "face", "corner", "global"}
-        For every buffer but `positions` and `indices`, whose domains are fixed.
+        The domain of every buffer but `positions` and `indices`, whose domains are fixed.
     description : Description, optional
         A mesh with static colours if not given.
     progress : callable, optional
-        Told how far hashing is, the longest step.
+        Called to tell how far hashing is, which is the longest step.
 
     Raises
     ------
     AssetError
-        With the code the manifest check gives, or `TRIASSET_VALUE_NONFINITE` for positions and
-        `TRIASSET_INDEX_OUT_OF_RANGE` for indices, since no valid asset can hold these.
+        The error of the manifest check; or `TRIASSET_VALUE_NONFINITE` about positions, or
+        `TRIASSET_INDEX_OUT_OF_RANGE` about indices, because no valid asset can hold such values.
     """
     description = description or Description()
     names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))
@@ -142,7 +142,7 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
     Parameters
     ----------
     positions : (V, 3) float32
-        With at least one finite row.
+        Positions, of which at least one row is finite.
 
     Notes
     -----

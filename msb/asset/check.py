@@ -22,7 +22,7 @@ Json = dict[str, Any]
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-"""Column 3 (k - 1) + c, or c K + k - 1, for coefficient k = 1..K of channel c = 0..2."""
+"""Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c, or in column c K + k - 1."""
 # name -> (dtypes, width of the second axis or None for a flat buffer, domains)
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
@@ -38,7 +38,7 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
 def check_manifest(data: Any) -> list[Finding]:
     """Return every finding about the parsed manifest `data`.
 
-    A wrong format or major version ends the check: the other keys then mean something else.
+    A wrong format or major version ends the check, because the other keys then mean something else.
     """
     if not isinstance(data, dict):
         text = f"the manifest is {describe(data)}; it must be an object"

@@ -27,13 +27,13 @@ _MAX_LISTED = 1000
 
 
 class Container(Protocol):
-    """What a reader needs of either form. Implementations are documented here once."""
+    """What a reader needs of either form. The methods of both classes are documented here."""
 
     path: Path
     form: str
 
     def manifest_bytes(self) -> bytes:
-        """Return manifest.json, at most one byte over the limit on its size."""
+        """Return the bytes of manifest.json, of which at most one byte more than the size limit is read."""
 
     def file_size(self, file: str) -> int:
         """Return the size in bytes of the buffer file `file`."""
@@ -45,7 +45,7 @@ class Container(Protocol):
         """Return a finding for each file in the asset that is not `declared`."""
 
     def check_bytes(self) -> list[Finding]:
-        """Return findings about the container's own checksums; reads everything."""
+        """Return findings about the container's own checksums; this reads the whole asset."""
 
 
 class PackedContainer:
@@ -125,7 +125,7 @@ class FolderContainer:
         return self._maps[file], 0
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
-        """Stray files are a warning here: file managers leave them behind."""
+        """Return a warning for each stray file, because file managers leave such files behind."""
         names: list[str] = []
         found: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
@@ -150,7 +150,7 @@ class FolderContainer:
         return found
 
     def check_bytes(self) -> list[Finding]:
-        """A folder has no checksums of its own; hard links are the one thing to say."""
+        """Return a finding for each hard link; a folder has no checksums of its own."""
         return [
             finding(
                 "TRIASSET_PATH_HARDLINK",
@@ -177,7 +177,7 @@ def is_asset(path: Path) -> bool:
     Raises
     ------
     InputError
-        `FILE_UNREADABLE`: it may not be looked into.
+        `FILE_UNREADABLE`: there is no permission to look into it.
     """
     try:
         return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
@@ -191,10 +191,10 @@ def open_container(path: str | os.PathLike[str]) -> Container:
     Raises
     ------
     InputError
-        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` when it is neither a ZIP nor a folder
+        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` if `path` is neither a ZIP nor a folder
         with a manifest.
     AssetError
-        When the container is malformed.
+        The container is malformed.
     """
     path = given_path(path)
     try:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
-    """Refuse an asset with values that cannot be drawn: one pass over the buffers.
+    """Refuse an asset with values that cannot be drawn, in one pass over the buffers.
 
     Parameters
     ----------
@@ -61,7 +61,8 @@ def required_buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
     Raises
     ------
     AssetError
-        `TRIASSET_BUFFER_REQUIRED`: there is none; `TRIASSET_BUFFER_SHAPE`: it is not `shape`.
+        `TRIASSET_BUFFER_REQUIRED`: there is no such buffer. `TRIASSET_BUFFER_SHAPE`: its shape is not
+        `shape`.
     """
     where: dict[str, Any] = {"file": asset.path, "pointer": f"/buffers/{name}"}
     method = asset.manifest.method

@@ -1,6 +1,6 @@
 """The standard look: the static colours of an asset, and which faces are shown.
 
-One rule for all that draw or write the opaque mesh: renderer, engines, `msb convert` and the viewers.
+The renderer, the engines, `msb convert` and the viewers all use this rule to draw or write the opaque mesh.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from msb.asset.reader import Asset
 
 WHITE = (1.0, 1.0, 1.0)
-"""Of a mesh that brings no colour, as in glTF."""
+"""The colour of a mesh that brings no colour, as in glTF."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
     Parameters
     ----------
     buffers : mapping of arrays
-        Of an asset or a model; "color" goes before "f_dc".
+        Buffers of an asset or a model; "color" is taken before "f_dc".
     domains : mapping
         Buffer -> its domain.
     """
@@ -75,15 +75,15 @@ def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def clamped(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours in floats clamped to [0, 1]; bytes as they are. NaN, which drawing refuses, stays."""
+    """Return float colours clamped to [0, 1], byte colours unchanged; NaN, which drawing refuses, stays."""
     return np.clip(colors, np.float32(0), np.float32(1)) if colors.dtype.kind == "f" else colors
 
 
 def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_] | None:
-    """Return which faces (F,) an STE threshold leaves; None if there is no threshold or opacity.
+    """Return a mask (F,) of the faces that an STE threshold leaves; None if there is no threshold or opacity.
 
     A face is shown if its opacity is above the threshold, both in float32, as in the official code
-    (GaodeRender/triangle-splatting). It is the one thing for which the standard tier reads opacity.
+    (GaodeRender/triangle-splatting). The standard tier reads opacity for nothing else.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None

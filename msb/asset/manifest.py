@@ -20,7 +20,8 @@ MINOR = 0
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
 ALIGNMENT = 64
-"""Every buffer starts on this boundary: a cache line, and what GPUs ask of host pointers at most."""
+"""Every buffer starts on a multiple of this many bytes: a cache line, and the most that GPUs ask of host
+pointers."""
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
 Domain = Literal["vertex", "face", "corner", "global"]
@@ -46,7 +47,7 @@ class _Record:
 
 @dataclass(frozen=True)
 class Bounds(_Record):
-    """Axis-aligned box of all finite vertex rows, scene units."""
+    """The axis-aligned box of all finite vertex rows, in scene units."""
 
     min: tuple[float, float, float]
     max: tuple[float, float, float]
@@ -54,7 +55,7 @@ class Bounds(_Record):
 
 @dataclass(frozen=True)
 class BoundingSphere(_Record):
-    """A sphere around all finite vertex rows, scene units (paper: R_bound)."""
+    """A sphere around all finite vertex rows, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
     radius: float
@@ -79,7 +80,7 @@ class SourceFile(_Record):
 
 @dataclass(frozen=True)
 class Source(_Record):
-    """Provenance."""
+    """The files that the asset was made from."""
 
     files: tuple[SourceFile, ...] = ()
 
@@ -112,7 +113,7 @@ class BufferSpec(_Record):
 
 @dataclass(frozen=True)
 class Manifest(_Record):
-    """Everything a consumer must know before it touches a buffer. Keys and order are those of the file."""
+    """Everything a program must know before it reads a buffer. Keys and their order are those of the file."""
 
     generator: str
     method: str

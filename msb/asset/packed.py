@@ -1,6 +1,6 @@
 """The packed form: a ZIP of stored members, each starting on a 64-byte boundary, mapped as a whole.
 
-Of ZIP it is the strict subset that `docs/triasset.md` describes and `msb.asset.strict_zip` reads.
+It is the strict subset of ZIP that `docs/triasset.md` describes and `msb.asset.strict_zip` reads.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from msb.asset.strict_zip import UTF8, Member, Policy, read_members
 from msb.errors import AssetError, shorten
 
 _MAX_EXTRA = 128
-"""Padding to 64 bytes plus one ZIP64 record need fewer; more could hide data."""
+"""Padding to 64 bytes and one ZIP64 record need fewer bytes than this; a longer field could hide data."""
 _DOS_FOLDER = 0x10
 
 
@@ -70,7 +70,7 @@ def parse_packed(data: Any, *, file: object) -> dict[str, Member]:
     data : mmap or bytes
         The whole file.
     file : path-like
-        Named in errors.
+        The file's path, for error messages.
 
     Raises
     ------

@@ -29,11 +29,12 @@ def map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | b
     Parameters
     ----------
     path : Path
-        A link, pipe, device or folder is refused before it is opened, and checked again on the descriptor.
+        The file. A link, pipe, device or folder is refused before it is opened; the open descriptor is
+        checked again.
     member : str
-        Its name inside the asset.
+        The name of the file inside the asset.
     asset : path-like
-        Named in errors.
+        The path of the asset, for error messages.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""DiffSoup's near and far plane: which a camera's matrix in floating point can hold."""
+"""Which near and far planes of DiffSoup the camera's matrix can hold in floating point."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
 def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any]:
     """Return the inverse of MVP, taken in double and rounded to its dtype.
 
-    Views go along the line between the points where a pixel meets the two planes. The inverse must give both,
-    w above 0 at all pixels: a far plane that rounds to infinity has w = 0, and no number comes of it.
+    A view direction is the line between the points where a pixel meets the two planes. The inverse must give
+    both points with w above 0 at all pixels: a far plane that rounds to infinity has w = 0, which gives no
+    point.
 
     Parameters
     ----------
     mvp : (4, 4) float32 or float64
-        For column vectors.
+        The matrix for column vectors.
     near, far : float
         Camera depths that become NDC -1 and 1: the settings `z_near` and `z_far`.
 
     Raises
     ------
     UsageError
-        `SETTING_VALUE`: near is not below far, or the dtype cannot tell one from 0 or the other from
-        infinity.
+        `SETTING_VALUE`: near is not below far, or the dtype cannot tell near from 0 or far from infinity.
     """
     if near < far:
         try:

@@ -1,11 +1,12 @@
-"""How long work tells whoever watches how far it is."""
+"""How a long task reports its progress."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[str, int, int], None]
-"""Called as ``progress(stage, done, total)``, in bytes; often, so it must be cheap."""
+"""A function called as ``progress(stage, done, total)``, in bytes. It is called often, so it must be
+cheap."""
 
 
 class Meter:
@@ -16,7 +17,7 @@ class Meter:
         self._done = 0
 
     def advance(self, count: int) -> None:
-        """Say that `count` more bytes are done."""
+        """Report that `count` more bytes are done."""
         self._done += count
         if self._progress is not None:
             self._progress(self._stage, self._done, self._total)

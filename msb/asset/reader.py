@@ -31,21 +31,22 @@ class Asset:
     manifest : Manifest
         The manifest's keys as attributes.
     buffers : mapping of str to ndarray
-        Read-only arrays of the declared shape and dtype; of a loaded asset, views of the mapped file.
+        Read-only arrays of the declared shape and dtype. Those of a loaded asset are views of the mapped
+        file.
     path : Path or None
-        Where it was loaded from; None if it was built in memory.
+        Where the asset was loaded from; None if it was built in memory.
     warnings : tuple of Finding
         What `load` noticed and tolerated.
 
     Notes
     -----
-    Whoever computes with the values checks them first: `load` does not read them. The mapping lives as
-    long as an array refers to it. If another program shortens the file meanwhile, touching the lost pages
+    `load` does not read the values, so code that computes with them must check them first. The mapping lives
+    as long as an array refers to it. If another program shortens the file meanwhile, touching the lost pages
     ends the process, as with any memory mapping.
 
-    `copy.copy` shares the arrays and so the mapping. `copy.deepcopy` and `pickle` take the values along:
-    such a copy needs no file, and as much memory as its buffers have bytes. A process on the same machine
-    is better sent the path. `path` stays what it was.
+    `copy.copy` shares the arrays and so the mapping. `copy.deepcopy` and `pickle` copy the values: such a
+    copy needs no file, and as much memory as its buffers have bytes. To a process on the same machine it is
+    better to send the path. `path` stays the same in a copy.
     """
 
     manifest: Manifest
@@ -74,22 +75,22 @@ def _restored(
 
 
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_ZIP_NAME")
-"""What is found in a file or folder that is no asset, among them what torch saved, a ZIP as well."""
+"""Codes of errors in files and folders that are no asset, such as a ZIP that torch saved."""
 
 
 def load(path: str | os.PathLike[str]) -> Asset:
     """Open the `.triasset` at `path`, packed or folder.
 
-    Takes milliseconds whatever the size: the manifest, all paths and all sizes are checked, values and
-    hashes are not (`validate` does). Format: docs/triasset.md.
+    This takes milliseconds whatever the size: the manifest, all paths and all sizes are checked, but not the
+    values and hashes, which `validate` checks. docs/triasset.md describes the format.
 
     Raises
     ------
     InputError
-        If there is no such asset or it cannot be read; `FILE_NOT_RECOGNISED` if it is something else, which
+        There is no such asset, or it cannot be read; `FILE_NOT_RECOGNISED` if it is something else, which
         `msb.open` may know.
     AssetError
-        With the code of the first finding whose severity is "error".
+        The first finding whose severity is "error".
 
     Examples
     --------
@@ -115,7 +116,7 @@ def load(path: str | os.PathLike[str]) -> Asset:
 
 
 def check_files(manifest: Manifest, container: Container) -> list[Finding]:
-    """Return findings about the files behind the buffers: each there, of the declared size, none besides."""
+    """Return findings about files behind the buffers that are missing, of another size, or not declared."""
     declared: dict[str, int] = {}
     for spec in manifest.buffers.values():
         declared[spec.file] = max(declared.get(spec.file, 0), spec.offset + spec.byte_length)

@@ -1,8 +1,8 @@
 """Check a parsed manifest against the shipped JSON Schema.
 
-The schema file is the single statement of what keys there are and what they hold; this module interprets the
-few keywords it uses (a test holds the verdicts equal to those of the `jsonschema` library). It exists because
-reading an asset must need NumPy and the standard library only.
+Only the schema file says what keys there are and what they hold; this module interprets the few keywords that
+the file uses. A test compares its verdicts with those of the `jsonschema` library, which is not used here
+because reading an asset must need NumPy and the standard library only.
 
 Two keywords are ours: `x-code` names the finding that a violation gives, `x-closed` marks objects in which
 an unknown key is a warning. Integers are stricter than in JSON Schema: ``4.0`` is not one.
@@ -52,8 +52,8 @@ def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Find
     ----------
     value : JSON data
     schema : dict
-        With the keywords type, const, enum, pattern, minimum, maximum, minItems, maxItems, maxLength,
-        maxProperties, required, properties, additionalProperties, propertyNames and items.
+        A schema with the keywords type, const, enum, pattern, minimum, maximum, minItems, maxItems,
+        maxLength, maxProperties, required, properties, additionalProperties, propertyNames and items.
     pointer : str
         JSON pointer of `value`.
     """

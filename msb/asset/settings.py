@@ -24,7 +24,7 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
     Raises
     ------
     UsageError
-        As `check_overrides`, and `SETTING_VALUE` for an `sh_degree` above the stored one.
+        The errors of `check_overrides`, and `SETTING_VALUE` for an `sh_degree` above the stored one.
     """
     method = lookup(manifest.method)
     overrides = check_overrides(manifest.method, overrides or {})
@@ -40,7 +40,7 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
 
 
 def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, SettingValue]:
-    """Return `overrides`, every name and value of which `method` can take.
+    """Return `overrides` if `method` can take every name and value in it.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
 
 
 def check_modes(order: str, sampling: str) -> None:
-    """Refuse an order or a sampling that there is not.
+    """Refuse an unknown order or sampling.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, Settin
     Raises
     ------
     UsageError
-        `USAGE` for a text that is no assignment; as `check_overrides` otherwise.
+        `USAGE` for a text that is no assignment; and the errors of `check_overrides`.
     """
     known = lookup(method).settings
     found: dict[str, Any] = {}

@@ -15,11 +15,12 @@ from msb.bounded_parsing import json_nesting
 from msb.errors import AssetError, shorten
 
 MAX_BYTES = 1 << 20
-"""A manifest of 64 buffers is about 20 kB; one MiB leaves room and bounds the work."""
+"""Most bytes of a document. A manifest of 64 buffers has about 20 kB; one MiB leaves room and bounds the
+work."""
 MAX_DEPTH = 16
-"""The format nests 4 deep; extensions may nest further."""
+"""Deepest nesting. The format nests 4 deep; extensions may nest further."""
 MAX_DIGITS = 20
-"""2^64 has 20 digits; no field of the format needs more."""
+"""Most digits of an integer. 2^64 has 20 digits; no field of the format needs more."""
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
@@ -33,11 +34,11 @@ def parse_strict_json(
     data : bytes
         One UTF-8 document without byte-order mark.
     file : path-like
-        Named in errors.
+        The file's path, for error messages.
     name : str
-        What the document is called in messages.
+        The name of the document in messages.
     max_bytes : int
-        How long it may be.
+        The most bytes that the document may have.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """A strict reader of ZIP files with stored members: `.triasset`, and what torch writes.
 
 Local headers tile the file from byte 0, the central directory follows, then the end record, and nothing else
-is in the file. What the standard library's reader tolerates (duplicate names, data before or between members,
-headers that contradict each other) is how one file shows different content to different readers, so it is
-refused by name. Where the two kinds of archive differ, a `Policy` says so.
-Record layouts: PKWARE APPNOTE 6.3.10, sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
+is in the file. The standard library's reader tolerates duplicate names, data before or between members, and
+headers that contradict each other. Such a file shows different content to different readers, so each of these
+is refused. Where the two kinds of archive differ, a `Policy` says so. Record layouts: PKWARE APPNOTE 6.3.10,
+sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ END = struct.Struct("<4s4H2IH")
 END64 = struct.Struct("<4sQ2H2I4Q")
 LOCATOR = struct.Struct("<4sIQI")
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
-"""What stands behind the data: in the usual form, and in that of ZIP64."""
+"""Layouts of the record behind a member's data: the usual one, and that of ZIP64."""
 
 FULL16, FULL32 = 0xFFFF, 0xFFFFFFFF
-"""In place of a value that is in the ZIP64 record instead."""
+"""These stand in place of a value that is in the ZIP64 record."""
 ENCRYPTED = 0x0001 | 0x0040 | 0x2000
 """Flags of encrypted data, strong encryption and a masked header."""
 DESCRIPTOR = 0x0008
@@ -68,7 +68,7 @@ class Policy:
         raise NotImplementedError
 
     def same_name(self, name: str) -> str:
-        """Return what two names of one archive may not have in common."""
+        """Return the form of a name that no two members of one archive may share."""
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
@@ -94,7 +94,8 @@ def read_members(data: Any, policy: Policy) -> dict[str, Member]:
 
     Raises
     ------
-    Whatever `policy.refuse` raises, with one of the codes ZIP_..., and what its checks raise.
+    The error that `policy.refuse` raises, with one of the codes ZIP_..., and the errors of the policy's
+    checks.
     """
     return _Parser(data, policy).members()
 
@@ -251,8 +252,8 @@ class _Parser:
     ) -> tuple[int, int]:
         """Return size and packed size of a local header as torch writes it.
 
-        Beyond 4 GiB it repeats the central record, beside sizes of 0, with the packed size still 0 and with
-        the offset, for which a local header has no field. Whatever it says must be true.
+        Beyond 4 GiB the local header has sizes of 0 and repeats the central record, with the packed size
+        still 0 and with the offset, for which a local header has no field. Every value in it must be true.
         """
         _, size, header = central
         wide = self.zip64(at, length, shown)
@@ -275,7 +276,7 @@ class _Parser:
     def sizes64(self, at: int, length: int, short: tuple[int, int, int], shown: str) -> tuple[int, int, int]:
         """Return size, packed size and header offset, read from the ZIP64 record where they do not fit.
 
-        Values in it that no field asks for would be read by some and not by others.
+        Values in the record that no field asks for are refused, because only some readers would read them.
         """
         wanted = short.count(FULL32)
         wide = self.zip64(at, length, shown)

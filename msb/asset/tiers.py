@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
     """Return why `tier` cannot show the asset of `manifest`, None if it can.
 
-    Of a method that is not installed the standard tier shows what the manifest says it can: where passes of
-    other tiers alone are listed, there is no static colour.
+    If the method is not installed, the manifest decides about the standard tier: where it lists passes of
+    other tiers only, there is no static colour.
     """
     name, passes = manifest.method, manifest.required_passes
     if name not in METHODS and tier == "standard" and passes and tier not in passes:

@@ -1,4 +1,4 @@
-"""Everything that can be said about an asset: `load` stops at the first error, this reports them all."""
+"""Check an asset completely: `load` stops at the first error, this module reports all of them."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MAGNITUDE_LIMIT = 1e18
-"""Coordinates up to here have cross products that fit into float32 (3.4e38)."""
+"""Coordinates up to this magnitude have cross products that fit into float32 (3.4e38)."""
 BOUNDS_TOLERANCE = 1e-5
-"""Relative to the size of the box: another writer may have rounded bounds to float32."""
+"""Tolerance of bounds, relative to the size of the box, because another writer may have rounded them to
+float32."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,12 @@ class Validation:
 def validate(path: str | os.PathLike[str]) -> Validation:
     """Check everything about the asset at `path`, values and hashes included.
 
-    O(bytes) time; memory stays bounded by a constant, since buffers are read in pieces.
+    Time is linear in the number of bytes; memory is bounded by a constant, since buffers are read in pieces.
 
     Raises
     ------
     InputError
-        If there is nothing at `path` that could be an asset. Everything else is a finding.
+        There is nothing at `path` that could be an asset. Everything else is a finding.
     """
     try:
         container = open_container(path)
@@ -89,7 +90,7 @@ def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
 
 
 def check_values(asset: Asset) -> list[Finding]:
-    """Return findings about the values in the buffers of `asset`: finite, in range, as the manifest says."""
+    """Return findings about values of `asset` that are not finite, out of range or unlike the manifest."""
     found: list[Finding] = []
     for name, array in asset.buffers.items():
         if array.dtype.kind == "f":

@@ -1,4 +1,4 @@
-"""Write an asset, whole or not at all. Same content, same bytes."""
+"""Write an asset, whole or not at all. The same content gives the same bytes."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def write_asset(
     Parameters
     ----------
     asset : Asset
-        Loaded or built.
+        A loaded asset, or one built in memory.
     path : path-like
         By convention NAME.triasset, for both forms; `msb.save` asks for it.
     form : {"packed", "folder"}
         A single file (ZIP of stored, 64-byte aligned members) or a folder.
     overwrite : bool
-        What is there may be replaced.
+        Whether a file or folder that is there may be replaced.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes.
 
@@ -62,8 +62,7 @@ def write_asset(
     OutputError
         `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then.
     AssetError
-        If `load` would refuse what is to be written: a manifest changed by hand, or buffers not of its
-        shapes.
+        `load` would refuse the asset: its manifest was changed by hand, or buffers do not have its shapes.
     """
     _refuse_unreadable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
