@@ -1,4 +1,4 @@
-"""From what the methods' training writes to assets; torch is needed for none of it."""
+"""Adapters turn what the methods' training writes into assets; none of them needs torch."""
 
 from __future__ import annotations
 

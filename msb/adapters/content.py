@@ -1,4 +1,4 @@
-"""What a located file holds, read once and then shown to the adapters."""
+"""The content of a located file, which is read once and then shown to the adapters."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Options:
-    """What the user says beside the path: settings by name, and the file with the training's config.
+    """What the user gives beside the path: settings by name, and the file with the training's config.
 
-    Without `check_values` parameters may be NaN: the audit counts such vertices.
+    Without `check_values` parameters may be NaN, because the audit counts such vertices.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -31,13 +31,13 @@ class Options:
 
 @dataclass(frozen=True)
 class Content:
-    """A file of one of the kinds of `Place`; each adapter looks at what concerns it."""
+    """The content of a file of any kind of `Place`; each adapter looks at what concerns it."""
 
     place: Place
 
     @cached_property
     def value(self) -> Any:
-        """What torch saved; None for other kinds of files."""
+        """The value that torch saved; None for other kinds of files."""
         return read_checkpoint(self.place.file) if self.place.kind == "torch" else None
 
     @cached_property
@@ -58,7 +58,7 @@ class Content:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_KEY_TYPE`: it is something else.
+            `CHECKPOINT_KEY_TYPE`: torch saved something else.
         """
         if not isinstance(self.value, dict):
             text = f"it holds a {type(self.value).__name__}; it must be a dictionary of tensors"

@@ -1,4 +1,4 @@
-"""From a path to an asset: find the model, ask which method it is of, read it, describe it."""
+"""From a path to an asset: find the model, determine its method, read it and describe it."""
 
 from __future__ import annotations
 
@@ -25,19 +25,20 @@ if TYPE_CHECKING:
 
 
 class Adapter(Protocol):
-    """What an adapter module offers."""
+    """The functions that an adapter module has."""
 
     def recognises(self, content: Content) -> bool:
-        """Return whether the content is of this method, by what only this method has."""
+        """Return whether the content is a model of this method, by features that only this method has."""
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
-        """Return the model, or raise what is wrong with it."""
+        """Return the model, or raise the error about what is wrong with it."""
 
 
 def adapters() -> dict[str, Adapter]:
     """Return method -> its adapter, in the order in which they are asked: those of installed packages first.
 
-    Such a package knows of our methods, which do not know of it: what it writes may look like one of ours.
+    A package is asked first because it knows our methods, but they do not know it: its files may look like
+    ours.
     """
     found = dict(with_role("adapter"))
     others = [name for name in found if name not in BUILT_IN]
@@ -59,9 +60,9 @@ def export(
     path : path-like
         The output folder of a training, or the file in it that holds the model; docs/export.md lists them.
     method : str, optional
-        A name of `msb methods`; found from the content if not given.
+        The name of a method, as `msb methods` lists them; found from the content if not given.
     settings : mapping, optional
-        Setting -> value; these rule over what config and checkpoint say.
+        Setting -> value; these values replace those of config and checkpoint.
     config : path-like, optional
         YAML config or text log of a 2DTS training, if it does not lie in the output folder.
     progress : callable, optional
@@ -70,13 +71,13 @@ def export(
     Returns
     -------
     Asset
-        In memory; its buffers are views on the checkpoint's file where the layout allows that. What was
-        missing and replaced by defaults is in `Asset.warnings`.
+        An asset in memory; its buffers are views on the checkpoint's file where the layout allows that.
+        `Asset.warnings` says what was missing and was replaced by defaults.
 
     Raises
     ------
     InputError, CheckpointError, MeshFileError, AssetError
-        What is wrong with the files.
+        Something is wrong with the files.
     Unsupported
         `UNSUPPORTED_METHOD`: models of this method are not made of triangles.
     UsageError
@@ -109,7 +110,7 @@ def read_model(
 ) -> Model:
     """Return the trained model at `path`; parameters and errors as for `export`.
 
-    Without `check_values` parameters that are NaN are let through, for the audit, which counts them.
+    Without `check_values` parameters may be NaN, because the audit counts them.
     """
     if method is not None and method not in METHODS:
         text = f'there is no method "{shorten(method, 40)}"; there are {", ".join(METHODS)}'

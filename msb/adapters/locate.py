@@ -1,7 +1,7 @@
 """From the path a user gives to the file that holds the model: the output folders of every method.
 
-Only names are looked at here, so asking whether a folder is a checkpoint costs a directory listing. What a
-file holds decides about the method (`detect`).
+This module looks at names only, so asking whether a folder is a checkpoint costs a directory listing. The
+content of the file decides about the method (`detect`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
 STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
-"""Meshes 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting: render.py)."""
+"""File names of the meshes that 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting:
+render.py)."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,11 @@ class Place:
     Attributes
     ----------
     file : Path
-        The file that holds it; of a model in several files the one that is read first.
+        The file that holds the model; if there are several, the one that is read first.
     root : Path
         The output folder of the training, where configs and logs are looked for.
     kind : {"torch", "ply", "mesh", "bundle", "other"}
-        How the file is read: "bundle" with those beside it, "other" by its method's own code.
+        How the file is read: a "bundle" together with the files beside it, "other" by its method's own code.
     """
 
     file: Path
@@ -63,7 +64,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
     InputError
         `FILE_NOT_FOUND` or `FILE_UNREADABLE`.
     CheckpointError
-        `CHECKPOINT_UNKNOWN` for a folder that is none of those we know, or that holds several;
+        `CHECKPOINT_UNKNOWN` for a folder that holds no known model, or several;
         `CHECKPOINT_FILE_MISSING` for an iteration without its model.
     """
     path = given_path(path)

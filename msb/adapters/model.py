@@ -1,4 +1,4 @@
-"""What every adapter returns: a trained model in the asset's terms."""
+"""The class that every adapter returns: a trained model in the asset's terms."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ class Model:
     Attributes
     ----------
     buffers : dict of str to ndarray
-        By the asset's names; where the file's layout allows it views on the mapped file, not copies.
+        Arrays by the asset's names; views on the mapped file, not copies, where the file's layout allows
+        that.
     domains : dict of str to {"vertex", "face", "corner", "global"}
-        For every buffer but `positions` and `indices`.
+        The domain of every buffer but `positions` and `indices`.
     description : Description
         Method, kernels and settings; its `source` is filled in by `export`.
     root : Path

@@ -1,7 +1,7 @@
 """What each method's own exporter writes, made from an asset.
 
-These differ from the standard tier on purpose: some keep an alpha, evaluate SH in a fixed direction, merge
-vertices or write every face twice. Compared with files the official code wrote (tests/golden).
+These files differ from the standard tier on purpose: some exporters keep an alpha, evaluate SH in a fixed
+direction, merge vertices or write every face twice. Tests compare with files that the official code wrote.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 
 class Official(Protocol):
-    """What a method's module `official` offers."""
+    """The members that a method's module `official` has."""
 
     SUFFIXES: tuple[str, ...]
-    """Of the files that its exporter writes; "" is a folder."""
+    """The suffixes of the files that the exporter writes; "" stands for a folder."""
 
     def write(self, asset: Asset, path: Path) -> None:
         """Write the asset to `path`, which has one of these suffixes."""
@@ -38,9 +38,9 @@ def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_OFFICIAL`: the method has none.
+        `UNSUPPORTED_OFFICIAL`: the method has no exporter.
     UsageError
-        `OFFICIAL_FORMAT`: it does not write files of that suffix.
+        `OFFICIAL_FORMAT`: the exporter does not write files of that suffix.
     OutputError
         The place cannot be written.
     """
@@ -54,7 +54,7 @@ def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
 
 
 def official_exporter(method: str) -> Official:
-    """Return how the exporter of `method` writes.
+    """Return the module that writes as the exporter of `method` does.
 
     Raises
     ------

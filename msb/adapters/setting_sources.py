@@ -1,4 +1,4 @@
-"""Collect a method's settings, each with its source; a flag rules over what the files say."""
+"""Collect a method's settings, each with its source; a flag replaces the value that the files give."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class Settings:
-    """The settings of one model while they are found.
+    """The settings of one model while they are collected.
 
     Parameters
     ----------
     method : str
-        Its name in `METHODS`.
+        The method's name in `METHODS`.
     flags : mapping
-        What the user set; it is checked here.
+        The settings that the user gave; they are checked here.
 
     Raises
     ------
@@ -40,7 +40,7 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Take `value` for setting `name`, as found in `file` under `key`; a flag makes it void.
+        """Take `value` for setting `name`, as found in `file` under `key`, unless a flag sets it.
 
         Raises
         ------

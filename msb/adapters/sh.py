@@ -21,9 +21,9 @@ def evaluate_sh(asset: Asset, directions: NDArray[np.float32], degree: int) -> N
     Parameters
     ----------
     asset : Asset
-        With `f_dc`, and `f_rest` for a degree above 0, both (n, ...).
+        An asset with `f_dc`, and `f_rest` for a degree above 0, both (n, ...).
     directions : (n, 3) float32
-        Unit vectors, from the camera to the primitive, world axes.
+        Unit vectors from the camera to the primitive, in world axes.
 
     Returns
     -------

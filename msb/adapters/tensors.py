@@ -1,4 +1,4 @@
-"""The tensors of a checkpoint by key: there, of the right shape and type, finite."""
+"""The tensors of a checkpoint by key; each is checked to exist, to have its shape and type, to be finite."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Axis = int | str
 """A length, or a letter for a length that all tensors with this letter share."""
 
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
-"""Coefficients per channel beyond the first -> degree L: K = (L + 1)^2 - 1."""
+"""Number K of coefficients per channel beyond the first -> degree L, by K = (L + 1)^2 - 1."""
 
 
 class Tensors:
@@ -29,11 +29,11 @@ class Tensors:
     Parameters
     ----------
     values : mapping
-        What `read_checkpoint` gave: tensors by key, other values too.
+        The dictionary that `read_checkpoint` gave: tensors by key, and other values.
     file : Path
-        Named in errors.
+        The file, for error messages.
     check_values : bool
-        Refuse numbers that are not finite.
+        Whether numbers that are not finite are refused.
     """
 
     def __init__(self, values: Mapping[Any, Any], file: Path, check_values: bool = True) -> None:
@@ -62,7 +62,7 @@ class Tensors:
         """Return the float32 tensor `key` of `shape`, whose values are all numbers.
 
         float16 and bfloat16 are widened, which is exact; float64 is rounded, with a warning. `infinite`
-        allows infinities: the logit of an opacity that is exactly 0 or 1.
+        allows infinities, which are logits of opacities that are exactly 0 or 1.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            As `floats`, and `CHECKPOINT_VALUE_INDEX` for one that is negative or too large.
+            The errors of `floats`, and `CHECKPOINT_VALUE_INDEX` for an index that is negative or too large.
         """
         array = self._tensor(key, "int32 or int64", "iu")
         self._check_shape(key, array.shape, shape)
@@ -133,7 +133,7 @@ class Tensors:
         return int(number)
 
     def degree(self, key: str, coefficients: int) -> int:
-        """Return L for a tensor `key` with `coefficients` per channel beyond the first.
+        """Return the degree L for a tensor `key` with `coefficients` per channel beyond the first.
 
         Raises
         ------

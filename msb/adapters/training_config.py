@@ -1,6 +1,6 @@
-"""What the trainers of the 3DGS family leave beside a checkpoint about how it was trained: `cfg_args`.
+"""Read `cfg_args`, which trainers of the 3DGS family leave beside a checkpoint to say how it was trained.
 
-Nothing here is evaluated: it is parsed as literals.
+Nothing in the file is evaluated; values are parsed as literals.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MAX_BYTES = 1 << 16
-"""Configs have some kilobytes, and a log starts with one; the limit bounds the work on anything else."""
+"""Most bytes that are read. A config has some kilobytes, and a log starts with one; more would only cost
+time."""
 
 
 def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:

@@ -1,4 +1,4 @@
-"""The half-edge structure and the audit built on it. Takes arrays; knows no files."""
+"""The half-edge structure and the audit built on it. This package takes arrays and knows no files."""
 
 from __future__ import annotations
 

@@ -30,11 +30,11 @@ class Components:
     Attributes
     ----------
     face_component : (F,) integers
-        Component of each face; NONE for repeated-index rows.
+        The component of each face; NONE for repeated-index rows.
     sizes : (n,) integers
-        Faces in each.
+        The number of faces in each component.
     areas : (n,) float64
-        Area of each, squared length units.
+        The area of each component, in squared length units.
     """
 
     face_component: NDArray[Any]
@@ -47,7 +47,7 @@ class Components:
         return len(self.sizes)
 
     def largest(self) -> int | None:
-        """Return the component with most faces; ties: more area, then the smallest face index.
+        """Return the component with most faces; ties go to the larger area, then to the smallest face index.
 
         Components are numbered by their smallest face, so the last tie falls to the lowest number.
         """
@@ -59,7 +59,7 @@ class Components:
 
 @dataclass(frozen=True)
 class Offending:
-    """Numbers of the elements behind the audit's counts, ascending: key of the JSON -> (n,) integers."""
+    """Key of the JSON -> (n,) integers: the numbers of the elements behind the audit's counts, ascending."""
 
     edges: dict[str, NDArray[Any]]
     vertices: dict[str, NDArray[Any]]
@@ -69,12 +69,12 @@ class Offending:
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and per-face properties.
 
-    Each part is made when it is first asked for, by NumPy and SciPy; `timings_ms` then has how long it took.
+    NumPy and SciPy make each part when it is first asked for; `timings_ms` then says how long that took.
 
     Parameters
     ----------
     vertices, faces : (V, 3) floating, (F, 3) integers
-        As `mesh_arrays` returns them.
+        The arrays that `mesh_arrays` returns.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -124,7 +124,7 @@ class Analysis:
 
     @cached_property
     def soup(self) -> bool:
-        """No vertex is used by two faces."""
+        """Whether no vertex is used by two faces."""
         return not bool((self._made("vertex_use", _faces_per_vertex, self.mesh) > 1).any())
 
     @cached_property
@@ -175,7 +175,7 @@ class Analysis:
 
     @property
     def offending(self) -> Offending:
-        """What a person would want to see of this mesh, by the names the audit counts it under."""
+        """The elements of this mesh that a person would want to see, by the names of the audit's counts."""
         return Offending(
             edges={
                 "nonmanifold_edges": self.nonmanifold_edges,
@@ -198,7 +198,7 @@ class Analysis:
 
     @property
     def inconsistent_winding_edges(self) -> NDArray[Any]:
-        """Two-face edges that both faces run along in the same direction."""
+        """Two-face edges along which both faces run in the same direction."""
         one, other = self.mesh.two_face_halfedges
         origin = self.mesh.origin
         two_face = np.flatnonzero(self.mesh.multiplicity == 2)

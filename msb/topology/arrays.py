@@ -1,4 +1,4 @@
-"""Check arrays that claim to be a triangle mesh, once, at the door."""
+"""Check once that arrays given by a caller are a triangle mesh."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 MAX_VERTICES = 2**32 - 1
-"""A pair of vertex indices must fit into 64 bits."""
+"""Most vertices of a mesh: a pair of vertex indices must fit into 64 bits."""
 MAX_FACES = (2**31 - 1) // 3
-"""Corners are numbered 3 f + k, and scipy labels connected components by int32."""
+"""Most faces of a mesh: corners are numbered 3 f + k, and scipy labels connected components by int32."""
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -23,7 +23,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     Parameters
     ----------
     vertices : (V, 3) real numbers
-        Kept in their precision; NaN and infinity are allowed.
+        Coordinates, which keep their precision; NaN and infinity are allowed.
     faces : (F, 3) integers
         0-based vertex indices.
 

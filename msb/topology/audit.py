@@ -25,7 +25,7 @@ SCHEMA = "msb.audit/1"
 
 @dataclass(frozen=True)
 class Metrics:
-    """The paper's columns and what belongs to them. A ratio whose denominator is zero is None."""
+    """The paper's columns and related numbers. A ratio whose denominator is zero is None."""
 
     vf_ratio: float | None
     mean_valence: float | None
@@ -51,7 +51,7 @@ class Welded:
 
 @dataclass(frozen=True)
 class Sample:
-    """One offending element: its number, its vertices and their coordinates (stored precision)."""
+    """One offending element: its number, its vertices, and their coordinates in stored precision."""
 
     element: int
     vertices: tuple[int, ...]
@@ -60,21 +60,21 @@ class Sample:
 
 @dataclass(frozen=True, repr=False)
 class Audit:
-    """What the audit found about one mesh. `print` shows it in a few lines, a notebook as a small table.
+    """The audit of one mesh. `print` shows it in a few lines, a notebook as a small table.
 
     Attributes
     ----------
     path, method : str or None
         Where the mesh came from, and the asset's method; None for plain arrays.
     topology : {"triangle_soup", "indexed_mesh"}
-        Read from the data: a soup when no vertex is used by two faces.
+        Determined from the data: the mesh is a soup if no vertex is used by two faces.
     is_soup : bool
-        Every vertex is used by exactly one face, so V = 3F.
+        Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
         Number of edges at a vertex -> number of such vertices, unreferenced ones included.
     winding_consistent : bool
-        No two-face edge is run along in the same direction by both its faces.
+        Whether the two faces of every two-face edge run along it in opposite directions.
     samples : dict of str to tuple of Sample
         The first few elements behind each count, in ascending order.
     welded : Welded or None
@@ -83,11 +83,11 @@ class Audit:
     timings_ms : dict of str to float
         Stage -> milliseconds.
     computed_by : str
-        NumPy, or OpenCL and on which device; the results are the same.
+        "NumPy", or "OpenCL" and the device; the results are the same.
     verdict : {"ok", "limited", "bad"}
         Whether the mesh can be used as it is: throughout, for some things, or hardly.
     sentence : str
-        What it can be used for, and why not for the rest.
+        A sentence that says what the mesh can be used for, and why not for the rest.
     """
 
     topology: Literal["triangle_soup", "indexed_mesh"]
@@ -194,7 +194,7 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Return the readings of the two ambiguous terms, by name; the first of each is the headline."""
+        """Return the readings of the two ambiguous terms, by name; the first reading of each is the headline."""
         c = self.counts
         return {
             "nonmanifold_vertices": {
@@ -215,7 +215,7 @@ def audit_arrays(
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays together with their analysis (for viewers and exports).
 
-    Of a large mesh the analysis is not made yet: its parts are when they are asked for.
+    For a large mesh the parts of the analysis are only made when they are asked for.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find(points, triangles)

@@ -1,4 +1,4 @@
-"""Connected components of a graph given by pairs: the one place that joins elements into groups."""
+"""Connected components of a graph given by pairs. Only this module joins elements into groups."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which way a mesh is audited: by NumPy, or by OpenCL kernels if it is large. The one place that decides."""
+"""Decide how a mesh is audited: by NumPy, or by OpenCL kernels if it is large."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ if TYPE_CHECKING:
     from msb.cl import Device
 
 FEWEST_FACES = 1 << 16
-"""From here on opening a device costs less than it saves. Smaller meshes never wait for a compiler."""
+"""The number of faces from which opening a device costs less than it saves. Smaller meshes never wait for a
+compiler."""
 
 
 def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:
     """Return what the audit of arrays that `mesh_arrays` has checked finds, and their analysis.
 
-    The results are the same either way, to the last bit. Where there is no device that can do it, or it
-    fails, NumPy does the work and `computed_by` says why.
+    Both ways give the same results to the last bit. If no device can run the kernels, or the device fails,
+    NumPy does the work and `computed_by` says why.
     """
     analysis = Analysis(points, faces)
     note = ""

@@ -1,4 +1,4 @@
-"""What can be said of faces one by one: area, zero area, non-finite, duplicate."""
+"""Properties of single faces: the area, and whether a face has none, is not finite, or is a duplicate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _CHUNK = 1 << 18
-"""Faces whose corners are gathered together; nine doubles each, so 19 MB."""
+"""Number of faces whose corners are gathered together; nine doubles each make 19 MB."""
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -43,8 +43,8 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the (groups,) area of each group of faces, each added in the order of the faces.
 
-    Rounding is monotone: added in one order, some of the faces never come to more than all of them, and come
-    to the same where the others have no area.
+    Rounding is monotone. If areas are added in one order, the sum over some of the faces is never larger than
+    the sum over all of them, and is equal to it if the others have no area.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> 
 def has_no_area(
     area: NDArray[np.float64], finite: NDArray[np.bool_], repeated: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which of F faces have three distinct indices and an area of exactly 0; arguments are (F,)."""
+    """Return a mask (F,) of the faces with three distinct indices and an area of exactly 0."""
     return np.asarray((area == 0) & finite & ~repeated)
 
 

@@ -1,4 +1,4 @@
-"""What an audit finds, as plain numbers: the one shape that NumPy and the OpenCL kernels both give."""
+"""The findings of an audit as plain numbers, in the one form that NumPy and the OpenCL kernels both give."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from msb.topology.analysis import Analysis
 
 SAMPLES = 3
-"""Offending elements shown of each kind: enough to go and look, few enough to read."""
+"""Number of offending elements shown of each kind: enough to go and look, few enough to read."""
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 """Key of the counts -> number and vertices of the first few elements behind it, ascending."""
 
@@ -54,15 +54,17 @@ class Findings:
     ----------
     counts : Counts
     shares_vertices : bool
-        Some vertex is used by two faces.
+        Whether some vertex is used by two faces.
     total_area, largest_component_area : float
-        Squared length units; added in the order of the faces, so that they do not depend on who adds them.
+        Areas in squared length units, added in the order of the faces, so that both implementations give the
+        same sums.
     valence_histogram : dict of int to int
         Number of edges at a vertex -> number of such vertices, ascending.
     first : dict
-        Edges, vertices and faces behind the counts. An edge's number is its place among the vertex pairs.
+        The first edges, vertices and faces behind the counts. An edge's number is its place among the vertex
+        pairs.
     timings_ms : dict of str to float
-        Stage -> milliseconds; not compared, as is who found it.
+        Stage -> milliseconds. Comparisons of findings ignore this field and `computed_by`.
     computed_by : str
     """
 
@@ -77,7 +79,7 @@ class Findings:
 
 
 def find_by_numpy(analysis: Analysis) -> Findings:
-    """Return what `analysis` comes to: the readable twin of `msb.topology.kernel`."""
+    """Return the findings of `analysis`. This is the readable twin of `msb.topology.kernel`."""
     mesh, components, found = analysis.mesh, analysis.components, analysis.offending
     listed = {
         kind: len(ids) for group in (found.edges, found.vertices, found.faces) for kind, ids in group.items()

@@ -5,8 +5,8 @@ change the very thing that is audited. Here an edge is a *group* of half-edges, 
 merged, dropped, reoriented or repaired.
 
 Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face;
-the corner it starts from carries the same number. Definitions: docs/definitions.md, sections 1 and 1.1 of
-the audit's specification; paper, "Topology-Metric Definitions and Interpretation Limits".
+the corner it starts from carries the same number. Definitions: docs/definitions.md; paper, "Topology-Metric
+Definitions and Interpretation Limits".
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class HalfEdgeMesh:
     ----------
     vertex_count : int
     faces : (F, 3) integers
-        As given, repeated-index rows included.
+        The faces as given, repeated-index rows included.
     edge_vertices : (E, 2) integers
         The distinct unordered pairs (low, high) over the faces without a repeated index, in ascending order.
     edge_offsets : (E + 1,) integers
@@ -52,12 +52,12 @@ class HalfEdgeMesh:
 
     @property
     def face_count(self) -> int:
-        """F, all rows."""
+        """F, the number of all face rows."""
         return len(self.faces)
 
     @property
     def edge_count(self) -> int:
-        """E."""
+        """E, the number of edges."""
         return len(self.edge_vertices)
 
     @cached_property
@@ -137,7 +137,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     ----------
     faces : (F, 3) int32 or int64
     vertex_count : int
-        V, at most 2^32 - 1, so that a vertex pair fits into 64 bits.
+        The number V of vertices, at most 2^32 - 1, so that a vertex pair fits into 64 bits.
 
     Notes
     -----

@@ -1,10 +1,10 @@
-"""What an audit finds, by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
+"""The findings of an audit by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
 
 Corners are put into blocks of vertices that fit into a core's cache, with the rest of their face beside them.
-There each vertex is visited with all its faces at once: which of them share a neighbour says all of edges,
-fans, duplicates and the boundary, without a sort (audit_small.cl; with many faces, with one: audit_large.cl).
-What joins faces to components is left as a list of pairs, for a union with the lowest number as root
-(audit_pairs.cl). docs/audit_speed.md says why, with measurements.
+There each vertex is visited with all its faces at once. Which of these faces share a neighbour determines
+edges, fans, duplicates and the boundary, without a sort (audit_small.cl); vertices with many faces need a
+sort (audit_large.cl). The pairs of faces that belong to one component are listed, for a union with the lowest
+number as root (audit_pairs.cl). docs/audit_speed.md says why, with measurements.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ TWO_FACE, CROWDED, RIM = range(3)
 
 @dataclass(frozen=True)
 class Sizes:
-    """What the kernels' time and memory depend on, and the results do not: tests make everything small.
+    """Sizes that change the kernels' time and memory but not the results; tests make all of them small.
 
     Attributes
     ----------
     block_corners : int
-        Corners of a block of vertices on average: 200 KB, which a second-level cache holds twice.
+        Mean number of corners in a block of vertices: 200 KB, which a second-level cache holds twice.
     most_blocks : int
-        Blocks at most: each is a stream to be written to.
+        The most blocks; each is a stream to be written to.
     large_block : int
-        Corners from which a block is sorted in place, if that is more than a share of all.
+        Number of corners from which a block is sorted in place, if that is more than a share of all.
     rounds : int
-        How often the memory for the corners is used; once more where a large block takes more memory beside.
+        How often the memory for the corners is used; a large block that needs more memory makes it once more.
     most_compared : int
-        Faces of a vertex whose neighbours are compared all with all; a multiple of 8, up to 32.
+        The most faces of a vertex whose neighbours are compared all with all; a multiple of 8, up to 32.
     chunk_pairs : int
-        Pairs of faces in a chunk of the list, more than four times `most_compared`.
+        Number of pairs of faces in a chunk of the list, more than four times `most_compared`.
     valences : int
-        Vertices with fewer edges are counted in a table.
+        Length of the table in which vertices with fewer edges than this are counted.
     """
 
     block_corners: int = 12288
@@ -78,9 +78,9 @@ def find_by_kernels(
     points : (V, 3) floating
     faces : (F, 3) int32
     device : Device
-        With double precision. Everything put on it is given back.
+        A device with double precision. All memory taken on it is given back.
     workers : int, optional
-        Work-items at a time; the compute units of the device by default.
+        Number of work-items at a time; by default the number of the device's compute units.
     sizes : Sizes, optional
 
     Raises
@@ -90,7 +90,8 @@ def find_by_kernels(
 
     Notes
     -----
-    O(V + F) time for meshes whose vertices have few faces, O(V + F log F) for any. About 45 bytes a face.
+    Time is O(V + F) for meshes whose vertices have few faces and O(V + F log F) for any mesh. Memory is about
+    45 bytes a face.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 DECIMALS = 2
-"""Of a ratio or mean, as in the paper's table of mesh diagnostics."""
+"""Decimals of a ratio or mean, as in the paper's table of mesh diagnostics."""
 _MILLIONS_FROM = 1e5
 """Smaller counts are printed in full, because "0.00 M" would say nothing."""
 

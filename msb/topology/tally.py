@@ -1,4 +1,4 @@
-"""What the work-items of the audit's kernels have counted and listed, added up."""
+"""Add up what the work-items of the audit's kernels have counted and listed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ VERTEX_KINDS = (
     "nonmanifold_edge_endpoints",
     "unreferenced_vertices",
 )
-"""In the order of audit_types.cl."""
+"""Keys of the counts of vertices, in the order of audit_types.cl."""
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:
@@ -41,7 +41,7 @@ def tally_dtype(valences: int) -> np.dtype[Any]:
 
 @dataclass(frozen=True)
 class Totals:
-    """What all stages came to.
+    """The results of all stages.
 
     Attributes
     ----------
@@ -50,10 +50,10 @@ class Totals:
     improper : (chunks, 1 + SAMPLES) uint32
         Number of repeated-index faces in each chunk of the faces, and the first of them.
     strange : (chunks, 2, 1 + SAMPLES) uint32
-        The same of faces without area, and without a finite one.
+        The same for faces without area, and for faces whose area is not finite.
     tallies : (workers + 1,) `tally_dtype`
     block_edges : (blocks,) uint64
-        Edges by the block of their lower vertex.
+        Number of edges by the block of their lower vertex.
     valences : (n,) uint32
         Valence of each vertex whose valence is not in the tallies' tables.
     components, two_face_components, boundary_loops, largest : int

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 Level = Literal["ok", "limited", "bad"]
 
 TOPOLOGY_TOOLS = "subdivision, collision or UV unwrapping"
-"""What needs manifold neighbourhoods (paper, "Mesh Structural Results": Local structure)."""
+"""Uses that need manifold neighbourhoods (paper, "Mesh Structural Results": Local structure)."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def judge(audit: Audit) -> Verdict:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as text that never rounds something to nothing, or nearly all to all."""
+    """Return a share as percent; a share that is not 0 or 1 is never shown as "0 %" or "100 %"."""
     if whole == 0:
         return "-"
     if part == 0:

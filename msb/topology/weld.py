@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Weld = Literal["exact"] | float
 
 MAX_PAIRS = 1 << 26
-"""Pairs within the weld distance that are looked at: 1 GiB of indices. Real welds have about one a vertex."""
+"""Most pairs within the weld distance: 1 GiB of indices. Real welds have about one pair per vertex."""
 
 
 def parse_weld(text: str | float) -> Weld:
@@ -55,7 +55,7 @@ def weld_vertices(
     Returns
     -------
     vertices : (W, 3)
-        The first occurrence of each merged vertex, in the old order.
+        The first of each set of merged vertices, in the old order.
     faces : (F, 3)
         Rows that collapse become repeated-index rows.
 

@@ -1,4 +1,4 @@
-"""Files of `torch.save` (.pt, .ckpt) without torch: nothing in them is ever imported or executed.
+"""Read files of `torch.save` (.pt, .ckpt) without torch; nothing in them is ever imported or executed.
 
 `docs/checkpoints.md` says what is read and what is refused.
 """

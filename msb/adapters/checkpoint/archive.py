@@ -1,9 +1,7 @@
 """The archive `torch.save` writes since torch 1.6: its members and what they say.
 
-All names start with one folder, whatever it is called: the file's stem, or ``archive`` when saved into an
-open file. In it: ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files,
-``byteorder``. Others (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``) say nothing we
-need. Facts: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`.
+All names start with one folder, which is called like the file's stem, or
+``archive`` when saved into an open file. It holds ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files, ``byteorder``. We need none of its other members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``). Source: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`.
 """
 
 from __future__ import annotations
@@ -21,9 +19,10 @@ if TYPE_CHECKING:
     from msb.asset.strict_zip import Member
 
 MAX_PICKLE = 16 << 20
-"""Bytes of data.pkl, which holds no tensor's values: kilobytes in practice. A million losses take 9 MiB."""
+"""Most bytes of data.pkl. It holds no tensor's values, so it has kilobytes in practice; a million losses take
+9 MiB."""
 VERSIONS = range(2, 11)
-"""torch itself accepts up to 10 and writes 3; 1 and earlier were not archives of this layout."""
+"""Versions that are read. torch accepts versions up to 10 and writes 3; version 1 had another layout."""
 _PICKLE, _DATA = "data.pkl", "data/"
 
 
@@ -33,7 +32,7 @@ def read_archive(view: memoryview) -> Any:
     Raises
     ------
     Refusal
-        With any code `CHECKPOINT_...`.
+        Any code `CHECKPOINT_...`.
     """
     members = read_members(view)
     root = _root(members)

@@ -2,8 +2,8 @@
 
 Five pickles follow each other: a magic number, the number 1001, facts about the machine, the saved value, and
 the list of storage keys in file order. Then come the storages, each a 64-bit count of elements and the
-elements. Where a storage is follows from the types of those before it, which only the value names, so its
-pickle is followed twice: first to learn what is declared, then with everything in place. Facts:
+elements. The place of a storage follows from the types of the storages before it, which only the saved value
+names. So its pickle is run twice: first to learn what it declares, then with every storage in place. Source:
 pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 
@@ -21,7 +21,7 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Place, Storages
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001
 MAX_STORAGES = 20_000
-"""As many as an archive may have members."""
+"""Most storages of a file; an archive may have as many members."""
 
 _COUNT = struct.Struct("<q")
 _START = re.compile(
@@ -40,7 +40,7 @@ def read_legacy(view: memoryview) -> Any:
     Raises
     ------
     Refusal
-        With any code `CHECKPOINT_...` that is not about archives.
+        Any code `CHECKPOINT_...` that is not about archives.
     """
     position = 0
     header = []

@@ -1,7 +1,7 @@
 """The closed list of names a checkpoint's pickle may use, and what each stands for here.
 
-A name in the file selects one of our own functions on inert records. Nothing is looked up in a module, so no
-name, however spelt, can reach code: what is not in the list is refused when it is named, before any call.
+A name in the file selects one of our own functions, which work on inert records. Nothing is looked up in a
+module, so no name, however spelt, can reach code: a name outside the list is refused before any call.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 MAX_ENCODED = 64
-"""Characters `_codecs.encode` takes: it only ever carries a NumPy scalar, of at most 8 bytes.
+"""Most characters that `_codecs.encode` takes; it only ever carries a NumPy scalar, of at most 8 bytes.
 
 Longer text could be sent through it again and again, with a copy each time.
 """
@@ -126,7 +126,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("numpy._core.multiarray", "scalar"): Function("scalar", _scalar),  # NumPy 2
     ("_codecs", "encode"): Function("encode", _encode),
 }
-"""By module and name apart: joined by a dot, different pairs would be the same."""
+"""(module, name) -> what it stands for. Joined by a dot, different pairs would be the same text."""
 
 OTHER_TENSORS = {
     "_rebuild_tensor": "of before torch 0.4",
@@ -141,7 +141,7 @@ OTHER_TENSORS = {
     "_rebuild_device_tensor_from_numpy": "in the form of a foreign device",
     "_rebuild_device_tensor_from_cpu_tensor": "in the form of a foreign device",
 }
-"""Names in `torch._utils` of tensors that are not read: they deserve a better message than a stranger."""
+"""Names in `torch._utils` of kinds of tensors that are not read; a message of its own says so."""
 
 
 def find(module: str, name: str) -> Function | StorageType:

@@ -1,10 +1,10 @@
 """A closed interpreter for the part of pickle that checkpoints use.
 
 A pickle is a program for a small stack machine. Python's own interpreter imports and calls whatever the
-program names, which is why a pickle from a stranger must never be loaded. This one knows the 40 instructions
-that writing dicts, lists, tuples, text, numbers and tensors needs; names select functions from the list in
-`names.py`, and every other instruction or name ends the reading. The meaning of instructions: the comments
-of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+program names, which is why a pickle from a stranger must never be loaded. This interpreter knows the 40
+instructions that dicts, lists, tuples, text, numbers and tensors need; names select functions from the list
+in `names.py`, and every other instruction or name ends the reading. Sources for the meaning of instructions:
+the comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
 MAX_OPCODES = 1_000_000
-"""A few thousand are usual, a list of a loss per training step adds 10 000. An instruction can cost some
-hundred bytes (an empty dict, a tensor), so this also bounds memory, at some hundred MiB."""
+"""Most instructions of a pickle. A few thousand are usual; a list with the loss of each training step adds 10
+000. An instruction can cost some hundred bytes (an empty dict, a tensor), so this limit also bounds memory,
+at some hundred MiB."""
 MAX_MEMO = 500_000
-"""Each entry of the memo costs an instruction to set and one to make what it holds."""
+"""Most entries of the memo. Each costs an instruction to set and one to make the value that it holds."""
 MAX_INTEGER_BYTES = 16
-"""Longer integers are nobody's sizes or seeds; torch's own magic number has 10 bytes."""
+"""Most bytes of an integer. No size or seed is longer; torch's own magic number has 10 bytes."""
 MAX_NAME = 200
-"""Bytes in one line of GLOBAL."""
+"""Most bytes in one line of the instruction GLOBAL."""
 PROTOCOLS = range(2, 5)
-"""2 is torch's default; what torch writes with 5 has never been seen."""
+"""Protocols that are read. 2 is torch's default; files that torch wrote with 5 have never been seen."""
 
 _MISSING = object()
 _U8, _U16, _I32, _U32, _U64 = (struct.Struct(f"<{code}") for code in "BHiIQ")
@@ -253,7 +254,7 @@ def _text(raw: bytes) -> str:
 
 class _Instruction(NamedTuple):
     since: int
-    """The first protocol that has it; those of 0 and 1 count as 2."""
+    """The first protocol that has the instruction; instructions of protocols 0 and 1 count as 2."""
     follow: Callable[[_Machine], None]
 
 
@@ -324,7 +325,7 @@ INSTRUCTIONS: dict[int, _Instruction] = {
     )
     for code, follow in table.items()
 }
-"""By their byte; the names behind them are those of the standard library's `pickletools`."""
+"""Byte -> instruction; the names in comments are those of the standard library's `pickletools`."""
 
 
 def run_pickle(
@@ -335,18 +336,18 @@ def run_pickle(
     Parameters
     ----------
     data : bytes
-        May hold more behind the pickle.
+        Bytes that hold the pickle; more may follow behind it.
     storages : Storages, optional
-        What persistent ids refer to; without it they are noted and lead nowhere.
+        The storages that persistent ids refer to; without them the ids are noted and lead nowhere.
     start : int
-        Where in `data` it begins.
+        Where in `data` the pickle begins.
     where, origin : str, int
         For error messages: "data.pkl " if positions count in that member, and what to add to them.
 
     Raises
     ------
     Refusal
-        With a code `CHECKPOINT_PICKLE_...`, `CHECKPOINT_STORAGE_...` or `CHECKPOINT_TENSOR_...`.
+        A code `CHECKPOINT_PICKLE_...`, `CHECKPOINT_STORAGE_...` or `CHECKPOINT_TENSOR_...`.
     """
     machine = _Machine(data, start, DeclaredStorages() if storages is None else storages)
     try:

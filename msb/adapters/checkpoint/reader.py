@@ -1,4 +1,4 @@
-"""What kind of file it is, and the one function the adapters call."""
+"""Recognise the kind of a checkpoint file, and read it: the one function that the adapters call."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _END_RECORD = b"PK\x05\x06"
 _LONGEST_TAIL = 22 + 0xFFFF
-"""An end record and the longest comment behind it."""
+"""Bytes of a ZIP's end record and the longest comment behind it."""
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Any:

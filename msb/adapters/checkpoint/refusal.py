@@ -1,4 +1,4 @@
-"""How the parts of the reader say no: they know what is wrong and where, but not in which file."""
+"""How the parts of the reader refuse a file: they know what is wrong and where, but not in which file."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ class Refusal(Exception):
     Parameters
     ----------
     code, message : str
-        As of `CheckpointError`.
+        The code and the message of the `CheckpointError`.
     at : str, optional
-        Where: "byte 12", or "data.pkl byte 12".
+        The place in the file: "byte 12", or "data.pkl byte 12".
     value, limit : optional
         What was found and what is allowed.
     """

@@ -1,4 +1,4 @@
-"""The last check of what a pickle gave: plain data, finite, not too deep, and safe to walk."""
+"""The last check of a pickle's result: it must be plain data, finite, not too deep, and safe to walk."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 MAX_DEPTH = 64
-"""Containers in containers. The methods' files nest 5 deep; recursive code may go 1000 deep."""
+"""Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000
+deep."""
 MAX_VALUES = 1_000_000
-"""Values met by a walk that does not remember where it was.
+"""Most values that a walk may meet which does not remember where it was.
 
-A list may hold another twice, that one a third twice, and so on: 30 levels are a thousand million values in
-200 bytes ("billion laughs"). No file we read shares lists or dictionaries at all.
+A list may hold a second list twice, that list a third one twice, and so on: 30 levels are a thousand million
+values in 200 bytes ("billion laughs"). No file that we read shares lists or dictionaries at all.
 """
 
 _LEAVES = (str, bytes, int, float, bool, type(None), np.ndarray, BFloat16Array)
@@ -26,7 +27,7 @@ _CONTAINERS = (dict, list, tuple)
 
 
 class _Node:
-    """A container on the path from the root: what is left of it, and its depth and size so far."""
+    """A container on the path from the root: the values not yet visited, and its depth and size so far."""
 
     def __init__(self, container: Any) -> None:
         self.container = container
@@ -42,7 +43,7 @@ class _Node:
 def check_structure(root: Any) -> None:
     """Refuse a result that is no plain data or that a naive walk would not survive.
 
-    Takes time and memory of the order of the number of distinct containers, whatever they share.
+    Time and memory are linear in the number of distinct containers, whatever they share.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Storages and tensors of a checkpoint as read-only NumPy views on the mapped file.
 
 A tensor is a window into a storage: an offset, a size and a stride per axis, all in elements. Everything is
-checked with Python integers, which do not wrap, before NumPy sees it. Facts about what is written:
+checked with Python integers, which do not wrap, before NumPy sees it. Sources for what torch writes:
 pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and `torch/serialization.py` (persistent ids).
 """
 
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MAX_AXES = 32
-"""What every NumPy we support can hold; model tensors have at most 4."""
+"""Most axes of a tensor, which every supported NumPy can hold; model tensors have at most 4."""
 MAX_ELEMENTS = 1 << 48
-"""Of one tensor, an axis of length 0 counted as 1: an empty tensor must not overflow NumPy's sizes either."""
+"""Most elements of a tensor. An axis of length 0 counts as 1, because the sizes of an empty tensor must not
+overflow in NumPy either."""
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
 _KEY = re.compile(r"[0-9]{1,20}\Z")
@@ -85,7 +86,7 @@ class Storages:
     view : memoryview
         The whole file.
     places : mapping from str to Place
-        By storage key.
+        Storage key -> place.
     """
 
     def __init__(self, view: memoryview, places: Mapping[str, Place]) -> None:
@@ -98,8 +99,8 @@ class Storages:
         Parameters
         ----------
         reference : object
-            ``("storage", type, key, location, count)``, in files of before torch 1.6 with None behind it.
-            The location (``cuda:0``, ``cpu``) only says where it was when saved.
+            ``("storage", type, key, location, count)``, with None behind it in files of before torch 1.6. The location
+            (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
         """
         code = "CHECKPOINT_PICKLE_PERSISTENT_ID"
         if (
@@ -154,7 +155,7 @@ class Storages:
 
 
 class DeclaredStorages(Storages):
-    """Stand-in while it is not known yet where storages are: collects them, and makes no tensors."""
+    """A stand-in for `Storages` before their places are known; it collects them and makes no tensors."""
 
     def __init__(self) -> None:
         super().__init__(memoryview(b""), {})

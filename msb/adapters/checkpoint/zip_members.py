@@ -1,8 +1,8 @@
 """What a torch archive may hold, for the strict reader of ZIP files.
 
-It differs from a packed `.triasset`: sizes and checksum also come behind the data (bit 3 of the flags), the
-end record always has a ZIP64 twin, and the local header's extra field is filled up so that data starts on a
-64-byte boundary. Facts: pytorch/pytorch `caffe2/serialize/inline_container.cc`.
+Such an archive differs from a packed `.triasset`: sizes and checksum also come behind the data (bit 3 of the
+flags), the end record always has a ZIP64 twin, and the local header's extra field is filled up so that data
+starts on a 64-byte boundary. Source: pytorch/pytorch `caffe2/serialize/inline_container.cc`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from msb.asset.strict_zip import Member, Policy
 from msb.errors import shorten
 
 MAX_MEMBERS = 20_000
-"""One per tensor and a handful more: the methods' files have below 30, large models thousands."""
+"""Most members. There is one per tensor and a handful more: the methods' files have below 30, large models
+thousands."""
 MAX_NAME = 500
 
 
@@ -25,7 +26,7 @@ def is_script(name: str) -> bool:
 
 
 def refuse_script(name: str) -> NoReturn:
-    """Say that the archive is a program."""
+    """Raise the error that the archive is a program."""
     text = f"it holds a TorchScript program ({shorten(name, 40)}); a saved state is needed"
     raise Refusal("CHECKPOINT_TORCHSCRIPT", text)
 
@@ -47,7 +48,7 @@ class _Torch(Policy):
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
-        """Refuse it; torch compresses source code, of which is said what it is, not how it is packed."""
+        """Refuse a compressed member; for source code, which torch compresses, say that it is a program."""
         if is_script(name):
             refuse_script(name)
         super().compressed(name, method, at)

@@ -1,8 +1,8 @@
 """What five peer libraries say of the same mesh, and whether each agrees or differs by definition.
 
-The only part of MeshSplatBench that knows libigl, PyMeshLab, manifold3d, trimesh (as a judge) and NetworkX.
-`peers.py` asks them, each in a process of its own (`children.py`); `expected.py` knows from their
-definitions what they should say; here the two are compared.
+Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge) and NetworkX. `peers.py` asks these
+peers, each in a process of its own (`children.py`); `expected.py` computes from their definitions what they
+should say; this module compares the two.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ __all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 PATIENCE = 60.0
-"""Seconds a peer is given, and as many again for each million faces; libigl needs 12 for one."""
+"""Seconds that a peer is given, and as many again for each million faces; libigl needs 12 seconds for a
+million."""
 ANYWAY = {"trimesh", "NetworkX"}
-"""Peers that may be there without the extra: a core dependency, and one of scikit-image's (extra bench)."""
+"""Peers that may be installed without the extra: a core dependency, and a dependency of scikit-image (extra
+bench)."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class CrossCheck:
     ----------
     rows : tuple of Row
     skipped : dict
-        Peer, or "PEER QUANTITY", that was not asked or did not answer -> why.
+        Peer, or "PEER QUANTITY", that was not asked or did not answer -> the reason.
     """
 
     rows: tuple[Row, ...]
@@ -70,7 +72,7 @@ class CrossCheck:
 
     @property
     def disagreements(self) -> tuple[Row, ...]:
-        """Rows that no difference of definition explains: a bug, in the peer or in us."""
+        """Rows that no difference of definition explains; each is a bug in the peer or in our audit."""
         return tuple(row for row in self.rows if row.verdict == "disagrees")
 
     def to_rows(self) -> list[dict[str, Any]]:

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from msb.topology.crosscheck.peers import Answers
 
 AT_ONCE = 2
-"""Child processes: the peers use one core each and a multiple of the mesh's memory."""
+"""Child processes that run at once: each peer uses one core and a multiple of the mesh's memory."""
 _POLL = 0.02
 
 
 @dataclass(frozen=True)
 class Reply:
-    """What a peer said: its version and its answers."""
+    """A peer's reply: its version and its answers."""
 
     version: str
     answers: Answers
@@ -41,15 +41,15 @@ class Reply:
 def ask_peers(
     names: Sequence[str], vertices: NDArray[Any], faces: NDArray[Any], timeout: float
 ) -> dict[str, Reply | str]:
-    """Return each peer's reply about a mesh, or in one sentence why there is none.
+    """Return each peer's reply about a mesh, or a sentence that says why there is none.
 
     Parameters
     ----------
     names : sequence of str
-        Of `PEERS`.
+        Names in `PEERS`.
     vertices : (V, 3) floating
     faces : (F, 3) integers
-        At least one row, no index out of range.
+        The faces: at least one row, and no index out of range.
     timeout : float
         Seconds each peer is given.
     """

@@ -1,6 +1,6 @@
 """What each peer should answer about a mesh, given where its definitions differ from ours.
 
-A prediction is our number plus a shift that follows from the mesh: so a wrong number of ours is a
+A prediction is our number plus a shift that follows from the mesh. So a wrong number of ours gives a
 disagreement even where definitions differ. Almost every shift comes from repeated-index rows, which have no
 edges for us and three vertex pairs for most peers. docs/definitions.md has the table in words.
 """
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Expected:
-    """One number of ours, what a peer should say instead, and why.
+    """One number of ours, the number that a peer should give for it, and why they differ.
 
     Attributes
     ----------
@@ -41,9 +41,10 @@ class Expected:
     why : str
         The difference of definition; empty where the two coincide.
     plus : int
-        Added to the peer's answer before comparing (derived rows).
+        A number that is added to the peer's answer before comparing (in derived rows).
     slack : float
-        How far the answer may be from `theirs`: rounding of areas, or the bound of a documented quirk.
+        The largest allowed difference between the answer and `theirs`: rounding of areas, or the bound of a
+        documented quirk.
     unfit : str
         Why the peer's answer means nothing on this mesh; empty if it does mean something.
     """
@@ -60,7 +61,7 @@ class Expected:
 
 
 class Facts:
-    """Where the definitions of the peers and ours part on one mesh."""
+    """The facts about one mesh on which the definitions of the peers and ours differ."""
 
     def __init__(self, report: Audit, analysis: Analysis) -> None:
         self.report = report
@@ -82,7 +83,7 @@ class Facts:
         return Expected(quantity, call, answer or quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
-        """Say in words that the peer counts repeated-index rows, if that changes a number at all."""
+        """Return in words that the peer counts repeated-index rows, or nothing if that changes no number."""
         if by == 0:
             return ""
         return f"it keeps the vertex pairs and corners of {self.rows}, which we leave out"
@@ -93,7 +94,7 @@ class Facts:
         return some(self.repeated, "repeated-index row")
 
     def area(self, call: str) -> Expected:
-        """Expect our area, or none: one non-finite corner makes a peer's sum NaN."""
+        """Expect our area, or none if a corner is not finite, because a peer's sum is then NaN."""
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
             bad = some(self.counts.nonfinite_faces, "face")
@@ -220,8 +221,8 @@ def _flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> E
 def expect_manifold3d(facts: Facts) -> list[Expected]:
     """Return whether manifold3d should accept the mesh.
 
-    It pairs half-edges that run in opposite directions, so an edge with two faces each way is fine to it;
-    and it wants four vertices and four faces.
+    manifold3d pairs half-edges that run in opposite directions, so it accepts an edge with two faces each
+    way. It requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh
     ours = (
@@ -242,7 +243,7 @@ def expect_manifold3d(facts: Facts) -> list[Expected]:
 
 
 def expect_networkx(facts: Facts) -> list[Expected]:
-    """Return what the graphs of our own definitions should give: the same."""
+    """Return what the graphs of our own definitions should give, which is our own numbers."""
     names = {
         "edges": "vertex graph",
         "nonmanifold_edges": "vertex graph, three faces and more",

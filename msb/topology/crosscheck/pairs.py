@@ -19,7 +19,7 @@ def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
     Parameters
     ----------
     faces : (F, 3) integers
-        On rows without a repeated index the numbers are those of our own definitions.
+        The faces; on rows without a repeated index the numbers are those of our own definitions.
 
     Returns
     -------

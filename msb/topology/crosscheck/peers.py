@@ -1,9 +1,9 @@
-"""What each peer library is asked, and how; the only module that imports one.
+"""The questions to each peer library. Only this module imports the peers.
 
 Every function here takes a mesh that has at least one face and no index out of range, and returns the
 peer's own answers under the names `expected.py` compares them by. It runs in a process of its own
-(`children.py`), because peers print, hang or crash on meshes an audit must survive. Versions these notes
-were made with: libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1.
+(`children.py`), because peers print, hang or crash on meshes that an audit must survive. These notes were
+made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class Peer:
     Attributes
     ----------
     name : str
-        As in reports.
+        The name in reports.
     module, distribution : str
-        What is imported, and what is installed.
+        The module that is imported, and the distribution that is installed.
     ask : callable
-        From (V, 3) float64 vertices and (F, 3) int64 faces to its answers.
+        A function from (V, 3) float64 vertices and (F, 3) int64 faces to the peer's answers.
     max_faces : int or None
-        Above this it would take too long or too much memory to be asked.
+        The most faces; for a larger mesh the peer would take too long or too much memory.
     """
 
     name: str
@@ -80,8 +80,8 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return PyMeshLab's topological measures.
 
-    Right in a fresh process only: from the fifth call on `non_two_manifold_edges` is the sum of
-    multiplicities. A row (a, b, a) makes it loop for ever, so such rows are turned to (a, a, b).
+    They are right in a fresh process only: from the fifth call on `non_two_manifold_edges` is the sum of
+    multiplicities. A row (a, b, a) makes PyMeshLab loop for ever, so such rows are turned to (a, a, b).
     """
     import pymeshlab
 
@@ -109,8 +109,8 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
 def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return whether manifold3d accepts the faces as a solid.
 
-    It also refuses coordinates that are not finite in float32; connectivity is what is asked here, so it
-    gets zeros. It crashes on some meshes whose half-edges cannot pair up.
+    manifold3d also refuses coordinates that are not finite in float32. The question here is about
+    connectivity, so it gets zeros for them. It crashes on some meshes whose half-edges cannot pair up.
     """
     import manifold3d
 

@@ -1,4 +1,4 @@
-"""The integers."""
+"""Explanations of the audit's integer counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an explanation is."""
+"""The class of an explanation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 KEEPS_ROWS = "agrees, except that it also counts repeated-index rows"
-"""Said of most peers: they take (a, b, b) as a face with the edges a-b, b-b and b-a."""
+"""A sentence about most peers, which take (a, b, b) as a face with the edges a-b, b-b and b-a."""
 SECTION = 'paper, appendix "Topology-Metric Definitions and Interpretation Limits"'
 
 
@@ -21,13 +21,13 @@ class Explanation:
     Attributes
     ----------
     name : str
-        Key in the audit's JSON.
+        The key in the audit's JSON.
     symbol : str
-        Name in formulas and in the specification; empty if it has none.
+        The name in formulas; empty if there is none.
     title : str
         The quantity in plain words.
     formula : str
-        One line.
+        The formula, on one line.
     definition : str
         What is counted, in two to four sentences.
     matters : str
@@ -39,7 +39,7 @@ class Explanation:
     peers : mapping of str to str
         Library -> "agrees", or exactly how it differs.
     aliases : tuple of str
-        Other names by which it may be asked for.
+        Other names that `explain` takes for the quantity.
     """
 
     name: str

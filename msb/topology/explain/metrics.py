@@ -1,4 +1,4 @@
-"""The ratios and totals: the paper's columns first, in their order."""
+"""Explanations of the ratios and totals; the paper's columns come first, in their order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the audit says besides counts and ratios, and the two flags that only the cross-check compares."""
+"""Explanations of other parts of the audit, and of two flags that only the cross-check compares."""
 
 from __future__ import annotations
 
