@@ -1,4 +1,4 @@
-"""OpenCL alone: devices, programs, buffers, timing, scan and sort. Knows no asset.
+"""OpenCL alone: devices, programs, buffers, timing, scan and sort. This package knows no assets.
 
 Importing this loads neither pyopencl nor a platform; the first device asked for does.
 """

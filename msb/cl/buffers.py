@@ -1,4 +1,4 @@
-"""Memory on the device: made, accounted by use, reused, and given back."""
+"""Memory on the device: it is allocated, counted by use, reused, and given back."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 Shape = int | tuple[int, ...]
 
 SCRATCH = "scratch"
-"""The group of uses that nothing else is said of: what is computed in passing."""
+"""The group of all uses without a group of their own: results that are computed in passing."""
 _SAFE_ALIGNMENT = 64
-"""Bytes: a cache line. Kernels use types of at most 32 bytes (float8); 64-byte ones crash on PoCL's wheel."""
+"""Alignment in bytes: a cache line. Kernels use types of at most 32 bytes (float8), because types of 64 bytes
+crash on PoCL's wheel."""
 
 
 class Allocation:
-    """Memory of the device with what it is used for; buffers are views of it."""
+    """A piece of the device's memory and its use; buffers are views of it."""
 
     def __init__(self, handle: Any, use: str, group: str) -> None:
         self.handle = handle
@@ -45,7 +46,7 @@ class Allocation:
 
 
 class Buffer:
-    """An array on the device: `shape`, `dtype`, and what it is used for.
+    """An array on the device, with its `shape`, `dtype` and use.
 
     Like a NumPy array it may have no elements. Its memory is given back with the last reference to it,
     by `release`, or with its device.
@@ -59,12 +60,12 @@ class Buffer:
 
     @property
     def use(self) -> str:
-        """What the memory is used for."""
+        """The use of the memory, in words."""
         return self._allocation.use
 
     @property
     def group(self) -> str:
-        """What kind of use that is."""
+        """The group to which the use belongs."""
         return self._allocation.group
 
     @property
@@ -74,7 +75,7 @@ class Buffer:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the array; what is allocated may be more."""
+        """Bytes of the array; its allocation may be larger."""
         return self.size * self.dtype.itemsize
 
     @property
@@ -97,7 +98,7 @@ class Buffer:
         Raises
         ------
         ValueError
-            It does not fit into what is allocated.
+            The array does not fit into the allocation.
         """
         other = Buffer(self._memory, self._allocation, shape, dtype)
         if other.nbytes > self._allocation.nbytes:
@@ -105,16 +106,16 @@ class Buffer:
         return other
 
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
-        """Copy to the host, after everything queued before.
+        """Copy the array to the host, after everything queued before.
 
         Parameters
         ----------
         out : array, optional
-            C-contiguous, of the buffer's dtype: as many elements as it holds are read. By default a new
-            array of all elements from `start` on (of the buffer's shape if `start` is 0). Give the same
-            array again and again: the first touch of new memory costs more than the copy.
+            A C-contiguous array of the buffer's dtype, which is filled. By default a new array of all
+            elements from `start` on (of the buffer's shape if `start` is 0). Give the same array again and
+            again, because the first touch of new memory costs more than the copy.
         start : int
-            First element to read.
+            The first element to read.
         """
         if out is None:
             shape = self.shape if start == 0 else (self.size - start,)
@@ -139,7 +140,7 @@ class Buffer:
             )
 
     def fill(self, value: complex = 0) -> None:
-        """Set all elements; queued, not waited for."""
+        """Queue a command that sets all elements, and do not wait for it."""
         if self.size:
             pattern, queue = np.asarray(value, self.dtype), self._memory.queue
             queue.submit(
@@ -151,7 +152,7 @@ class Buffer:
     def mapped(self) -> Iterator[NDArray[Any]]:
         """Yield the content as a read-only host array, valid in the block only.
 
-        Costs no copy where host and device share memory; elsewhere it is a `read`.
+        Where host and device share memory this needs no copy; elsewhere it is a `read`.
         """
         queue = self._memory.queue
         if not queue.record.host_unified or not self.size:
@@ -199,7 +200,7 @@ class Memory:
         return bytes_by_use(self._allocations)
 
     def groups(self) -> dict[str, str]:
-        """Return use -> its group, of what `by_use` names."""
+        """Return use -> group, for the uses that `by_use` names."""
         return {held.use: held.group for held in list(self._allocations) if held.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
@@ -207,7 +208,7 @@ class Memory:
         return self._register(shape, dtype, use, group, self.queue.cl.mem_flags.READ_WRITE)
 
     def upload(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
-        """Return a buffer kernels only read, holding `array`; without a copy where that is safe."""
+        """Return a buffer with `array`, which kernels only read; without a copy where that is safe."""
         if array.dtype.kind not in "iuf" or not array.dtype.isnative:
             raise TypeError(f"{use}: a device holds native integers and floats, not {array.dtype}")
         array = np.ascontiguousarray(array)
@@ -221,7 +222,7 @@ class Memory:
         return buffer
 
     def share(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
-        """Return a buffer on the memory of `array` itself where that is safe, else one with a copy of it."""
+        """Return a buffer on the memory of `array` itself where that is safe, else a buffer with a copy."""
         flags = self.queue.cl.mem_flags
         if self._works_in_place() and array.size and array.flags.c_contiguous and array.flags.aligned:
             access = flags.READ_WRITE if array.flags.writeable else flags.READ_ONLY
@@ -307,7 +308,7 @@ class Memory:
 
 
 def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
-    """Return use -> bytes held for it now, in order of name."""
+    """Return use -> bytes held for that use now, in order of name."""
     found: dict[str, int] = {}
     for held in list(allocations):
         if held.handle is not None:

@@ -1,4 +1,4 @@
-"""One open device: its context, its queue, and what was made on it."""
+"""An open device: its context, its queue, and everything made on it."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 class Device:
     """An OpenCL device with one in-order queue; made by `open_device`, closed by `close` or ``with``.
 
-    Threads may share one: each command is safe by itself, and what belongs together goes into a block of
-    `using` or `timing`, during which other threads wait.
+    Threads may share a device: each command is safe by itself, and commands that belong together go into a
+    block of `using` or `timing`, during which other threads wait.
 
     Attributes
     ----------
     record : DeviceRecord
     style : "cpu" | "gpu"
-        Which kind of kernels to use; `record.style` unless the caller chose.
+        The style of kernels to use: `record.style`, unless the caller chose another.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
@@ -51,12 +51,13 @@ class Device:
     ) -> programs.Program:
         """Return the kernels of file `name`.cl of `package`, built with `defines`.
 
-        Built once for each (file, defines) of this device; platforms keep what was built on disk.
+        A program is built once for each (file, defines) of this device; platforms keep built programs on
+        disk.
 
         Raises
         ------
         DeviceError
-            `DEVICE_BUILD`: file, line and first error of the compiler.
+            `DEVICE_BUILD`: the message has file, line and first error of the compiler.
         """
         chosen = dict(defines or {})
         key = (package, name, tuple(sorted(chosen.items())))
@@ -68,24 +69,24 @@ class Device:
     def upload(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
         """Return a buffer for kernels to read, holding `array` (integers or floats of any shape).
 
-        PoCL shares the memory of an array nobody can change (one mapped from a file, say) instead of copying
-        it; its bytes count all the same.
+        PoCL shares the memory of an array that nobody can change, such as one mapped from a file, instead of
+        copying it; its bytes are counted all the same.
 
         Raises
         ------
         DeviceError
-            `DEVICE_MEMORY`: what was asked, for what, and what there is.
+            `DEVICE_MEMORY`: the message says how much was asked for, for what use, and how much there is.
         """
         return self._memory.upload(array, use, group)
 
     def share(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
-        """Return a buffer on the memory of `array`, where PoCL runs on a CPU, else one with a copy of it.
+        """Return a buffer on the memory of `array` if PoCL runs on a CPU, else a buffer with a copy.
 
-        Kernels may write it if the array can be written; what they wrote is read from the buffer, since the
-        array has it on PoCL only. Until the buffer is released, after `finish`, the array must live and
-        nobody else change it; kernels must not take its alignment for more than its dtype's. Large NumPy
-        arrays lie in huge pages where the system has them: their first touch costs a fifth of that of
-        `allocate`.
+        Kernels may write the buffer if the array can be written; read their results from the buffer, since
+        only PoCL puts them into the array. Until the buffer is released, after `finish`, the array must live
+        and nobody else may change it; kernels must not assume a larger alignment than that of its dtype.
+        Large NumPy arrays lie in huge pages where the system has them, whose first touch costs a fifth of
+        that of `allocate`.
 
         Raises
         ------
@@ -109,7 +110,7 @@ class Device:
         return self._memory.scratch(name, shape, dtype, group)
 
     def release_scratch(self, prefix: str) -> None:
-        """Give back the pool's buffers whose name begins with `prefix`: what only a preparation needed."""
+        """Give back the pool's buffers whose name begins with `prefix`, which only a preparation needed."""
         self._memory.release_scratch(prefix)
 
     def memory(self) -> dict[str, int]:
@@ -117,17 +118,17 @@ class Device:
         return bytes_by_use(self._queue.allocations)
 
     def new_memory(self) -> Memory:
-        """Return a place for the buffers of one user of the device: what it allocates in `using`."""
+        """Return a new account for the buffers that one user of the device allocates in `using`."""
         return Memory(self._queue)
 
     @contextlib.contextmanager
     def using(self, memory: Memory | None = None) -> Iterator[None]:
-        """Have the device alone for a block: other threads wait. What is allocated there belongs to `memory`.
+        """Have the device alone for a block; other threads wait. Buffers allocated in it belong to `memory`.
 
         Parameters
         ----------
         memory : Memory, optional
-            From `new_memory`; by default the device's own.
+            An account that `new_memory` returned; by default the device's own.
         """
         with self._lock:
             before, self._memory = self._memory, memory or self._own_memory
@@ -138,7 +139,7 @@ class Device:
 
     @property
     def failed(self) -> bool:
-        """Whether the device was closed or has failed a command, so that another should be opened."""
+        """Whether the device was closed or failed a command, so that it should be opened anew."""
         return self._queue.closed or self._queue.failed
 
     @contextlib.contextmanager
@@ -150,7 +151,7 @@ class Device:
         Raises
         ------
         RuntimeError
-            Inside of another such block of the same thread: they do not nest.
+            The same thread is inside of another such block; the blocks do not nest.
         """
         with self._lock:
             if self._queue.timing is not None:
@@ -172,7 +173,7 @@ class Device:
         self._queue.finish()
 
     def close(self) -> None:
-        """Release everything made on the device. Twice is harmless."""
+        """Release everything made on the device. A second call does nothing."""
         with self._lock:
             for held in list(self._queue.allocations):
                 held.release()

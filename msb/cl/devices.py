@@ -1,4 +1,4 @@
-"""Which devices there are, and which one is meant."""
+"""List the OpenCL devices, and choose the one that a selector means."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
 KINDS = ("cpu", "gpu")
-"""What a selector names when it names no platform."""
+"""The kinds of devices that a selector can name instead of a platform."""
 
 
 class Choice(NamedTuple):
-    """The device that is meant, and why."""
+    """The device that was chosen, and the reason."""
 
     record: DeviceRecord
     selector: str | None
     source: str
-    """Where the selector comes from: "argument", an environment variable, or "default"."""
+    """The source of the selector: "argument", an environment variable, or "default"."""
 
 
 class Tried(NamedTuple):
-    """A device, and what came of trying it."""
+    """A device, and the result of trying it."""
 
     record: DeviceRecord
     trial: Trial
     advice: str | None
-    """What to do where it does not build, or None."""
+    """What to do if the device does not build kernels, or None."""
 
 
 def list_devices() -> list[DeviceRecord]:
@@ -56,7 +56,7 @@ def list_devices() -> list[DeviceRecord]:
 
 
 def try_devices() -> list[Tried]:
-    """Build and run a small kernel on every device, whatever was found before; raises as `list_devices`."""
+    """Build and run a small kernel on every device, even if tried before; raises as `list_devices`."""
     found = []
     for record, handle in found_devices(opencl()):
         trial = try_device(handle, record, again=True)
@@ -78,24 +78,24 @@ def choose_device(selector: str | None = None) -> Choice:
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Open the device that `selector` names; by default MSB_DEVICE's, PYOPENCL_CTX's, or PoCL.
 
-    A device that does not build kernels (`msb.cl.trial`) is passed over for the next that is meant. Closing
-    a device does not give back what PoCL keeps of its programs, a megabyte each: `shared_device` does not
-    open another.
+    A device that does not build kernels (`msb.cl.trial`) is passed over for the next one that the selector
+    means. Closing a device does not give back the megabyte that PoCL keeps of each of its programs;
+    `shared_device` avoids opening another device.
 
     Parameters
     ----------
     selector : str, optional
         ``cpu``, ``gpu``, ``PLATFORM`` or ``PLATFORM:INDEX``. PLATFORM is the number of a platform or part of
-        its name (``pocl``, ``intel``, ``nvidia``), INDEX counts that platform's devices from 0. Without
-        any, a CPU is preferred to a GPU and PoCL to other CPU platforms.
+        its name (``pocl``, ``intel``, ``nvidia``), INDEX counts that platform's devices from 0. Without a
+        selector, a CPU is preferred to a GPU and PoCL to other CPU platforms.
     style : "cpu" | "gpu", optional
-        Kernels of this style whatever the device is; for tests.
+        The style of kernels to use, whatever the device is; for tests.
 
     Raises
     ------
     DeviceError
         `DEVICE_NOT_FOUND`: there is no such device; the message says what was looked for and what there is.
-        `DEVICE_BUILD`: none that is meant builds kernels; the message says why, and what to do.
+        `DEVICE_BUILD`: no matching device builds kernels; the message says why, and what to do.
     UsageError
         `DEVICE_SELECTOR`: the text cannot name a device.
     """
@@ -107,13 +107,13 @@ def open_device(selector: str | None = None, *, style: Style | None = None) -> D
 def shared_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Return the device that everything in this process shares; it is opened once and stays open.
 
-    Parameters and errors as of `open_device`. Threads take turns on it (`Device.using`). A device that has
-    failed is opened anew.
+    Parameters and errors are those of `open_device`. Threads take turns on the device (`Device.using`). A
+    device that has failed is opened anew.
 
     Raises
     ------
     DeviceError
-        `DEVICE_CLOSED`: it was opened before this process was forked, and cannot be used here.
+        `DEVICE_CLOSED`: the device was opened before this process was forked, and cannot be used in it.
     """
     cl = opencl()
     choice, handle = _choose(found_devices(cl), selector)
@@ -133,7 +133,7 @@ _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 
 def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
-    """Return what there is, as records and as pyopencl's devices."""
+    """Return all devices, as records and as pyopencl's devices."""
     try:
         platforms = cl.get_platforms()
     except cl.Error:  # PLATFORM_NOT_FOUND_KHR is how a loader says that there is none

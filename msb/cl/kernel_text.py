@@ -1,4 +1,4 @@
-"""Kernel text: our own files, with their includes put in place, so that a package in a ZIP works too."""
+"""The text of kernels: our files with their includes put in place, so that a package in a ZIP works, too."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def define_lines(defines: Mapping[str, Define]) -> str:
     """Return the ``#define`` lines of `defines`, in order of name.
 
     Booleans become 1 and 0; a float becomes the nearest single-precision number, written exactly (a
-    hexadecimal constant); text is taken as it is. They are part of the source, not build options, so no
-    command line has to be quoted.
+    hexadecimal constant); text is taken as it is. Definitions are part of the source and not build options,
+    so no command line has to be quoted.
 
     >>> print(define_lines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
     #define FAST 1
@@ -75,7 +75,7 @@ def resolve(package: str, name: str) -> str:
     Raises
     ------
     FileNotFoundError
-        No such file; a name that leaves the package cannot be written.
+        There is no such file. (No name can lead out of the package.)
     ValueError
         An include of another form, or files that include each other.
     """

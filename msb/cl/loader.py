@@ -1,4 +1,4 @@
-"""The OpenCL loader, made to see every platform of this environment; nothing for the user to set.
+"""Make the OpenCL loader find every platform of this environment, without settings by the user.
 
 A loader finds platforms through one-line files, ``*.icd``, each naming a library (cl_khr_icd). The pyopencl
 wheel brings a loader that reads those of the system and those beside itself, where the PoCL wheel puts its
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 VENDOR_VARIABLE = "OCL_ICD_VENDORS"
-"""Names the folder of entries; if the user set it, it holds."""
+"""The environment variable that names the folder of entries; if the user set it, it stays."""
 INTEL_PACKAGE = "intel-opencl-rt"
 INTEL_LIBRARY = "libintelocl.so"
 # What the Intel library links to, each after what it links to itself; intel-cmplr-lib-rt brings all but TBB.
@@ -39,7 +39,7 @@ NVIDIA_LIBRARY = "libnvidia-opencl.so.1"
 _POCL_CACHE = "POCL_CACHE_DIR"
 _POCL_DEVICES = "POCL_DEVICES"
 _CACHE_BYTES = 1 << 24
-"""What must be free for a cache: several times what all kernels take, for one device."""
+"""Bytes that must be free for a cache: several times what all kernels take for one device."""
 _SYSTEM_VENDORS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix, "etc/OpenCL/vendors"))
 
 _lock = threading.Lock()
@@ -49,12 +49,12 @@ _platforms: list[str] = []
 
 
 def opencl() -> Any:
-    """Return the module pyopencl, its loader started.
+    """Return the module pyopencl after its loader was started.
 
     Raises
     ------
     DeviceError
-        `DEVICE_NOT_FOUND`: it cannot be imported.
+        `DEVICE_NOT_FOUND`: pyopencl cannot be imported.
     """
     global _started
     with _lock:
@@ -72,7 +72,7 @@ def opencl() -> Any:
 
 
 def notes() -> list[str]:
-    """Return what the user should know of how platforms were looked for: one sentence each."""
+    """Return sentences about how platforms were looked for that the user should know."""
     return list(_notes)
 
 
@@ -87,7 +87,7 @@ def looked_for() -> str:
 
 
 def how_to_get_a_device() -> str:
-    """Return in one sentence what to do where no device was found: unset what hides them, or get PoCL."""
+    """Return in one sentence what to do if no device was found: unset what hides them, or get PoCL."""
     if any("Portable" in name for name in _platforms):
         cache = os.environ.get(_POCL_CACHE)
         if cache and not _is_writable(Path(cache)):

@@ -1,13 +1,13 @@
-"""The PoCL wheel made to build on processors it does not know.
+"""Make the PoCL wheel build kernels on processors that it does not know.
 
 The one PoCL wheel there is (3.0-rc2 of 2022, with LLVM 14) asks LLVM for the processor's name and hands it to
-clang. Of processors newer than itself LLVM says "generic", which clang refuses: "unknown target CPU
-'generic'", whatever is to be built. No variable and no build option reaches that name. Here it is overwritten
-where PoCL keeps it: the characters themselves, by a name of the same length for what the processor can do.
+clang. LLVM calls a processor newer than itself "generic", and clang then refuses to build anything: "unknown
+target CPU 'generic'". No variable and no build option reaches that name. This module overwrites the
+characters of the name where PoCL keeps them, by a name of the same length that fits the processor.
 
-Nothing is touched unless all of it is as it was when this was found: the wheel's version, the driver's, the
-library's file, the place of the pointer, and the name there. `msb.cl.trial` builds and runs kernels with the
-new name in a process of its own first.
+Nothing is touched unless the wheel's version, the driver's version, the library's file, the place of the
+pointer and the name there are exactly the known ones. `msb.cl.trial` builds and runs kernels with the new
+name in a process of its own first.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from pathlib import Path
 from typing import Any
 
 MEND_VARIABLE = "MSB_MEND_POCL"
-"""Switched off by 0."""
+"""The environment variable that switches this off with the value 0."""
 NAME = b"haswell"
-"""AVX2 and FMA. AVX-512 gains nothing here: speed is the same within a tenth for every name from AVX2 on."""
+"""A processor with AVX2 and FMA. A name with AVX-512 gains nothing: the speed is the same within a tenth."""
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
 _WHEEL_VERSION = "3.0"
 DRIVER = "3.0-rc2"
-"""The wheel's version, as its driver says it."""
+"""The wheel's version, as its driver reports it."""
 _LIBRARY = "libpocl-21062cec.so"
 """The file's name holds a hash of its content, which `auditwheel` put there."""
 _SLOT = 640
-"""Byte of the device's structure at which the pointer to the name lies."""
+"""The byte of the device's structure at which the pointer to the name lies."""
 _STRUCTURE = 1024
-"""Bytes of the structure in which no other pointer may lead to such a name."""
+"""The number of bytes of the structure in which no other pointer may lead to such a name."""
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
 _LZCNT = frozenset(("abm", "lzcnt"))  # Linux says abm
 _LONGEST = 64
 _mended: set[int] = set()
-"""Addresses of the structures of devices whose name is ours."""
+"""Addresses of the structures of devices whose name we have overwritten."""
 
 
 def is_off() -> bool:
-    """Return whether the user does not want it."""
+    """Return whether the user switched mending off."""
     return os.environ.get(MEND_VARIABLE) == "0"
 
 
 def why_not() -> str | None:
-    """Return why nothing is mended on this machine whatever the compiler says, or None."""
+    """Return why nothing can be mended on this machine, whatever the compiler says, or None."""
     if is_off():
         return f"{MEND_VARIABLE}=0 keeps it from being mended"
     if not _has_what_the_name_promises():
@@ -58,7 +58,7 @@ def why_not() -> str | None:
 
 
 def is_wheel(device: Any) -> bool:
-    """Return whether a pyopencl device is of the PoCL wheel this was found on."""
+    """Return whether a pyopencl device belongs to the known version of the PoCL wheel."""
     return (
         sys.platform == "linux"
         and platform.machine() == "x86_64"
@@ -69,7 +69,7 @@ def is_wheel(device: Any) -> bool:
 
 
 def compiler_cpu(device: Any) -> str | None:
-    """Return the processor's name that the wheel gives its compiler; None of any other platform."""
+    """Return the processor's name that the wheel gives its compiler; None for any other platform."""
     if not is_wheel(device):
         return None
     place = _pointer(device)

@@ -1,4 +1,4 @@
-"""Kernels: from a file of the package to a function that checks its arguments and returns an event."""
+"""Kernels: build a file of the package into functions that check their arguments and return an event."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _ERROR_LINE = re.compile(
 _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
 UNKNOWN_CPU = "unknown target CPU"
-"""What clang says where PoCL's LLVM is older than the processor."""
+"""The message of clang if PoCL's LLVM is older than the processor."""
 
 # A build that fails without a complaint about the source is tried again: PoCL processes that meet on an empty
 # cache and build the same program at the same moment disturb each other (1 of 200 starts, 8 at once).
@@ -67,11 +67,11 @@ class Program:
     Attributes
     ----------
     name : str
-        Package and file.
+        The package and the file.
     options : tuple of str
         Build options, the same for every program of a device.
     hash : str
-        SHA-256 of the text given to the compiler, defines and included files in it.
+        The SHA-256 of the text given to the compiler, which contains defines and included files.
     """
 
     def __init__(self, name: str, options: tuple[str, ...], source: str, kernels: dict[str, Kernel]) -> None:
@@ -82,7 +82,7 @@ class Program:
 
     @property
     def max_work_group(self) -> int:
-        """Work-items of the largest work-group that all its kernels allow."""
+        """Number of work-items of the largest work-group that all its kernels allow."""
         return min(kernel.max_work_group for kernel in self._kernels.values())
 
     def __getattr__(self, name: str) -> Kernel:
@@ -112,9 +112,9 @@ class Kernel:
     ----------
     name : str
     max_work_group : int
-        Work-items of the largest work-group that surely is launched: a kernel that needs many registers may
-        allow fewer than its device (OpenCL 1.2 specification, section 5.7.3, CL_KERNEL_WORK_GROUP_SIZE).
-        Mesa's Rusticl 22.3 says 32 of every kernel and launches 256.
+        Number of work-items of the largest work-group that surely is launched. A kernel that needs many
+        registers may allow fewer than its device (OpenCL 1.2 specification, section 5.7.3,
+        CL_KERNEL_WORK_GROUP_SIZE). Mesa's Rusticl 22.3 says 32 of every kernel and launches 256.
     """
 
     def __init__(self, queue: Queue, handle: Any) -> None:
@@ -172,7 +172,7 @@ class Kernel:
 
 
 def build_options(record: DeviceRecord) -> tuple[str, ...]:
-    """Return the options every program is built with: the one place they are decided.
+    """Return the options with which every program is built. Only this function decides them.
 
     - No -cl-std: the platforms' default, OpenCL C 1.2, is what all of them agree on.
     - No fast-math of any kind: it would let results differ from device to device.
@@ -192,8 +192,8 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
     Raises
     ------
     DeviceError
-        `DEVICE_BUILD`: file, line and first error of the compiler, which `value` has alone; the whole log is
-        a note of the error.
+        `DEVICE_BUILD`: the message has file, line and first error of the compiler, and `value` that error
+        alone; the whole log is a note of the error.
     """
     options = build_options(queue.record)
     source = define_lines(defines) + resolve(package, f"{name}.cl")

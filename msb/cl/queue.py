@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Queue:
-    """What buffers and kernels need of their device.
+    """The part of an open device that buffers and kernels need.
 
     Attributes
     ----------
@@ -26,11 +26,12 @@ class Queue:
     handle : pyopencl.Device
     record : DeviceRecord
     timing : Timing or None
-        Who is told the event of every command.
+        The timing that receives the event of every command.
     allocations : WeakSet of Allocation
-        What is allocated on the device, whoever it is for.
+        Everything that is allocated on the device, for all its users.
     failed : bool
-        Whether a command failed for another reason than memory: some platforms then refuse all that follow.
+        Whether a command failed for another reason than memory; some platforms then refuse all later
+        commands.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord) -> None:
@@ -65,12 +66,13 @@ class Queue:
             raise DeviceError("DEVICE_CLOSED", f"{self.record} was closed")
 
     def submit(self, doing: str, command: Callable[[Any], Any]) -> Any:
-        """Queue what `command`, given the pyopencl queue, queues; return its event.
+        """Call `command` with the pyopencl queue, so that it queues something, and return its event.
 
         Raises
         ------
         DeviceError
-            `DEVICE_CLOSED`; `DEVICE_MEMORY` if the platform says so; else `DEVICE_COMMAND`, with `doing`.
+            `DEVICE_CLOSED`; `DEVICE_MEMORY` if the platform reports a lack of memory; else `DEVICE_COMMAND`,
+            whose message has `doing`.
         """
         self.check_open()
         try:

@@ -15,9 +15,11 @@ _SHORT_NAMES = {
     "AMD Accelerated Parallel Processing": "amd",
 }
 _CPU_STYLE_PLATFORMS = ("pocl", "intel")
-"""Whose compilers are known to take the CPU style. Mesa's ends the process at a prefetch, Oclgrind's, too."""
+"""Platforms whose compilers are known to take the CPU style. Those of Mesa and Oclgrind end the process at a
+prefetch."""
 _WIDEST_VECTOR = 8
-"""No kernel uses 16-wide vectors: PoCL 3.0 reports width 16 on AVX-512 processors and crashes on them."""
+"""The widest vector of any kernel. PoCL 3.0 reports width 16 on AVX-512 processors and crashes on such
+vectors."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +32,16 @@ class DeviceRecord:
     Attributes
     ----------
     selector : str
-        What to type to get this device, such as ``pocl:0``.
+        The text that selects this device, such as ``pocl:0``.
     vector_width : int
         The widest float vector a kernel should use for speed: the reported native width, at most 8.
     alignment : int
-        Start of a sub-buffer, in bytes (CL_DEVICE_MEM_BASE_ADDR_ALIGN counts bits).
+        The alignment of a sub-buffer's start, in bytes (CL_DEVICE_MEM_BASE_ADDR_ALIGN counts bits).
     correctly_rounded : bool
-        Whether single-precision division and square root can be had correctly rounded; they then are.
+        Whether the device can round single-precision division and square root correctly; our kernels then ask
+        for it.
     int64_atomics : bool
-        Both cl_khr_int64_base_atomics and cl_khr_int64_extended_atomics (atom_max on ulong).
+        Whether it has both cl_khr_int64_base_atomics and cl_khr_int64_extended_atomics (atom_max on ulong).
     """
 
     selector: str
@@ -71,8 +74,8 @@ class DeviceRecord:
         """The style of kernel that suits the device.
 
         "cpu" is few work-items with long private loops and no local memory, "gpu" is work-groups that
-        share local memory. This is the one place that decides. Any OpenCL compiler takes the second; the
-        first also relies on what clang offers beyond OpenCL, so only compilers it was tried with get it.
+        share local memory. Only this property decides. Any OpenCL compiler takes the style "gpu"; the style
+        "cpu" also relies on what clang offers beyond OpenCL, so only compilers on which it was tried get it.
         """
         known = self.kind == "cpu" and short_name(self.platform) in _CPU_STYLE_PLATFORMS
         return "cpu" if known else "gpu"

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from msb.cl.programs import Program
 
 MOST = 2**31
-"""Elements a scan or sort takes at most: places are 32-bit numbers."""
+"""Most elements of a scan or sort: places are 32-bit numbers."""
 _SMALLEST_CHUNK = 4096
-"""Below this a second work-item costs more than it saves."""
+"""Number of elements below which a second work-item costs more than it saves."""
 _CHUNKS_A_UNIT = 4
-"""More chunks than compute units, so that a unit that is held up does not hold up all."""
+"""Chunks per compute unit; with several, a unit that is held up does not hold up all."""
 _ITEMS = 8
 _LARGEST_GROUP = 256
 _OPENCL_NAMES = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
@@ -33,10 +33,10 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
     device : Device
     values : Buffer of uint32
     offsets : Buffer of uint32 or uint64
-        At least count + 1 elements. Sums are modulo 2^32 or 2^64. May be a view of the memory of `values`
-        if it is uint32.
+        A buffer of at least count + 1 elements. Sums are modulo 2^32 or 2^64. If it is uint32, it may be a
+        view of the memory of `values`.
     count : int, optional
-        At most 2^31; by default all of `values`.
+        The number of elements, at most 2^31; by default all of `values`.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
 
 
 def checked_count(count: int | None, array: Buffer) -> int:
-    """Return how many elements are meant, all of `array` by default."""
+    """Return the checked number of elements; by default all of `array`."""
     count = array.size if count is None else count
     if not 0 <= count <= min(array.size, MOST):
         raise ValueError(f"{count} elements, of an array of {array.size} and at most {MOST}")
@@ -89,7 +89,7 @@ def checked_count(count: int | None, array: Buffer) -> int:
 
 
 def chunks_of(device: Device, count: int) -> tuple[int, int]:
-    """Return length and number of the contiguous chunks in which a CPU takes `count` elements."""
+    """Return the length and the number of the contiguous chunks in which a CPU takes `count` elements."""
     wanted = min(-(-count // _SMALLEST_CHUNK), _CHUNKS_A_UNIT * device.record.compute_units)
     chunk = -(-count // max(wanted, 1))
     return chunk, -(-count // max(chunk, 1))
@@ -98,7 +98,7 @@ def chunks_of(device: Device, count: int) -> tuple[int, int]:
 def grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
     """Return a program of the GPU style and the size of its work-groups, its define GROUP.
 
-    That is the largest power of two, up to 256, that the device allows, and every kernel built for it.
+    The size is the largest power of two, up to 256, that the device and every kernel built for it allow.
     """
     most = min(_LARGEST_GROUP, device.record.max_work_group)
     while True:

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
 _ITEMS = 8
 _DIGIT_BITS = {"cpu": 8, "gpu": 4}
-"""256 write streams are what a CPU's first-level cache carries: up to 8 bits a pass costs the same, from 9 on
-twice as much. A work-group keeps a counter for each of its items and digits in local memory: 16 digits."""
+"""Bits that a pass sorts by, for each style. A CPU's first-level cache carries 256 write streams, so passes
+of up to 8 bits cost the same and passes of 9 bits twice as much. On a GPU a work-group keeps a counter for
+each of its items and 16 digits in local memory."""
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 class _Pass(NamedTuple):
-    """How one pass is launched: kernels, their sizes, and the arguments between count and shift."""
+    """The launch of one pass: the kernels, their sizes, and the arguments between count and shift."""
 
     program: Program
     global_size: int
@@ -48,16 +49,16 @@ def sort_pairs(
     ----------
     device : Device
     keys : Buffer of uint32 or uint64
-        Non-negative floats sort by their bits (`Buffer.view`).
+        The keys. Non-negative floats can be sorted by their bits (`Buffer.view`).
     values : Buffer of uint32, optional
-        By default 0, 1, 2 ...: the sorted values then are the permutation.
+        The values; by default 0, 1, 2 ..., so that the sorted values are the permutation.
     count : int, optional
-        Sort so many first elements, at most 2^31; by default all.
+        The number of elements to sort, from the first on, at most 2^31; by default all.
     bits : int, optional
         Only the lowest `bits` bits of a key count; by default all. Fewer bits are fewer passes over the data.
     name : str
-        The returned buffers belong to the pool: they stay valid until the next sort of this name. The given
-        ones are not changed.
+        The name of the returned buffers, which belong to the pool and stay valid until the next sort of this
+        name. The given buffers are not changed.
 
     Returns
     -------

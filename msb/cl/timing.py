@@ -10,13 +10,13 @@ if TYPE_CHECKING:
 
 UNSTAGED = "other"
 _MS = 1e-6
-"""Event times are in nanoseconds (OpenCL 1.2 specification, section 5.12)."""
+"""Milliseconds per unit of event times, which are nanoseconds (OpenCL 1.2 specification, section 5.12)."""
 
 
 class Timing:
     """The commands of one stretch of work, by stage.
 
-    Made by `Device.timing`; to be asked after its block has ended.
+    `Device.timing` makes it. Read its results after the block has ended.
     """
 
     def __init__(self) -> None:
@@ -37,9 +37,9 @@ class Timing:
         self._events.append((self._stage, event))
 
     def milliseconds(self) -> dict[str, float]:
-        """Return stage -> time its commands ran, in order of first appearance.
+        """Return stage -> milliseconds for which its commands ran, in order of first appearance.
 
-        Time between commands, and what a first launch spends compiling, is not in it: see `span`.
+        Time between commands and the compilation at a first launch are not included; `span` includes them.
         """
         total: dict[str, float] = {}
         for stage, event in self._events:

@@ -1,7 +1,7 @@
-"""Whether a device builds and runs kernels: tried once, in a process of its own, and remembered.
+"""Try once, in a process of its own, whether a device builds and runs kernels, and remember the result.
 
 A platform that is listed need not work: its compiler may not know the processor, or may end the process. The
-trial builds and runs trial.cl in a child process. What it found is kept in the user's cache, by all that can
+trial builds and runs trial.cl in a child process. The user's cache keeps the result under everything that can
 change it: platform, driver, processor, and the text of the trial.
 """
 
@@ -32,11 +32,12 @@ if TYPE_CHECKING:
     from msb.cl.records import DeviceRecord
 
 _SECONDS = 120.0
-"""What a trial of a tenth of a second may take on a busy machine, a compiler's own start included."""
+"""Seconds that a trial may take on a busy machine, the compiler's own start included; it mostly takes a
+tenth."""
 _MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
 _CHILD = "msb.cl.trial_child"
 ANSWER = "msb-trial "
-"""What precedes the child's answer in its output."""
+"""The text that precedes the child's answer in its output."""
 
 _lock = threading.Lock()
 _known: dict[int, Trial] = {}
@@ -44,13 +45,13 @@ _known: dict[int, Trial] = {}
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of building and running a small kernel.
+    """The result of building and running a small kernel.
 
     Attributes
     ----------
     builds : bool
     why : str or None
-        Where it does not: what the compiler or the system said.
+        What the compiler or the system said, if the device does not build kernels.
     mended : str or None
         The processor's name that `msb.cl.mend` had to give the compiler first.
     """
@@ -61,14 +62,14 @@ class Trial:
 
 
 def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Trial:
-    """Return whether the device builds kernels; where the PoCL wheel has to be mended for that, mend it.
+    """Return whether the device builds kernels; mend the PoCL wheel if that is necessary and possible.
 
     Parameters
     ----------
     handle : pyopencl.Device
     record : DeviceRecord
     again : bool
-        Try whatever was found before.
+        Whether to try again, whatever an earlier trial found.
     """
     with _lock:
         found = None if again else _known.get(handle.int_ptr)
@@ -87,7 +88,7 @@ def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Tri
 
 
 def forget() -> None:
-    """Forget what was found in this process: the next call looks into the cache, or tries."""
+    """Forget the results of this process, so that the next call looks into the cache, or tries again."""
     with _lock:
         _known.clear()
 

@@ -1,4 +1,4 @@
-"""The child process of a trial: it builds and runs trial.cl on one device and prints what came of that."""
+"""The child process of a trial: it builds and runs trial.cl on one device and prints the result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _COUNT = 64
 
 
 def answer(selector: str, *, mended: bool) -> None:
-    """Print for the parent process why the device does not work, or null: what the child process runs."""
+    """Print for the parent process why the device does not work, or null."""
     cl = opencl()
     why: str | None = f"{selector} is not there in a process of its own"
     for record, handle in found_devices(cl):

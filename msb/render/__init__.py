@@ -1,4 +1,4 @@
-"""Draw assets: what a renderer is, and ours in OpenCL.
+"""Draw assets: the interface of a renderer, and our renderers in OpenCL.
 
 The public API has a function of this package's name, so the package itself can be called:
 ``msb.render(asset, camera)`` is ``msb.render.render(asset, camera)``, whatever was imported first.

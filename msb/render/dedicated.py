@@ -48,7 +48,7 @@ class DedicatedRenderer:
         return self._pipeline.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group of what `memory` names."""
+        """Return use -> group, for the uses that `memory` names."""
         return groups_of(self._pipeline)
 
     def close(self) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class DeviceScope:
-    """What one renderer has on a device that others use, too.
+    """The buffers and commands of one renderer on a device that other renderers use, too.
 
     Commands go into blocks of `turn`, or methods that are `in_turn`: other threads wait meanwhile, and what
     is allocated there is the renderer's own.
@@ -30,21 +30,21 @@ class DeviceScope:
     Parameters
     ----------
     device : str or Device, optional
-        As for `msb.cl.shared_device`, by which everything in a process draws on one device; or one that the
-        caller has opened.
+        A selector as for `msb.cl.shared_device`, by which everything in a process draws on one device; or a
+        device that the caller has opened.
     name : str
-        First word of the names of scratch buffers.
+        The first word of the names of scratch buffers.
 
     Attributes
     ----------
     device : Device
     kept : dict of str to Buffer
-        What stays from frame to frame, by use.
+        Use -> the buffer that stays from frame to frame.
 
     Raises
     ------
     UsageError, DeviceError
-        As `msb.cl.shared_device`.
+        The errors of `msb.cl.shared_device`.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:
@@ -68,7 +68,7 @@ class DeviceScope:
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Have the device alone for a block that leaves nothing there if it fails."""
+        """Have the device alone for a block; if the block fails, nothing of it stays on the device."""
         with self.turn():
             try:
                 yield
@@ -77,7 +77,7 @@ class DeviceScope:
                 raise
 
     def keep(self, use: str, array: NDArray[Any], group: Group = "geometry") -> None:
-        """Upload what stays from frame to frame."""
+        """Upload an array that stays on the device from frame to frame."""
         self.kept[use] = self.device.upload(array, use, group)
 
     def scratch(
@@ -91,11 +91,11 @@ class DeviceScope:
         return self._memory.by_use()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> the group it is of, as it was given where the buffer was made."""
+        """Return use -> the group that was given where the buffer was made."""
         return self._memory.groups()
 
     def close(self) -> None:
-        """Release everything of the renderer's; the device stays open. Twice is harmless."""
+        """Release everything that the renderer holds; the device stays open. A second call does nothing."""
         with self.device.using(self._memory):
             self._closed = True
             with contextlib.suppress(DeviceError):  # closed, or lost
@@ -105,7 +105,7 @@ class DeviceScope:
 
 
 class OnDevice:
-    """What every renderer in OpenCL does by its scope, which its constructor makes."""
+    """The methods that every renderer in OpenCL leaves to its scope, which its constructor makes."""
 
     _scope: DeviceScope
 
@@ -114,7 +114,7 @@ class OnDevice:
         return self._scope.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group of what `memory` names."""
+        """Return use -> group, for the uses that `memory` names."""
         return self._scope.memory_groups()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What a renderer returns for one camera."""
+"""The frame that a renderer returns for one camera."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 EXTRAS = ("normal", "depth_median", "face_id", "raw")
-"""What a frame may hold besides image, alpha, depth and visible, and what may cost time."""
+"""Parts that a frame may hold besides image, alpha, depth and visible. They may cost time."""
 
 
 def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
@@ -36,27 +36,27 @@ def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image and what was computed with it; row 0 is the top. None: the tier or method has no such thing.
+    """An image and what was computed with it; row 0 is the top. Parts that tier or method lack are None.
 
     Attributes
     ----------
     image : (H, W, 3) float32
-        In the asset's stored colour space, background included; not rounded, not clamped.
+        The image in the asset's stored colour space, background included; neither rounded nor clamped.
     alpha : (H, W) float32
         Coverage: 1 where something opaque was hit, 1 - transmittance where primitives are blended.
     depth : (H, W) float32
-        Along the camera's z axis, scene units: of the surface hit, or the expected depth (sum of weight times
-        depth, divided by alpha); 0 where there is nothing.
+        Depth along the camera's z axis in scene units: that of the surface hit, or the expected depth (sum of
+        weight times depth, divided by alpha); 0 where no face is seen.
     face_id : (H, W) int32, optional
-        Face seen, -1 where there is none.
+        The number of the face seen, -1 where there is none.
     normal : (H, W, 3) float32, optional
-        As the method's official kernel gives it.
+        Normals as the method's official kernel gives them.
     depth_median : (H, W) float32, optional
-        Depth where the transmittance falls below one half; 0 where it does not.
+        The depth at which the transmittance falls below one half; 0 where it does not.
     visible : (F,) bool, optional
-        Faces that survived the method's culling.
+        Whether each face survived the method's culling.
     raw : mapping of str to ndarray
-        The official kernel's own buffers, by their names there.
+        The official kernel's own buffers, by their official names.
     timings : mapping of str to float
         Stage -> milliseconds on the device.
     """

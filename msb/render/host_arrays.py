@@ -1,4 +1,4 @@
-"""Host arrays that frames are read into, used again once nobody holds them."""
+"""Host arrays into which frames are read. An array is used again once nobody holds it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
 _OWN_REFERENCES = 4
-"""The pool's list, two names and the argument of getrefcount: nobody else has the array or a view of it."""
+"""References that an array has if nobody else holds it or a view of it: the pool's list, two names and the
+argument of getrefcount."""
 _KEPT = 8
-"""Arrays kept: those of two frames, so that a caller may hold on to the last one."""
+"""Number of arrays kept: those of two frames, so that a caller may hold on to the last frame."""
 
 
 class HostArrays:
@@ -28,7 +29,7 @@ class HostArrays:
         self._arrays: list[NDArray[Any]] = []
 
     def take(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """Return an array nobody else holds."""
+        """Return an array that nobody else holds."""
         wanted = shape, np.dtype(dtype)
         for array in self._arrays:
             if (array.shape, array.dtype) == wanted and _references(array) <= _OWN_REFERENCES:

@@ -1,6 +1,6 @@
 """Frames as files: PNG, NumPy and OpenEXR images, MP4 and GIF films; written beside the rendering.
 
-Pictures are display-referred: what a frame holds is what a PNG gets, clamped and rounded to bytes.
+Pictures are display-referred: a PNG gets the numbers of the frame, clamped and rounded to bytes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
 _QUEUE = 4
-"""Frames that may wait for a writer: enough to hide a slow disk, too few to fill the memory."""
+"""Number of frames that may wait for a writer: enough to hide a slow disk, too few to fill the memory."""
 
 
 def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -35,7 +35,7 @@ def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     Parameters
     ----------
     image : (H, W, 3) float
-        NaN, which no renderer should give, becomes 0.
+        The image. NaN, which no renderer should give, becomes 0.
     """
     scaled = np.nan_to_num(np.clip(image, 0, 1), nan=0.0) * np.float32(255)
     return np.asarray(np.floor(scaled + np.float32(0.5))).astype(np.uint8)
@@ -47,9 +47,10 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
     Parameters
     ----------
     path : Path
-        Its suffix should be that of `form`.
+        The file; its suffix should be that of `form`.
     array : (H, W, 3) or (H, W) float32, or (H, W) int32
-        PNG: colours as 8 bits; a plane is refused, since 8 or 16 bits would not hold it. EXR: 32-bit floats.
+        A PNG holds colours as 8 bits and refuses a plane, since 8 or 16 bits would not hold it. An EXR holds
+        32-bit floats.
 
     Raises
     ------
@@ -72,7 +73,7 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
 
 
 def check_format(form: str) -> None:
-    """Refuse to write `form` where what writes it is not installed, before anything is rendered.
+    """Refuse `form`, before anything is rendered, if the package that writes it is not installed.
 
     Raises
     ------
@@ -118,8 +119,8 @@ def _exr(array: NDArray[Any]) -> bytes:
 class Writers:
     """Write files in the background while the next frame is rendered.
 
-    At most a few wait; then `submit` does. The first error is raised by the next call, or at the end of the
-    ``with`` block.
+    At most a few tasks wait; if there are more, `submit` waits. The first error is raised by the next call,
+    or at the end of the ``with`` block.
     """
 
     def __init__(self, threads: int = 2) -> None:
@@ -127,7 +128,7 @@ class Writers:
         self._waiting: list[Future[None]] = []
 
     def submit(self, task: Callable[..., None], *arguments: Any) -> None:
-        """Run ``task(*arguments)`` soon; raises what an earlier one raised."""
+        """Run ``task(*arguments)`` soon. If an earlier task failed, raise its error."""
         while len(self._waiting) >= _QUEUE:
             self._waiting.pop(0).result()
         self._waiting.append(self._pool.submit(task, *arguments))
@@ -161,7 +162,7 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 
 def check_film(path: Path) -> None:
-    """Refuse a suffix no film has, or one that cannot be written here, before anything is rendered.
+    """Refuse, before anything is rendered, a suffix that no film has or that cannot be written here.
 
     Raises
     ------
@@ -216,7 +217,7 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 
 def image_names(views: Sequence[Camera]) -> list[str]:
-    """Return a file name without suffix for each view: the camera's, complete where two would be the same."""
+    """Return a file name for each view: its camera's, without suffix unless two would then be the same."""
     short = [_without_suffix(view.name or f"{index:05d}") for index, view in enumerate(views)]
     names = []
     for index, (view, name) in enumerate(zip(views, short, strict=True)):

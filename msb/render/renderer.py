@@ -35,24 +35,25 @@ Background = Sequence[float] | str
 
 
 class Renderer:
-    """An asset on one tier, ready to be drawn again and again; what does not change stays on the device.
+    """An asset on one tier, ready to be drawn again and again; data that do not change stay on the device.
 
     Parameters
     ----------
     asset : Asset or path-like
-        A path is of anything that `msb.open` takes.
+        The asset, or the path of anything that `msb.open` takes.
     tier : {"standard", "dedicated", "reference"}
-        Standard is the plain mesh any engine shows (docs/standard.md), dedicated the method's own image in
-        OpenCL (docs/dedicated.md), reference the same in NumPy (docs/reference.md), which is slow.
+        "standard" is the plain mesh that any engine shows (docs/standard.md), "dedicated" is the method's own
+        image in OpenCL (docs/dedicated.md), "reference" is the same image in NumPy, slowly
+        (docs/reference.md).
     device : str or Device, optional
-        Where to compute: "cpu", "gpu", "PLATFORM:INDEX"; MSB_DEVICE or the default if not given. Foreign
+        Where to compute: "cpu", "gpu" or "PLATFORM:INDEX"; MSB_DEVICE or the default if not given. Foreign
         engines take "cpu" or "gpu", and choose themselves if nothing is given.
     settings : mapping, optional
-        Overrides of the settings the asset stores; `msb methods` lists them.
+        Values that replace the settings that the asset stores; `msb methods` lists the settings.
     name : str, optional
         An entry point of group `msb.renderers`, to be used for the tier instead of ours.
     **options
-        What else the renderer takes: of the dedicated and the reference tier `order` ("tile", "global",
+        Other options of the renderer. The dedicated and the reference tier take `order` ("tile", "global",
         "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains.
 
     Raises
@@ -64,9 +65,9 @@ class Renderer:
     AssetError
         The asset's values cannot be drawn: an index out of range, a coordinate that is not finite.
     InputError, CheckpointError, MeshFileError, MeshError
-        Of a path: there is nothing that `msb.open` can read.
+        `asset` is a path at which there is nothing that `msb.open` can read.
     DeviceError
-        No device, or too little memory on it.
+        There is no device, or it has too little memory.
 
     Examples
     --------
@@ -115,7 +116,7 @@ class Renderer:
 
     @property
     def device_info(self) -> Mapping[str, str] | None:
-        """What draws, if that is no OpenCL device: `platform`, `name`, `kind`."""
+        """The `platform`, `name` and `kind` of what draws, if that is no OpenCL device."""
         return getattr(self._backend, "device_info", None)
 
     def render(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Frame:
@@ -125,8 +126,9 @@ class Renderer:
         ----------
         camera : Camera
         background : (3,) array_like of float, or str
-            Red, green and blue in the asset's colour space, finite; or as on the command line "black",
-            "white", "#rrggbb", "r,g,b" in 0..1, or "official", what the model was trained with.
+            Red, green and blue in the asset's colour space, all finite. Or a text as on the command line:
+            "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the model was
+            trained with.
 
         Raises
         ------
@@ -143,7 +145,7 @@ class Renderer:
         return Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
 
     def draw(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Drawn:
-        """Draw what `camera` sees and wait for it, reading nothing back; return how long the device took.
+        """Draw what `camera` sees and wait for it, but read nothing back; return how long the device took.
 
         A renderer that cannot do that reads its frame back. Parameters and errors are those of `render`.
         """
@@ -184,6 +186,6 @@ def render(
     device: Any = None,
     **options: Any,
 ) -> Frame:
-    """Return one frame; for several of one asset a `Renderer` is faster. Parameters and errors as there."""
+    """Return one frame. Parameters and errors are those of `Renderer`, which is faster for several frames."""
     with Renderer(asset, tier, device, settings, **options) as renderer:
         return renderer.render(camera, background)

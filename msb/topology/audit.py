@@ -194,7 +194,7 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Return the readings of the two ambiguous terms, by name; the first reading of each is the headline."""
+        """Return the readings of the two ambiguous terms, by name; the first one of each is the headline."""
         c = self.counts
         return {
             "nonmanifold_vertices": {

@@ -1,7 +1,10 @@
 """The archive `torch.save` writes since torch 1.6: its members and what they say.
 
 All names start with one folder, which is called like the file's stem, or
-``archive`` when saved into an open file. It holds ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files, ``byteorder``. We need none of its other members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``). Source: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`.
+``archive`` when saved into an open file. It holds ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage),
+``version`` and, in newer files, ``byteorder``. We need none of its other members (``.format_version``,
+``.storage_alignment``, ``.data/serialization_id``). Source: pytorch/pytorch `torch/serialization.py`,
+`caffe2/serialize/versions.h`.
 """
 
 from __future__ import annotations

@@ -99,8 +99,8 @@ class Storages:
         Parameters
         ----------
         reference : object
-            ``("storage", type, key, location, count)``, with None behind it in files of before torch 1.6. The location
-            (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
+            ``("storage", type, key, location, count)``, with None behind it in files of before torch
+            1.6. The location (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
         """
         code = "CHECKPOINT_PICKLE_PERSISTENT_ID"
         if (

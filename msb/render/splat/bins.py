@@ -1,7 +1,7 @@
 """Projected primitives -> depth order -> tile lists, all on the device.
 
-The only values that come back are two counts: how many primitives are listed, and in how many tiles
-altogether, which decides how much memory the lists need.
+The host reads two counts only: how many primitives are listed, and how many entries all lists have together,
+which decides how much memory the lists need.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 
 class Projected(NamedTuple):
-    """What `project` writes for F faces; those listed have a place each.
+    """The buffers that `project` writes for F faces. Each face that some tile lists has a place in them.
 
     Attributes
     ----------
     faces, keys, tiles : Buffer
-        By place: the record that blending reads, depth, rectangle of tiles. A work-item's places begin at
-        the row of its first face.
+        For each place: the record that blending reads, the depth, and the rectangle of tiles. A work-item's
+        places begin at the row of its first face.
     listed : Buffer
-        By work-item, how many of its faces are listed.
+        For each work-item, how many of its faces are listed.
     visible : Buffer
-        By row, whether the official culling keeps it.
+        For each row, whether the official culling keeps its face.
     """
 
     faces: Buffer
@@ -61,7 +61,7 @@ def bin_faces(
     Raises
     ------
     DeviceError
-        `DEVICE_MEMORY`: the lists do not fit; the message has the figure.
+        `DEVICE_MEMORY`: the lists do not fit; the message says how many bytes they need.
     """
     program = device.program(f"splat_bins_{device.style}")
     items = found.listed.size

@@ -1,4 +1,4 @@
-"""In which order faces are blended: by depth; equal depths by number, as the official sort is stable."""
+"""The order of blending: by depth, and by number at equal depth, as the official sort is stable."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from msb.render.splat.bins import Projected
 
 _SETTLED = 1024
-"""MOST_SETTLED in splat_ties.cl."""
+"""Equals MOST_SETTLED in splat_ties.cl."""
 
 
 class DepthSort:
@@ -25,14 +25,14 @@ class DepthSort:
     ----------
     device : Device
     program : Program
-        Of the method.
+        The program of the method.
     order : {"tile", "global", "none"}
-        "none": by number alone.
+        The order of blending; "none" sorts by number alone.
 
     Attributes
     ----------
     by_rows : bool
-        Faces lie in the order of their numbers, as they are stored; not in drawing order
+        Whether faces lie in the order of their numbers, as they are stored, and not in drawing order
         (`msb.render.splat.order`).
     """
 
@@ -43,7 +43,7 @@ class DepthSort:
         self.by_rows = True
 
     def __call__(self, found: Projected, depths: Buffer, places: Buffer) -> Buffer:
-        """Return `places`, which are ascending, sorted by their `depths`; overwrites both."""
+        """Return `places`, which are ascending, sorted by their `depths`. Both arrays are overwritten."""
         if self._by_number_alone:
             return places if self.by_rows else self._by_number(found, depths, places)
         order = self._by_depth(depths, places)

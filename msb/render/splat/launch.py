@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 LANES = {"cpu": 8, "gpu": 1}
-"""Faces, or samples of a row, that a work-item takes at once. Never 16: PoCL crashes (docs/opencl.md)."""
+"""Number of faces, or samples of a row, that a work-item takes at once; PoCL crashes with 16
+(docs/opencl.md)."""
 WORK_GROUP = 64

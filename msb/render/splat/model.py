@@ -1,4 +1,4 @@
-"""What the splatting pipeline draws: an asset as the kernels take it, and what methods make one with.
+"""The model that the splatting pipeline draws: an asset as the kernels take it, and helpers that make one.
 
 A method's module `look` has a function ``splat_model(asset, settings)`` that returns a `Model`, beside its
 one kernel file, which the head of `splat_stages.cl` describes.
@@ -26,39 +26,40 @@ if TYPE_CHECKING:
     Settings = Mapping[str, Any]
 
 _ENGINE_NEAR = 0.01
-"""ENGINE_NEAR in splat_engine.cl."""
+"""Equals ENGINE_NEAR in splat_engine.cl."""
 CLIPPED = Culling(nearest=_ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
 @dataclass(frozen=True)
 class Model:
-    """An asset as the kernels take it: activated, with the settings that hold.
+    """An asset as the kernels take it, with activated parameters and the settings in force.
 
     Attributes
     ----------
     program, package : str
-        Kernel file, and the package it lies in.
+        The kernel file, and the package that holds it.
     face_words, engine_words : int
-        Size of its struct `Face`, in words of four bytes; the latter for an engine's sampling.
+        The size of the file's struct `Face`, in words of four bytes, for official and for an engine's
+        sampling.
     defines : mapping
-        What the file is compiled with.
+        The definitions that the file is compiled with.
     near, far : float
-        Planes of the official projection matrix.
+        The planes of the official projection matrix.
     culling, engine_culling : Culling
     scale : int
-        Samples per pixel along each axis.
+        The number of samples per pixel along each axis.
     box_mean : bool
-        Pixels are means of all their samples; else they are interpolated bilinearly.
+        Whether pixels are means of all their samples; otherwise they are interpolated bilinearly.
     own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
-        What the settings decide, for the method's kernels: members of ``view->own`` by their names.
+        Values for the method's kernels that the settings decide: members of ``view->own`` by their names.
     positions : (V, 3) float32
     coverage : (n, c) float32
-        Activated opacity of faces or vertices, and what it and the falloff decide whatever the view; each
-        method's kernel file says which values.
+        The activated opacity of faces or vertices, and values that it and the falloff decide for every view;
+        each method's kernel file says which values.
     vertex_colors : bool
-        Colours and opacities belong to vertices, else to faces.
+        Whether colours and opacities belong to vertices; otherwise they belong to faces.
     outputs : tuple of str
-        Optional fields of a frame that the method defines.
+        The optional fields of a frame that the method defines.
     raw : mapping
         Name of the official kernel's buffer -> our plane.
     """
@@ -96,8 +97,9 @@ def make_model(asset: Asset, settings: Settings) -> Model:
     Raises
     ------
     AssetError
-        `TRIASSET_FIELD_VALUE`: coverage, opacity or appearance of another kind than the method has;
-        `TRIASSET_BUFFER_REQUIRED`, `TRIASSET_BUFFER_SHAPE`: a buffer the method needs.
+        `TRIASSET_FIELD_VALUE`: coverage, opacity or appearance are of another kind than the method's.
+        `TRIASSET_BUFFER_REQUIRED`, `TRIASSET_BUFFER_SHAPE`: a buffer that the method needs is missing or
+        wrong.
     """
     method = asset.manifest.method
     look: Any = role(method, "look")

@@ -1,6 +1,6 @@
 """The OpenCL pipeline of the splatting methods: project, order by depth, list by tile, blend front to back.
 
-Stages and their cost: docs/dedicated.md. What differs between methods: `msb.render.splat.model`.
+docs/dedicated.md describes the stages and their cost, `msb.render.splat.model` what differs between methods.
 """
 
 from __future__ import annotations
@@ -36,15 +36,16 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 _CHUNK = {"cpu": 4096, "gpu": 1}
-"""Faces of a work-item of the projection: on a CPU enough to fill queues, and many times its threads."""
+"""Number of faces that a work-item projects: on a CPU enough to fill its queues, yet few enough to give many
+times as many work-items as threads."""
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
-"""Planes of samples are kept for a band of the raster at a time, since 4 x 4 samples of an 8K frame are 10
-GB: so many bytes for each compute unit of a CPU (what its cache holds), or in all."""
+"""Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
+samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB."""
 _ORDERED_AT = SETTLED_AT
-"""The frame from which faces lie in drawing order: who draws that many is likely to draw many. It takes as
-long as some hundred frames gain."""
+"""The number of the frame from which faces lie in drawing order: a caller that draws so many frames is likely
+to draw many. Ordering the faces takes as long as some hundred frames gain."""
 _TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
-"""`tile_rule` in splat_common.cl."""
+"""Values of `tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
 _EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
 
@@ -56,18 +57,19 @@ class SplattingPipeline(OnDevice):
     ----------
     asset : Asset
     device : str or Device, optional
-        As for `msb.cl.shared_device`; an open device is used and left open.
+        A selector as for `msb.cl.shared_device`, or an open device, which is used and left open.
     settings : mapping, optional
         Overrides of the asset's settings.
     outputs : "auto", "all" or iterable of str
-        What a frame should hold besides image, alpha, depth and visible: "normal", "depth_median", "face_id"
-        (None where the method has none) and "raw". Less is faster. "auto" is all, but raw buffers only where
-        there is one sample to a pixel: of 4 x 4 they take 16 times the memory.
+        The parts that a frame should hold besides image, alpha, depth and visible: "normal", "depth_median",
+        "face_id" (None where the method has none) and "raw". Fewer parts are faster. "auto" is all, but raw
+        buffers only if a pixel has one sample: with 4 x 4 samples they take 16 times the memory.
     order : {"tile", "global", "none"}
-        "tile": official. "global": sorted by depth, but a primitive is seen wherever it reaches, not in its
-        official tiles alone. "none": drawn in the order of the asset, as an engine without sorting would.
+        "tile" is the official order. "global" sorts by depth, but a primitive is seen wherever it reaches,
+        not in its official tiles alone. "none" draws in the order of the asset, as an engine without sorting
+        would.
     sampling : {"official", "engine"}
-        "engine": fragments as graphics hardware makes them; docs/dedicated.md.
+        "engine" makes fragments as graphics hardware does; docs/dedicated.md describes it.
     early_stop, exact_tiles : bool
         Whether blending ends where nothing can change any more, and whether a face is listed only in those of
         its official tiles that it reaches. Neither changes a pixel; the benchmark shows what they are worth.
@@ -157,7 +159,8 @@ class SplattingPipeline(OnDevice):
         Raises
         ------
         DeviceError
-            `DEVICE_MEMORY`: the frame, its samples or its tile lists do not fit; the message has the figure.
+            `DEVICE_MEMORY`: the frame, its samples or its tile lists do not fit; the message says how many
+            bytes.
         """
         self._order_faces()
         with self._device.timing() as timing:

@@ -28,31 +28,33 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
-"""Tile sizes, the largest first: zbuffer_cpu.cl keeps coarse depths for 256 x 128 pixels at most."""
+"""Widths and heights of tiles in pixels, the largest first; zbuffer_cpu.cl keeps coarse depths for at most
+256 x 128 pixels."""
 _TILES_PER_PROCESSOR = 8
 _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
 _COARSE = 64
-"""Coarse depths of a tile."""
+"""Number of coarse depths of a tile."""
 _GROUP_SIZE = 64
 _GROUPS, _ROWS = 256, 16
-"""Work-groups for triangles one work-item would draw too long, and how many share the rows of a huge one."""
+"""Number of work-groups for triangles that one work-item would draw too slowly, and of those that share the
+rows of a huge triangle."""
 
 
 class StandardRenderer(OnDevice):
     """Draws any asset with a static colour as an opaque mesh; rules and kernels are in docs/standard.md.
 
-    One sample at the centre of each pixel, near plane 0.01 with clipping, no far plane, two-sided, colours
-    interpolated in perspective. Of two faces that share an edge exactly one has each sample; at equal depths
-    the lowest face wins.
+    Each pixel has one sample at its centre. Faces are two-sided and clipped at a near plane of 0.01; there is
+    no far plane. Colours are interpolated in perspective. Of two faces that share an edge exactly one covers
+    each sample; at equal depths the face with the lowest number wins.
 
     Parameters
     ----------
     asset : Asset
     device : str or Device, optional
-        As for `msb.cl.shared_device`; an open device is used and left open.
+        A selector as for `msb.cl.shared_device`, or an open device, which is used and left open.
     settings : mapping, optional
-        `supersample`: an integer s from 1 to 16; the image is drawn s times as large and averaged. Of the
-        method's own settings `ste_threshold` hides faces, the others do nothing here.
+        `supersample` is an integer s from 1 to 16; the image is drawn s times as large and averaged. Of the
+        method's own settings only `ste_threshold`, which hides faces, has an effect.
 
     Raises
     ------

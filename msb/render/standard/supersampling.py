@@ -1,4 +1,4 @@
-"""Many samples a pixel -> pixels."""
+"""Supersampling: turn many samples per pixel into pixels."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ MAX_SUPERSAMPLE = 16
 def split_supersample(settings: Mapping[str, Any]) -> tuple[int, dict[str, Any]]:
     """Return the samples along each side of a pixel, and the method's own settings.
 
-    MeshSplatting has a setting of the same name, for its own look: what a call says is meant for the
-    standard tier.
+    MeshSplatting has a setting of the same name for its own look; in a call the name means the standard
+    tier's.
 
     Raises
     ------
@@ -52,8 +52,8 @@ def enlarged(camera: Camera, scale: int) -> Camera:
 def box_filter(frame: Frame, scale: int) -> Frame:
     """Return `frame` with `scale` x `scale` of its pixels made one.
 
-    Image and alpha are means. Depth and face are those of the nearest sample, at equal depths of the lowest
-    face.
+    Image and alpha are means. Depth and face are those of the nearest sample; at equal depths the lowest face
+    number counts.
     """
     image = _blocks(frame.image, scale).mean(axis=-1, dtype=np.float32)
     alpha = _blocks(frame.alpha, scale).mean(axis=-1, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""An asset's triangles on the device, as the z-buffer's kernels read them: made once."""
+"""An asset's triangles on the device, made once, as the z-buffer's kernels read them."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 WORDS = 16
 BLOCK = 8
-"""Triangles a CPU draws at once."""
+"""Number of triangles that a CPU draws at once."""
 CLUSTER = 2 * BLOCK
-"""Triangles that are culled together."""
+"""Number of triangles that are culled together."""
 GROUP = 64
-"""Clusters whose rectangles are culled together."""
+"""Number of clusters whose rectangles are culled together."""
 _GROUP_SIZE = 64
 _PREPARATION = "standard preparation"
-"""Name of scratch buffers that are given back before the first frame."""
+"""Prefix of the names of scratch buffers that are given back before the first frame."""
 _SAMPLES = 1 << 14
 _MORTON_BITS = 30
 _COLOR_TYPES = {0: "__global const uchar *", 1: "__global const float *", 2: "__global const float *"}
@@ -35,19 +35,19 @@ _COLOR_TYPES = {0: "__global const uchar *", 1: "__global const float *", 2: "__
 
 @dataclass(frozen=True)
 class Triangles:
-    """What stays on the device between frames.
+    """The buffers that stay on the device between frames.
 
     Attributes
     ----------
     records : Buffer
-        (slots, 16) words: corners, colours, face. A slot is a place in drawing order: near ones are near in
-        space on a CPU, in the order of faces on a GPU.
+        (slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
+        slots are near in space, on a GPU slots are in the order of faces.
     colors : Buffer
-        (slots, 9) float32 where corners have colours in floats, else one word nobody reads.
+        (slots, 9) float32 where corners have colours in floats, else one word that no kernel reads.
     boxes : Buffer
-        (6, stride) float32: centre and half extent of clusters of triangles.
+        (6, stride) float32: centre and half extent of the clusters of triangles.
     kind : int
-        Where colours are: COLORS in zbuffer_math.cl.
+        The value of COLORS in zbuffer_math.cl, which says where colours are.
     """
 
     records: Buffer
@@ -60,7 +60,7 @@ class Triangles:
 
     @property
     def buffers(self) -> dict[str, Buffer]:
-        """All of them, by use."""
+        """All buffers, by use."""
         return {buffer.use: buffer for buffer in (self.records, self.colors, self.boxes)}
 
 

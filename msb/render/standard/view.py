@@ -1,4 +1,4 @@
-"""What the opaque z-buffer's kernels are told of a camera: 51 floats, laid out as zbuffer_math.cl says."""
+"""The record of a camera for the opaque z-buffer's kernels: 51 floats, laid out as zbuffer_math.cl says."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 UNITS = 4096
-"""Steps of the grid that corners are snapped to, per pixel: UNIT in zbuffer_math.cl."""
+"""Steps per pixel of the grid that corners are snapped to; equals UNIT in zbuffer_math.cl."""
 
 
 def standard_view(camera: Camera) -> NDArray[np.float32]:
-    """Return (51,) float32, computed in float64.
+    """Return the record of a camera, (51,) float32, computed in float64.
 
-    The centre of the camera is split into its nearest float32 and the rest, so that a camera far from the
-    world's origin loses nothing: the kernels subtract the first before they turn a point, and add the second,
-    turned here, after that.
+    The centre of the camera is split into its nearest float32 and a rest, so that a camera far from the
+    world's origin loses no precision. The kernels subtract the first part before they rotate a point; the
+    rest is rotated here, and the kernels add it afterwards.
     """
     rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
     # Not the transpose: rotations are orthonormal to 1e-4 only, and the projection must be W's own.
