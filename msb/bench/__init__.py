@@ -1,1 +1,1 @@
-"""The deployment protocol: how fast and how large an asset is on a tier (`profile`)."""
+"""The benchmark: what images, speed, memory and structure an asset has under each condition of a protocol."""

@@ -1,7 +1,7 @@
-"""From records to numbers: what a metric is of a record, means over scenes, groups of scenes.
+"""From records to numbers: where a record has each metric, means over scenes, groups of scenes.
 
 Values are unrounded and in the records' units (bytes, seconds, milliseconds); tables round them.
-Rules: docs/protocol.md. `None` is always "there is no such number", never zero.
+docs/protocol.md has the rules. `None` always means that there is no such number, never zero.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Better = Literal["higher", "lower"]
 
 
 class Metric(NamedTuple):
-    """Where a number stands in a record, and which way is better (None: neither)."""
+    """The place of a number in a record, and which way is better (None if neither is)."""
 
     better: Better | None
     get: Callable[[Result], float | None]
@@ -63,10 +63,10 @@ METRICS: dict[str, Metric] = {
     "lcc_area_ratio": Metric("higher", _audit("lcc_area_ratio")),
     "components": Metric("lower", _audit("components")),
 }
-"""Every number of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes."""
+"""All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes."""
 
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
-"""Dataset -> the scenes whose mean is the dataset's."""
+"""Dataset -> the scenes over which the dataset's mean is taken."""
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
 """Dataset -> its name in tables, in their order."""
 
@@ -80,7 +80,8 @@ class Mean:
     value : float, optional
         None if no scene has a value.
     present, expected : int
-        Scenes with a value, and scenes there should be: a table prints "(7/9)" where they differ.
+        The number of scenes with a value, and of scenes that there should be; a table prints "(7/9)" where
+        they differ.
     """
 
     value: float | None
@@ -118,10 +119,11 @@ def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean
     Parameters
     ----------
     values : mapping of str to float, optional
-        Scene -> value; None and absent are the same. Scenes not in `scenes` do not count.
+        Scene -> value; None means the same as absent. Scenes not in `scenes` do not count.
     scenes : iterable of str
-        Those it should be over. A mean of P95s is thus the mean of the scenes' percentiles, and never the
-        percentile of all frames; a mean of all Mip-NeRF 360 is over nine scenes, not over two groups.
+        The scenes that the mean should be over. A mean of P95s is thus the mean of the scenes' percentiles,
+        and never the percentile of all frames; the mean of Mip-NeRF 360 is over nine scenes, not over two
+        groups.
     """
     wanted = tuple(scenes)
     found = [value for scene in wanted if (value := values.get(scene)) is not None]
@@ -135,9 +137,9 @@ def dataset_mean(metric: str, results: Mapping[str, Result], scenes: Iterable[st
 
 
 def pooled_fps(results: Iterable[Result]) -> float | None:
-    """Return all timed frames over the time they took, of the records that have timings.
+    """Return frames per second: all timed frames of the records over the time that they took.
 
-    Not the tables' mean, which is that of the scenes' rates: here a slow scene weighs more.
+    The tables print another number, the mean of the scenes' rates; in this one a slow scene weighs more.
     """
     timed = [result.timing for result in results if result.timing is not None]
     seconds = math.fsum(timing.seconds for timing in timed)

@@ -1,4 +1,4 @@
-"""One cell computed: its parts, each of which may fail without the others, and the record written whole."""
+"""Compute one cell: its parts, each of which may fail without the others, and its record, written whole."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from msb.bench.job import Job, Part
 
 INTERNAL = "INTERNAL"
-"""Code of a failure that is a bug of ours."""
+"""The code of a failure that is a bug of ours."""
 MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -30,7 +30,7 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "training": read_training,
     "timing": measure_timing,
 }
-"""Part -> what computes it: keys of `Result` and their values."""
+"""Part -> the function that computes it, which returns keys of `Result` and their values."""
 _OWN: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "audit": ("audit",),
@@ -42,7 +42,7 @@ _OWN: dict[Part, tuple[str, ...]] = {
 
 
 def compute(job: Job) -> Done:
-    """Compute the job's parts and write the cell's record; what else is on record stays if it still holds.
+    """Compute the job's parts and write the cell's record; other recorded parts stay if they are still valid.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def reason_of(error: Exception) -> Reason:
-    """Return an error as a record holds it; what is none of ours is a bug, and says where it is."""
+    """Return an error as a record holds it; an error that is not ours is a bug, and its place is recorded."""
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

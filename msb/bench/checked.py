@@ -1,4 +1,4 @@
-"""Data from outside, held to a pydantic model: one clear line for what is wrong with it."""
+"""Check data from outside against a pydantic model; one clear line says what is wrong with it."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
     ----------
     model : type of BaseModel
     data : object
-        As a JSON or TOML parser gives it, nested no deeper than ours allow.
+        The data that a JSON or TOML parser gave, nested no deeper than our parsers allow.
     file : path-like
-        Named in the error.
+        The file, for the error message.
     code : str
-        Of the error.
+        The code of the error.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Hashes: of files and folders in full, of what decides a result in short."""
+"""Hashes: SHA-256 of files and folders, and short hashes of the inputs that decide a result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SHORT = 16
 
 
 def digest(data: Any) -> str:
-    """Return 16 hex digits that stand for JSON data: enough to tell whether an input changed."""
+    """Return 16 hex digits of a hash of JSON data, which are enough to tell whether an input changed."""
     text = json.dumps(data, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:_SHORT]
 
@@ -43,6 +43,6 @@ def describe_file(path: Path) -> File:
 
 
 def stamp(path: Path) -> tuple[str, int, int]:
-    """Return what changes when a file does, without reading it: path, size and time of modification in ns."""
+    """Return path, size and modification time in ns, which tell without reading whether a file changed."""
     status = path.stat()
     return str(path), status.st_size, status.st_mtime_ns

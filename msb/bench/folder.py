@@ -1,4 +1,4 @@
-"""The results folder: where everything is, and who may write there."""
+"""The results folder: where everything lies, and which run may write there."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Results:
         return self.cell(cell) / RESULT
 
     def records(self) -> list[Path]:
-        """Return all records there are, sorted."""
+        """Return the files of all records, sorted."""
         return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
 
     def read(self, cell: Cell) -> Result:
@@ -54,7 +54,7 @@ class Results:
         Raises
         ------
         InputError
-            As `read_result` and `check_place`.
+            The errors of `read_result` and `check_place`.
         """
         path = self.record(cell)
         result = read_result(path)
@@ -62,7 +62,7 @@ class Results:
         return result
 
     def check_place(self, result: Result, path: Path) -> None:
-        """Refuse a record that does not lie in its cell's place: its numbers would be taken for another's.
+        """Refuse a record outside of its cell's place, because its numbers would be taken for another cell's.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class Results:
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, method: str) -> Path:
-        """Return where a checkpoint's asset is put."""
+        """Return the place of the asset made from a checkpoint."""
         return self.root / "assets" / dataset / scene / f"{method}.triasset"
 
     def video(self, dataset: str, scene: str, method: str) -> Path:
@@ -91,14 +91,14 @@ class Results:
 
 @contextlib.contextmanager
 def exclusive(root: Path) -> Iterator[str]:
-    """Hold the results folder for one run; yield the run's id. What killed runs left half-written is removed.
+    """Hold the results folder for one run, remove half-written files of killed runs, and yield the run's id.
 
-    The operating system releases the lock when its holder dies, however it dies, so none can be stale.
+    The operating system releases the lock when its holder dies, however it dies, so no lock can be stale.
 
     Raises
     ------
     UsageError
-        RESULTS_BUSY: another run holds it, in this process, another one or on another machine.
+        RESULTS_BUSY: another run holds the folder, in this process, in another one or on another machine.
     OutputError
         OUTPUT_UNWRITABLE.
     """
@@ -130,7 +130,7 @@ def exclusive(root: Path) -> Iterator[str]:
 
 
 def check_names(*paths: Path | None) -> None:
-    """Refuse paths that no record could hold, JSON being UTF-8.
+    """Refuse paths that no record could hold, because JSON is UTF-8.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def check_names(*paths: Path | None) -> None:
 
 
 def check_run(root: Path, run: str) -> None:
-    """Refuse to work for a run whose results folder is not seen from here.
+    """Refuse to work for a run whose results folder this machine does not see.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 With a metric's orientation s (+1 where higher is better) the signed losses are a = s (Q_ne - Q_ded),
 p = s (Q_ded - Q_std) and d = s (Q_ne - Q_std), positive where something is lost. The paper's gaps are their
 absolute values, each from its own definition. The paper also states deploy = adapt + port; that holds only
-where Dedicated lies between the other two (`Gaps.monotone`); `Gaps.triangle_excess` is what it misses by.
+where Dedicated lies between the other two (`Gaps.monotone`); `Gaps.triangle_excess` is adapt + port - deploy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PAIRS: dict[GapName, tuple[str, str]] = {
     "port": ("dedicated", "standard"),
     "deploy": ("non_engine", "standard"),
 }
-"""Gap -> from which condition to which."""
+"""Gap -> the condition it starts from, and the condition it leads to."""
 
 _OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory"})
 
@@ -41,20 +41,20 @@ class Gap:
     Attributes
     ----------
     value : float, optional
-        Absolute; None with a `reason`.
+        The absolute gap; None if there is a `reason`.
     signed : float, optional
-        The same, positive where the second condition is worse.
+        The gap with its sign, which is positive where the second condition is worse.
     reason : str, optional
         "unsupported", "failed", "missing" (no record), "not_measured" (no such number in it), or what makes
         two records incomparable: "camera_mismatch" (other images or sizes), "setup_mismatch" (background,
         ground truth), "metric_mismatch", "asset_mismatch", "device_mismatch".
     mean_abs_scene_gap : float, optional
-        Of a dataset: the mean of the scenes' absolute gaps, which is never less than `value`.
+        For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`.
     scenes, expected : int
-        Scenes it is over, and scenes there should be.
+        The number of scenes that the gap is over, and of scenes that there should be.
     ends : (float, float), optional
-        The two means it is between, over just those scenes: what may be printed beside it. The mean of all
-        scenes a condition has is of others where some are missing.
+        The two means that the gap is between, over exactly those scenes; these may be printed beside it. A
+        mean over all scenes that a condition has is over other scenes where some are missing.
     """
 
     value: float | None
@@ -78,10 +78,10 @@ class Gaps:
     Attributes
     ----------
     monotone : bool, optional
-        Dedicated lies between the other two, or equals one; None where a gap is missing, or where they are
-        not over the same scenes.
+        Whether Dedicated lies between the other two, or equals one of them; None where a gap is missing, or
+        where the gaps are not over the same scenes.
     triangle_excess : float, optional
-        adapt + port - deploy: 0 where monotone, else 2 min(adapt, port).
+        adapt + port - deploy, which is 0 where monotone, else 2 min(adapt, port).
     """
 
     metric: str
@@ -97,15 +97,15 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Of two rates: of the means over the same scenes, and in each scene.
+    """The ratio of two rates: that of the means over the same scenes, and that in each scene.
 
     Attributes
     ----------
     value : float, optional
-        None with a `reason`, as in `Gap`.
+        The ratio of the means; None if there is a `reason`, as in `Gap`.
     per_scene : mapping of str to float
     expected : int
-        Scenes there should be.
+        The number of scenes that there should be.
     """
 
     value: float | None
@@ -141,13 +141,13 @@ def scene_gaps(metric: str, results: Conditions) -> Gaps:
     metric : str
         A key of `METRICS` that has a better and a worse.
     results : mapping of str to Result
-        Condition -> record. To see what another engine loses, give its record as "standard".
+        Condition -> record. To get the gaps of another engine, give its record as "standard".
     """
     return dataset_gaps(metric, {"": results}, [""])
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
-    """Return the gaps of one method on a dataset: those of the means, as the paper has them.
+    """Return the gaps of one method on a dataset: the gaps between the means, as in the paper.
 
     Parameters
     ----------
@@ -155,7 +155,8 @@ def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterabl
     results : mapping of str to mapping
         Scene -> condition -> record.
     scenes : iterable of str
-        Those there should be. Each gap is over the scenes in which both its conditions can be compared.
+        The scenes that there should be. Each gap is over the scenes in which both its conditions can be
+        compared.
     """
     wanted = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -206,9 +207,9 @@ def slowdown(
 def incomparable(metric: str, first: Result | None, second: Result | None) -> str | None:
     """Return why the values of `metric` in two records must not be compared, or None if they may.
 
-    They must have the same images and sizes, ground truth, background and definition of the metric (versions
-    of libraries apart, which the records tell), the same asset if both have one, and for speed and memory
-    the same device.
+    The records must have the same images and sizes, ground truth, background and definition of the metric,
+    the same asset if both have one, and for speed and memory the same device. Versions of libraries may
+    differ.
     """
     for result in (first, second):
         if result is None:

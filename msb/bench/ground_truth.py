@@ -1,4 +1,4 @@
-"""The photograph a rendering is compared with: masked, resized and rounded by the rules of its scene."""
+"""The photograph that a rendering is compared with, masked, resized and rounded by the rules of its scene."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     Parameters
     ----------
     scene : Scene
-        Says how masks, resizing and rounding go together.
+        The scene, which says how photographs are masked, resized and rounded.
     camera : Camera
-        One of the scene's.
+        A camera of the scene.
 
     Returns
     -------
     image : (H, W, 3) float32
-        RGB in [0, 1] at the camera's size; whole multiples of 1 / 255 where the rules round to 8 bits, as
-        ours do: floor(255 x + 0.5).
+        RGB in [0, 1] at the camera's size. If the rules round to 8 bits by floor(255 x + 0.5), as ours do,
+        the numbers are whole multiples of 1 / 255.
 
     Raises
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_IMAGE_FILE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask has not the
-        size of its photograph.
+        METRIC_IMAGE_FILE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask does not have
+        the size of its photograph.
 
     Notes
     -----

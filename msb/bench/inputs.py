@@ -1,4 +1,4 @@
-"""What decides each part of a cell, as hashes and versions: if one changes, the part is computed again.
+"""The inputs that decide each part of a cell, as hashes and versions; if one changes, the part is redone.
 
 Library versions are in the records and not here: an update of NumPy is no reason to render everything again.
 The device decides timings only: images agree between devices, and a record names the one that drew it.
@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 
 _SHORT = 16
 _MEMORY = "of all test views"
-"""What the memory of a timing is of. Records of before it was said had that of the views the clock saw."""
+"""The views that the memory of a timing is of. Older records without this entry have that of the timed
+views."""
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
 class Known:
-    """What is read once for a whole plan.
+    """Facts that are read once for a whole plan.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def _metrics(weights: Path | None) -> str:
 
 
 def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
-    """Return what decides each part the job's cell should have, by what is there now.
+    """Return the present inputs of each part that the job's cell should have.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a worker is told: one cell, the parts of it to compute, and all they need. Plain data, to be sent."""
+"""The orders to workers: one cell, the parts of it to compute, and all that they need, as plain data."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 Part = Literal["quality", "audit", "timing", "chamfer", "training"]
 MAIN: tuple[Part, ...] = ("quality", "audit")
-"""Without these a cell has failed; the others leave a reason."""
+"""Parts without which a cell has failed; any other missing part leaves a reason."""
 Inputs = dict[str, str]
-"""What decides a part: name -> hash or version."""
+"""The inputs that decide a part: name -> hash or version."""
 
 
 @dataclass(frozen=True)
@@ -34,20 +34,20 @@ class Job:
         The results folder, and the run's id.
     cell : Cell
     scene, views
-        Where the scene is, and what it was when the run was planned.
+        The place of the scene, and its state when the run was planned.
     parts : mapping of Part to Inputs
-        What is to be computed, and what is then on record as its inputs. Other parts of a record stay.
+        The parts to compute, each with the inputs to record. Other parts of a record stay.
     model : Model, optional
-        None where there are official renderings only.
+        The model; None where there are official renderings only.
     settings : mapping
-        Overrides of the asset's.
+        Values that replace the asset's settings.
     renders : Path, optional
-        Folder of official renderings; None: our reference renderer.
+        The folder of official renderings; None means our reference renderer.
     training, mesh : Path, optional
     device : str, optional
     vgg_weights : Path, optional
     frames, seconds
-        Of the timing.
+        The least numbers of frames and seconds of the timing.
     chamfer_data : Path, optional
     chamfer_seed : int
     """
@@ -77,7 +77,7 @@ class Job:
 
     @property
     def folder(self) -> Path:
-        """The cell's."""
+        """The cell's folder."""
         return Results(self.root).cell(self.cell)
 
     @property
@@ -87,22 +87,22 @@ class Job:
 
     @property
     def tier(self) -> Tier:
-        """The tier the cell's images are of."""
+        """The tier that draws the cell's images."""
         return TIER_OF[self.cell.condition]
 
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a job.
+    """The outcome of a job.
 
     Attributes
     ----------
     cell : Cell
     status : Status
     reasons : mapping of str to Reason
-        Part -> why it is not there.
+        Part -> the reason why it is missing.
     seconds : float
-        The job took.
+        The time that the job took.
     """
 
     cell: Cell

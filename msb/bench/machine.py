@@ -1,4 +1,4 @@
-"""What figures were measured on and with."""
+"""The machine and the versions with which figures were measured."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})
 """Keys of an OpenCL device's record that do not tell which device it is. PoCL looks up in every process how
-much memory a CPU has; where that varies, as in some virtual machines, two are told two figures."""
+much memory a CPU has; where that varies, as in some virtual machines, two processes get two figures."""
 
 
 def machine(
@@ -27,16 +27,16 @@ def machine(
     Parameters
     ----------
     device : str, optional
-        As for `msb.cl.open_device`.
+        A selector as for `msb.cl.open_device`.
     opencl : bool
-        Without it there is no "device": for what runs on the host alone.
+        Whether the record has a "device"; false for work that runs on the host alone.
     engine : mapping, optional
-        `Renderer.device_info` of what was measured; where there is one, no OpenCL is asked for.
+        `Renderer.device_info` of the measured renderer; if it is given, no OpenCL device is looked up.
 
     Raises
     ------
     UsageError, DeviceError
-        As `msb.cl.open_device`.
+        The errors of `msb.cl.open_device`.
     """
     from importlib.metadata import version
 

@@ -1,4 +1,4 @@
-"""What a renderer's device memory is for: from its own names of uses to the four groups of a record."""
+"""Sort a renderer's device memory from its own names of uses into the four groups of a record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def grouped(uses: Mapping[str, int], groups: Mapping[str, str]) -> Memory:
-    """Return the memory a renderer reports by the groups it gives; what has none counts as scratch.
+    """Return group -> bytes of the memory a renderer reports; a use without a group counts as scratch.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A scene's model as an asset: exported once, hashed once, found again by size and time of its files."""
+"""A scene's model as an asset: exported and hashed once, then known by size and time of its files."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ _BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 
 
 class Model(Record):
-    """An asset of the run, and what it was made from.
+    """An asset of the run, and the model that it was made from.
 
     Attributes
     ----------
     method : str
     checkpoint : File, optional
-        The model's own files; their list of hashes if there are several.
+        The model's own file; for several files the hash of their list of hashes.
     asset : File
-        `bytes` is the sum of the sizes of the files in the container.
+        The asset's file; its `bytes` is the sum of the sizes of the files in the container.
     background : (3,) floats, optional
-        Of the method's official evaluation, where the checkpoint says so.
+        The background of the method's official evaluation, if the checkpoint records it.
     stamps : tuple of (path, bytes, time)
-        Of all files, source and asset: while they are as they were, so are the hashes.
+        Stamps of all files of source and asset; while these are unchanged, the hashes are valid.
     asked : str
         Path and method as the protocol gives them.
     warnings : tuple of str
-        What the export had to assume.
+        The assumptions that the export had to make.
     """
 
     method: str
@@ -63,7 +63,7 @@ class Model(Record):
 
 @dataclass(frozen=True)
 class ModelTask:
-    """One model to be made ready, as a worker gets it."""
+    """The order to a worker to make one model ready."""
 
     root: Path
     run: str
@@ -79,7 +79,7 @@ class ModelTask:
 
 
 def known_model(results: Results, task: ModelTask) -> Model | None:
-    """Return what is on record about a model, None if there is nothing or a file changed since."""
+    """Return the recorded facts about a model, None if there are none or a file has changed since."""
     try:
         path = _record(results, task)
         model = checked(Model, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
@@ -93,12 +93,12 @@ def known_model(results: Results, task: ModelTask) -> Model | None:
 
 
 def prepare_model(task: ModelTask) -> Model:
-    """Return the task's model: as on record, or its checkpoint exported into the results folder.
+    """Return the task's model: the recorded one, or its checkpoint exported into the results folder.
 
     Raises
     ------
     InputError, CheckpointError, MeshFileError, AssetError
-        What is wrong with the model's files.
+        Something is wrong with the model's files.
     Unsupported
         `UNSUPPORTED_METHOD`.
     UsageError

@@ -20,7 +20,7 @@ class Gpu(Record):
 
 
 class Gpus:
-    """NVIDIA's GPUs through NVML; without the library, a driver or a GPU: the reason."""
+    """NVIDIA's GPUs through NVML, or the reason why there are none: no library, no driver or no GPU."""
 
     def __init__(self) -> None:
         self._reason: str | None = None
@@ -46,7 +46,7 @@ class Gpus:
             self._reason = "there is no NVIDIA GPU"
 
     def look(self, pids: set[int]) -> None:
-        """Take what the processes `pids`, and the devices, hold now into the peaks."""
+        """Update the peaks with the memory that the processes `pids`, and the devices, hold now."""
         own = more = 0
         for index, handle in enumerate(self._handles):
             with contextlib.suppress(self._nvml.NVMLError):
@@ -58,7 +58,7 @@ class Gpus:
         self._peak_own, self._peak_more = max(self._peak_own, own), max(self._peak_more, more)
 
     def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
-        """Return the peak of all GPUs in bytes, what it is of, and the reason where there is none."""
+        """Return the peak of all GPUs in bytes, its source, and the reason if there is no peak."""
         if self._reason is not None:
             return None, None, self._reason
         if self._tells or not self._peak_more:

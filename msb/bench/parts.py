@@ -24,14 +24,15 @@ if TYPE_CHECKING:
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory and device of a cell: no file is written and no pixel read back meanwhile.
+    """Return timing, memory and device of a cell; the timing writes no file and reads no pixel back.
 
     Raises
     ------
     Unsupported
-        UNSUPPORTED_TIER: the engine cannot draw without reading back, so its rate would be another quantity.
+        UNSUPPORTED_TIER: the engine cannot draw without reading back, so its frame rate would be another
+        quantity.
     MsbError
-        Whatever is wrong with scene, asset or device.
+        Something is wrong with the scene, the asset or the device.
     """
     from msb.bench.profile import profile
     from msb.render.backend import find_renderer
@@ -73,7 +74,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:
-    """Return the Chamfer distance of a DTU cell's mesh: culled by the masks of all views, in millimetres.
+    """Return the Chamfer distance in millimetres of a DTU cell's mesh, culled by the masks of all views.
 
     Raises
     ------
@@ -146,7 +147,7 @@ def _masks(scene: Scene) -> Iterator[NDArray[np.uint8]]:
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return what training cost, from the record of `msb track`.
+    """Return the cost of a training, from the record of `msb track`.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Scenes of a run: read, hashed, and their photographs written once as they are compared.
+"""The scenes of a run, which are read and hashed, and their photographs, written once as they are compared.
 
 Beside the copies lies a list of their hashes and of what they were made from. At the start of every run they
-are read and held to it: a copy that was edited or has rotted would make every later number wrong.
+are read and compared with that list, because a changed or damaged copy would make every later number wrong.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 HASHES = "hashes.json"
-"""In every folder of ground truth: what it was made from, and the SHA-256 of each file."""
+"""The file in every folder of ground truth that says what it was made from, and the SHA-256 of each file."""
 SCHEMA = "msb.ground_truth/1"
 _MAX_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
 class SceneAt:
-    """A scene as one method is evaluated on it: what `read_scene` needs, and its name in the results."""
+    """A scene on which a method is evaluated: the arguments of `read_scene`, and its name in the results."""
 
     dataset: str
     name: str
@@ -71,17 +71,17 @@ def _read(scene: SceneAt) -> Scene:
 
 @dataclass(frozen=True)
 class Views:
-    """What the test views of a scene are: all that decides a comparison, as hashes.
+    """The state of a scene's test views: everything that decides a comparison, as hashes.
 
     Attributes
     ----------
     cameras : str
-        Of names, sizes, intrinsics and poses.
+        The hash of names, sizes, intrinsics and poses.
     photographs : str
-        Of files, sizes, masks and background: the name of the folder with the ground truth.
+        The hash of files, sizes, masks and background, which names the folder with the ground truth.
     setup : Setup
     names : tuple of str
-        Of the images, without suffix, as renderings and ground truth are called.
+        The names of the images without suffix, which renderings and ground truth have, too.
     """
 
     cameras: str
@@ -134,7 +134,7 @@ def _numbers(camera: Camera) -> list[object]:
 
 @dataclass(frozen=True)
 class PhotographTask:
-    """The ground truth of a scene to be written, as a worker gets it."""
+    """The order to a worker to write the ground truth of a scene."""
 
     root: Path
     run: str
@@ -148,14 +148,14 @@ class PhotographTask:
 
     @property
     def folder(self) -> Path:
-        """Where it is written."""
+        """The folder that the ground truth is written to."""
         return Results(self.root).ground_truth(self.scene.dataset, self.scene.name, self.views.photographs)
 
 
 def write_photographs(task: PhotographTask) -> str | None:
-    """Write the test photographs as they are compared, named as renderings are, unless they are there.
+    """Write the test photographs as they are compared, with the names of renderings, unless they exist.
 
-    What is there is read and must be what was written, file by file. Else all of it is written again, and
+    Existing files are read and must be those that were written. Otherwise all of them are written again, and
     what was wrong is returned.
 
     Raises
@@ -214,7 +214,7 @@ def _hashes_below(folder: Path) -> dict[str, str]:
 
 
 def checked_scene(at: SceneAt, views: Views) -> Scene:
-    """Return the scene, if its cameras are those the run was planned with.
+    """Return the scene, if its cameras are those with which the run was planned.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a run will do: every cell of the protocol, which parts of it are still to be computed, and why."""
+"""The plan of a run: every cell of the protocol, which of its parts are still to be computed, and why."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """One method on one scene, as the protocol has it.
+    """One method on one scene, as the protocol gives them.
 
     Attributes
     ----------
@@ -58,18 +58,18 @@ class Pair:
 
 @dataclass(frozen=True)
 class Planned:
-    """One cell, and what is to become of it.
+    """One cell, and what is to be done about it.
 
     Attributes
     ----------
     cell : Cell
     job : Job, optional
-        With the parts to be computed; None where there is nothing to do, or nothing can be done.
+        The job with the parts to be computed; None if there is nothing to do, or nothing can be done.
     why : mapping of Part to str
-        For each part to be computed: "new", "failed before", "asked for", what changed, or what is wrong with
-        its record or a rendering.
+        The reason to compute each part: "new", "failed before", "asked for", what changed, or what is wrong
+        with its record or a rendering.
     status : {"done", "pending", "failed", "unsupported"}
-        "done": everything is on record and holds. "failed" and "unsupported" have a `reason`.
+        "done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`.
     reason : Reason, optional
     """
 
@@ -86,9 +86,9 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
     Raises
     ------
     InputError, SceneError
-        A dataset's scenes are not listed, and its folder is not there or holds none.
+        A dataset's scenes are not listed, and its folder does not exist or holds no scene.
     UsageError
-        USAGE: nothing is selected. RUN_PATH_NAME: a path is not UTF-8, as records in JSON must be.
+        USAGE: nothing is selected. RUN_PATH_NAME: a path is not UTF-8, which records in JSON must be.
     """
     check_names(file.path.absolute(), file.results)
     conditions = (*CONDITIONS, *file.protocol.engines)
@@ -125,13 +125,13 @@ class Planner:
     ----------
     file : ProtocolFile
     run : str
-        Its id.
+        The id of the run.
     known : Known
-        What scenes, renderings and files are, read once for all cells.
+        Facts about scenes, renderings and files, read once for all cells.
     only : sequence of str
-        Which cells, as `selected` reads them; all if empty.
+        The selection of cells, as `selected` reads it; all if empty.
     redo : bool
-        Compute again what is done.
+        Whether finished parts are computed again.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Planner:
         ----------
         pairs : sequence of Pair
         models : mapping of Pair to Model or Exception
-            The model, or what is wrong with it. In a dry run it may be missing.
+            The model of each pair, or the error about it. In a dry run it may be missing.
 
         Raises
         ------
@@ -331,8 +331,8 @@ def selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether a cell is among those asked for.
 
     Each text of `only` is one or more patterns (``*`` and ``?``) with slashes between; each pattern must
-    match the cell's dataset, scene, method, condition or renderer. One text suffices; none selects every
-    cell.
+    match the cell's dataset, scene, method, condition or renderer. A cell is selected if one text matches; if
+    `only` is empty, every cell is selected.
     """
     return _matches((cell.dataset, cell.scene, cell.method, cell.condition, cell.condition_name), only)
 

@@ -27,16 +27,16 @@ Answer = TypeVar("Answer")
 
 
 class Workers(Protocol):
-    """What computes tasks, `jobs` at a time."""
+    """Workers that compute tasks, `jobs` at a time."""
 
     @property
     def jobs(self) -> int: ...
 
     def executor(self) -> Executor:
-        """Return what runs tasks; a fresh one if the last one broke."""
+        """Return the executor that runs tasks; a fresh one if the last one broke."""
 
     def close(self) -> None:
-        """Let go of all workers, and stop what they still do where that is possible."""
+        """Release all workers, and stop their unfinished tasks where that is possible."""
 
     def __enter__(self) -> Self: ...
     def __exit__(self, *_: object) -> None: ...
@@ -45,22 +45,22 @@ class Workers(Protocol):
 def run_all(
     workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task], *, alone: bool = False
 ) -> Iterator[tuple[Task, Answer | Exception]]:
-    """Compute ``function(task)`` for all tasks; yield each with its answer or what it raised, as they end.
+    """Compute ``function(task)`` for all tasks; yield each with its answer or its exception, as they end.
 
     Parameters
     ----------
     workers : Workers
     function : callable
-        Of a module, so that a worker can import it.
+        A function of a module, so that a worker can import it.
     tasks : sequence
     alone : bool
-        One after the other, so that nothing else of this run computes meanwhile: for timing.
+        Whether tasks run one after the other, so that nothing else of this run computes during a timing.
 
     Notes
     -----
-    When a process dies, the pool cannot say which task it had: one of the first unfinished ones. Those are
-    then computed one at a time, and the one during which a process dies again gets RUN_WORKER_DIED; the
-    others go on as before. A Dask scheduler does the like by itself.
+    When a process dies, the pool cannot say which task it had, only that it was one of the first unfinished
+    ones. Those are then computed one at a time, and the task during which a process dies again gets
+    RUN_WORKER_DIED; the others go on as before. A Dask scheduler does the same by itself.
 
     Raises
     ------
@@ -126,7 +126,8 @@ def _death() -> DeviceError:
 class LocalWorkers:
     """Processes of this machine, started afresh so that none inherits an OpenCL context.
 
-    They end when this process does, however it ends: each watches a pipe whose other end only we hold.
+    They end when this process ends, in whatever way: each watches a pipe whose other end only this process
+    holds.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -144,7 +145,7 @@ class LocalWorkers:
         return self._pool
 
     def close(self) -> None:
-        """End all processes, whatever they do."""
+        """End all processes, whatever they are doing."""
         self._held.close()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
@@ -183,7 +184,7 @@ class DaskWorkers:
     Parameters
     ----------
     address : str
-        Of the scheduler: "tcp://HOST:PORT".
+        The address of the scheduler: "tcp://HOST:PORT".
 
     Raises
     ------
@@ -213,7 +214,7 @@ class DaskWorkers:
         return executor
 
     def close(self) -> None:
-        """Disconnect; what was not begun is dropped, the workers stay."""
+        """Disconnect from the cluster; tasks that were not begun are dropped, the workers stay."""
         self._client.close()
 
     def __enter__(self) -> Self:

@@ -26,33 +26,33 @@ WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
 TIMED_FRAMES = 100
 TIMED_SECONDS = 3.0
-"""The clock runs until there are as many frames and as many seconds: both."""
+"""Seconds that the clock runs at least; it also runs until enough frames are drawn."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """How a renderer did. Times in milliseconds.
+    """The result of timing a renderer. Times are in milliseconds.
 
     Attributes
     ----------
     frames : int
-        Timed, all cameras in turn.
+        The number of timed frames, with all cameras in turn.
     p50, p95, mean : float
-        Of the device's time for a frame, from the start of its first command to the end of its last
-        (percentiles interpolated linearly).
+        Percentiles and mean of the device's time for a frame, from the start of its first command to the end
+        of its last one; percentiles are interpolated linearly.
     busy_p50, busy_p95 : float
-        The same of the sum of the commands' times.
+        The same percentiles of the sum of the commands' times.
     stages : mapping of str to float
-        Stage -> median time in a frame.
+        Stage -> its median time in a frame.
     fps : float
-        Frames in a second of wall-clock time: uploads, launches and waiting included.
+        Frames per second of wall-clock time, which includes uploads, launches and waiting.
     memory : mapping of str to int
-        Use -> bytes on the device after all cameras were drawn. Buffers only grow, so that is what the most
-        demanding camera needs, for each use, and the same however fast the machine is.
+        Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
+        that the most demanding camera needs, however fast the machine is.
     memory_groups : mapping of str to str
-        Use -> what kind of use it is (`Renderer.memory_groups`).
+        Use -> its group (`Renderer.memory_groups`).
     memory_views : int
-        Cameras `memory` is of: all, unless the budget ended first; then fewer.
+        The number of cameras that `memory` is of: all, unless the budget ended first.
     """
 
     frames: int
@@ -91,21 +91,23 @@ def profile(
     budget: float = math.inf,
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
-    """Return how fast `renderer` draws `cameras`, in turn, over and over.
+    """Return how fast `renderer` draws `cameras`, in turn and repeatedly.
 
     Parameters
     ----------
     renderer : Renderer
-        A fresh one: its memory is also of what it drew before.
+        A fresh renderer, because its memory also depends on what it drew before.
     cameras : sequence of Camera
-        At least one. Those that were not drawn while the clock ran are drawn after it, for the memory.
+        At least one camera. Cameras that were not drawn while the clock ran are drawn after it, for the
+        memory.
     background : (3,) floats
     frames, seconds : int, float
-        Timing goes on until both are reached.
+        The least numbers of frames and seconds; timing goes on until both are reached.
     warm_up : int, optional
-        Frames drawn before; without it as many as are ready first of 10 and a second's worth.
+        The number of frames drawn before the clock starts; by default 10 frames or one second, whichever ends
+        first.
     budget : float
-        Seconds, warm-up and at least one frame included, after which drawing stops whatever was reached.
+        Seconds, warm-up and at least one frame included, after which drawing stops in any case.
     step : callable
         Called after each timed frame, for a progress bar.
     """
@@ -151,7 +153,7 @@ class _Turns:
         self.unseen = set(range(len(cameras)))
 
     def draw(self, number: int) -> Drawn:
-        """Draw the camera of that number."""
+        """Draw the camera with this number."""
         self.frames += 1
         self.drawn.add(number)
         if self.frames >= SETTLED_AT:
@@ -167,7 +169,7 @@ class _Turns:
         end: float = math.inf,
         step: Callable[[], None] = lambda: None,
     ) -> list[Drawn]:
-        """Draw in turn until `frames` and `seconds` are both reached, or any of them, or it is `end`."""
+        """Draw in turn until `frames` and `seconds` are both reached, or either of them, or it is `end`."""
         drawn: list[Drawn] = []
         start = time.perf_counter()
         while True:
