@@ -1,4 +1,4 @@
-"""The protocol file (TOML): which methods on which scenes, in which conditions, measured how."""
+"""The protocol file (TOML): which methods are evaluated on which scenes, in which conditions, and how."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from msb.paths import given_path
 AUTO = "auto"
 PROTOCOL_NAME = "protocol.toml"
 REFERENCE = "reference"
-"""In the place of a folder of official renderings: our NumPy renderer."""
+"""The word that stands for our NumPy renderer in the place of a folder of official renderings."""
 _MAX_BYTES = 1 << 20
 _PLACES = ("dataset", "scene", "method")
 _PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-"""A place in a path; doubled braces stand for themselves."""
+"""A placeholder in a path; doubled braces stand for single ones."""
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
-"""Becomes the name of a folder below the results."""
+"""A name that becomes the name of a folder below the results."""
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
 Template = Annotated[str, Field(min_length=1)]
-"""A path, relative to the protocol file, in which {dataset}, {scene} and {method} stand for themselves."""
+"""A path relative to the protocol file, in which {dataset}, {scene} and {method} are placeholders."""
 Unit = Annotated[float, Field(ge=0, le=1)]
 Color = tuple[Unit, Unit, Unit]
 Setting = bool | int | float | str
@@ -46,17 +46,18 @@ class _Table(BaseModel):
 
 
 class SceneOptions(_Table):
-    """What may be said of a scene by its dataset, and again, stronger, by a method.
+    """Options of a scene, set by its dataset; where a method sets one too, the method counts.
 
     Attributes
     ----------
     image_folder : str, optional
-        Below the scene: "images_4"; the dataset's if not given.
+        The folder below the scene, such as "images_4"; the dataset's folder if not given.
     resolution : int, optional
-        As ``-r`` of the 3DGS family.
+        The resolution, with the meaning of ``-r`` in the 3DGS family.
     background : (3,) floats in [0, 1], optional
     camera_convention : {"gs_fov", "full_K"}, optional
-        The camera the method was trained with; "full_K" for DiffSoup, "gs_fov" for all others.
+        The camera that the method was trained with; by default "full_K" for DiffSoup, "gs_fov" for all
+        others.
     """
 
     image_folder: Annotated[str, Field(min_length=1)] | None = None
@@ -75,7 +76,7 @@ class DatasetTable(SceneOptions):
     path : str
         The folder that holds the scenes' folders.
     scenes : tuple of str
-        All there are, if not given.
+        The names of the scenes; all scenes in the folder, if not given.
     """
 
     name: FolderName
@@ -89,21 +90,22 @@ class MethodTable(SceneOptions):
     Attributes
     ----------
     name : str
-        As `msb methods` lists them, or "auto": what the model is found to be.
+        A name that `msb methods` lists, or "auto", which takes the method found from the model.
     model : str, optional
-        Template: checkpoint, .triasset or mesh of each scene. Without one there are official renderings only.
+        The template of the checkpoint, .triasset or mesh of each scene. Without it there are official
+        renderings only.
     datasets : tuple of str
-        Names of those it is evaluated on; all, if not given.
+        The names of the datasets that the method is evaluated on; all, if not given.
     settings : mapping
-        Overrides, as ``--set`` takes them.
+        Values that replace settings, as ``--set`` takes them.
     conditions : tuple of Condition, optional
-        The protocol's, if not given.
+        The conditions; those of the protocol, if not given.
     non_engine : str, optional
-        Template of the folder of official renderings, or "reference". Without it there is no such cell.
+        The template of the folder of official renderings, or "reference". Without it there is no such cell.
     training : str, optional
-        Template of the file `msb track` wrote.
+        The template of the file that `msb track` wrote.
     mesh : str, optional
-        Template of the mesh whose Chamfer distance is measured; the asset's own triangles if not given.
+        The template of the mesh whose Chamfer distance is measured; the asset's own triangles if not given.
     """
 
     name: str = AUTO
@@ -117,13 +119,13 @@ class MethodTable(SceneOptions):
 
 
 class MetricsTable(_Table):
-    """``[metrics]``. `vgg_weights`: torchvision's VGG16, for LPIPS, which is "--" without it."""
+    """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16, without which LPIPS is "--"."""
 
     vgg_weights: str | None = None
 
 
 class TimingTable(_Table):
-    """``[timing]``: the clock runs for at least so many frames and so many seconds; 0 frames: no timing."""
+    """``[timing]``: the clock runs for at least `frames` and `seconds`; 0 frames mean no timing."""
 
     frames: Annotated[int, Field(ge=0)] = TIMED_FRAMES
     seconds: Annotated[float, Field(ge=0)] = TIMED_SECONDS
@@ -137,10 +139,10 @@ class ChamferTable(_Table):
 
 
 class VideosTable(_Table):
-    """``[videos]``: conditions side by side along a path.
+    """``[videos]``: films that show conditions side by side along a path.
 
-    `path` "flight" goes smoothly through the test cameras; "test" shows the test views themselves, and beside
-    them the photographs and the official renderings.
+    The `path` "flight" goes smoothly through the test cameras; "test" shows the test views themselves, and
+    beside them the photographs and the official renderings.
     """
 
     path: Literal["flight", "test"] = "flight"
@@ -165,16 +167,16 @@ class Protocol(_Table):
 
 @dataclass(frozen=True)
 class ProtocolFile:
-    """A protocol with the file it came from: paths in it are relative to that file's folder.
+    """A protocol and the file it came from. Paths in it are relative to that file's folder.
 
     Attributes
     ----------
     path : Path
     text : bytes
-        The file, for the record.
+        The content of the file, which is kept with the results.
     protocol : Protocol
     results_instead : Path, optional
-        Where results go instead of where the file says.
+        The results folder to use instead of the one that the file names.
     """
 
     path: Path
@@ -190,7 +192,7 @@ class ProtocolFile:
         return self.resolve(self.protocol.results)
 
     def resolve(self, template: str, **names: str) -> Path:
-        """Return the path that `template` means, its places filled from `names`; ".." as it reads."""
+        """Return the path that `template` means: placeholders are filled from `names`, ".." is resolved."""
 
         def fill(found: re.Match[str]) -> str:
             return found[0][0] if found[1] is None else names.get(found[1], found[0])
@@ -211,7 +213,7 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
 
 
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
-    """Return the protocol that `text` is, as if it stood in the file `path`; errors as of `read_protocol`."""
+    """Return the protocol in `text`, as if it stood in the file `path`; errors as for `read_protocol`."""
     try:
         data = parse_toml(text.decode())
     except ValueError as error:  # of the encoding, the syntax or the limits
@@ -236,7 +238,7 @@ def single_protocol(
     Raises
     ------
     InputError, SceneError
-        `scene` is none.
+        `scene` is no scene.
     UsageError
         RUN_PATH_NAME.
     """

@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: images rendered or imported, written, and compared with the photographs."""
+"""The part "quality" of a cell: get its images, write them, and compare them with the photographs."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ NO_WEIGHTS = "no VGG weights ([metrics] vgg_weights)"
 
 
 def measure_quality(job: Job) -> dict[str, Any]:
-    """Return what a record says of a cell's images: quality, setup, renderer, device, renders.
+    """Return the parts of a record about a cell's images: quality, setup, renderer, device, renders.
 
     Raises
     ------
     MsbError
-        Whatever is wrong with scene, asset, renderings or device.
+        Something is wrong with the scene, the asset, the renderings or the device.
     """
     scene = checked_scene(job.scene, job.views)
     source: _Imported | _Drawn = _Imported(job, scene) if job.renders is not None else _Drawn(job, scene)
@@ -123,7 +123,7 @@ class _Drawn:
 
 
 def open_renderer(job: Job) -> Renderer:
-    """Return the cell's renderer, which computes no more than an image."""
+    """Return the cell's renderer, with options by which it computes nothing but the image."""
     from msb.render import Renderer
     from msb.render.backend import lean_options
 

@@ -1,7 +1,8 @@
 """Result records: what one cell of a benchmark (dataset, scene, method, condition) measured, as a JSON file.
 
-`msb run` writes them, `msb report` reads nothing else. Values are full doubles in SI units, bytes and
-milliseconds; whatever could not be had is None, with a reason beside it. docs/protocol.md describes the file.
+`msb run` writes records, and `msb report` reads nothing else. Values are full doubles in SI units, bytes and
+milliseconds; a value that could not be had is None, with a reason beside it. docs/protocol.md describes the
+file.
 """
 
 from __future__ import annotations
@@ -26,18 +27,20 @@ if TYPE_CHECKING:
 
 SCHEMA: Literal["msb.result/1"] = "msb.result/1"
 MAX_BYTES = 64 << 20
-"""A record holds about 400 bytes an image; no dataset has a hundred thousand test views."""
+"""Most bytes of a record. It holds about 400 bytes an image, and no dataset has a hundred thousand test
+views."""
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
-"""Who draws: the method's own renderer or one of our tiers; and the mesh itself, which is audited."""
+"""The conditions: the method's own renderer, our two tiers, and the mesh itself, which is audited."""
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 """Condition that has images -> the tier they are of, in the order in which quality is lost."""
 
 _ROUNDING = 1e-9
-"""More than rounding does to a mean; no two numbers of a table differ by so little."""
+"""A tolerance for means: more than rounding does to a mean, and less than any two numbers of a table differ
+by."""
 
 Status = Literal["done", "failed", "unsupported"]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -47,7 +50,7 @@ Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class Record(BaseModel):
-    """Read strictly: no unknown key, no NaN, no text for a number."""
+    """A model that is read strictly: no unknown key, no NaN, no text for a number."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
@@ -55,21 +58,21 @@ class Record(BaseModel):
 
 
 class Reason(Record):
-    """Why something is not there: an error code and its line."""
+    """The reason why something is missing: an error code and its message."""
 
     code: Name
     message: str
 
 
 class Cell(Record):
-    """Which result this is.
+    """The identity of a result.
 
     Attributes
     ----------
     dataset : str
         "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
     scene, method : str
-        `method` as in `msb.methods`.
+        The scene, and the method as `msb.methods` names it.
     condition : Condition
     renderer : str, optional
         A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
@@ -84,12 +87,12 @@ class Cell(Record):
 
     @property
     def condition_name(self) -> str:
-        """The condition as tables name it: by its renderer, where that is not the condition's own."""
+        """The name of the condition in tables: that of its renderer, if that is not the condition's own."""
         return self.condition if self.renderer is None else self.renderer
 
 
 class File(Record):
-    """A file or folder a result was computed from. `sha256` of a folder is that of its manifest of hashes."""
+    """A file or folder behind a result; for a folder `sha256` is that of its list of hashes."""
 
     path: str
     bytes: Count
@@ -102,13 +105,14 @@ class Setup(Record):
     Attributes
     ----------
     camera_convention : {"gs_fov", "full_K"}
-        "gs_fov": the principal point is the image centre, as the 3DGS family trains; "full_K": it is used.
+        "gs_fov" puts the principal point into the image centre, as the 3DGS family trains; "full_K" uses the
+        recorded one.
     image_folder : str
-        Below the scene: "images_4".
+        The folder below the scene, such as "images_4".
     gt_resized : bool
-        The photographs were resized by us, not shipped in this size.
+        Whether we resized the photographs because they are not shipped in this size.
     background : (3,) floats
-        Behind the model, and behind a masked photograph.
+        The colour behind the model, and behind a masked photograph.
     mask_source : {"png_alpha", "mask_folder"}, optional
     render_masked_by_gt_alpha : bool
     """
@@ -124,7 +128,7 @@ class Setup(Record):
 class _Measured(Record):
     """Values by the keys of the image metrics, which in JSON stand among the other keys.
 
-    A metric that is not there has no value: records may be older than it.
+    A metric that is missing has no value, because a record may be older than the metric.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -151,30 +155,30 @@ class ImageQuality(_Measured):
     height: Annotated[int, Field(gt=0)]
     psnr_infinite: bool = False
     file: str | None = None
-    """Of the rendering, relative to the record."""
+    """The rendering's file, relative to the record."""
     sha256: Sha256 | None = None
-    """Of that file as it was compared; None in records of before it was kept."""
+    """The SHA-256 of that file as it was compared; None in older records, which do not keep it."""
     gt: str | None = None
-    """Of the ground truth as it was compared, relative to the record; None where that is not kept."""
+    """The ground truth's file as it was compared, relative to the record; None if it is not kept."""
 
 
 class Quality(_Measured):
-    """Means over the test images, unweighted, and every image. Infinite PSNRs count `psnr_inf_count`."""
+    """Unweighted means over the test images, and every image; `psnr_inf_count` counts infinite PSNRs."""
 
     lpips_reason: str | None
-    """Why metrics that need VGG weights are not there."""
+    """The reason why metrics that need VGG weights are missing."""
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
     metrics: tuple[dict[str, Any], ...]
-    """Full identity of every metric (`msb.metrics.identity`)."""
+    """The full identity of every metric (`msb.metrics.identity`)."""
 
 
 class Timing(Record):
-    """Of a run that wrote and read back nothing. Milliseconds; percentiles over all timed frames."""
+    """Milliseconds of a pass that wrote and read back nothing; percentiles are over all timed frames."""
 
     frames: Annotated[int, Field(gt=0)]
     seconds: Amount
-    """Wall-clock, of all `frames`."""
+    """Wall-clock seconds of all `frames`."""
     fps: Amount
     p50_ms: Amount
     """Device time from the first event of a frame to its last."""
@@ -188,23 +192,23 @@ class Timing(Record):
 
 
 class Memory(Record):
-    """Bytes on the device after all test views were drawn, by what they are for; no driver's own memory.
+    """Bytes of our buffers on the device after all test views were drawn, by what they are for.
 
-    Buffers only grow from view to view: each is what the most demanding view needs.
+    Buffers only grow from view to view, so each has the size that the most demanding view needs.
     """
 
     geometry: Count
     appearance: Count
     scratch: Count
-    """Order, tile lists, and what a frame computes in passing."""
+    """Order, tile lists, and intermediate results of a frame."""
     targets: Count
     """Colour and depth."""
     uses: dict[str, Count]
-    """The renderer's own names, the same bytes."""
+    """The same bytes by the renderer's own names of uses."""
 
     @property
     def total(self) -> int:
-        """All of it."""
+        """The sum of all groups."""
         return self.geometry + self.appearance + self.scratch + self.targets
 
 
@@ -217,7 +221,7 @@ class Training(Record):
 
 
 class RendererInfo(Record):
-    """What made the images: "upstream" for official files, "msb_reference" for our NumPy renderer."""
+    """The renderer of the images: "upstream" for official files, "msb_reference" for our NumPy renderer."""
 
     name: str
     version: str
@@ -229,8 +233,8 @@ class Result(Record):
     """One cell's record.
 
     `status` "unsupported" prints N/A, "failed" prints --; both have a `reason`. Parts that do not apply to
-    the condition are None. A cell is done when its images were compared, or its mesh audited; what else was
-    asked for and could not be had is in `reasons`.
+    the condition are None. A cell is done when its images were compared, or its mesh audited; `reasons` says
+    why other parts that were asked for are missing.
     """
 
     schema_: Literal["msb.result/1"] = Field(default=SCHEMA, alias="schema")
@@ -239,27 +243,27 @@ class Result(Record):
     status: Status
     reason: Reason | None = None
     seconds: Amount
-    """The cell took."""
+    """The time that the cell took."""
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
     renders: File | None = None
-    """The folder of official renderings; condition non_engine only."""
+    """The folder of official renderings, in the condition non_engine only."""
     renderer: RendererInfo | None = None
     device: dict[str, Any] | None = None
     quality: Quality | None = None
     timing: Timing | None = None
     memory: Memory | None = None
     chamfer: dict[str, Any] | None = None
-    """As `msb.metrics.chamfer_dtu` gives it, with its identity under "metric"; DTU only."""
+    """The result of `msb.metrics.chamfer_dtu`, with its identity under "metric"; for DTU only."""
     audit: dict[str, Any] | None = None
-    """As `msb-audit --json` gives it; condition exported_mesh only."""
+    """The document of `msb-audit --json`, in the condition exported_mesh only."""
     training: Training | None = None
     reasons: dict[Name, Reason] = {}
-    """Part ("timing", "chamfer", "training") -> why it is not there."""
+    """Part ("timing", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = {}
-    """Part ("quality", "audit", "timing", "chamfer", "training") -> all that decided it, name -> hash or
-    version. Where one differs from what it would be now, `msb run` computes the part again."""
+    """Part ("quality", "audit", "timing", "chamfer", "training") -> its inputs, name -> hash or version. If
+    an input has changed since, `msb run` computes the part again."""
 
     @field_validator("audit")
     @classmethod
@@ -281,8 +285,8 @@ def read_result(path: str | os.PathLike[str]) -> Result:
     Raises
     ------
     InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, naming the key: also where a number cannot be, or a
-        mean is not that of its images.
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, which names the key; also if a number is
+        impossible, or a mean is not that of its images.
     """
     result = checked(Result, read_json(path, MAX_BYTES), file=Path(path), code="RECORD_INVALID")
     for pointer, text in () if result.quality is None else _impossible(result.quality):
@@ -314,7 +318,7 @@ def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:
 
 
 def means_of(images: Sequence[ImageQuality]) -> dict[str, float | None]:
-    """Return metric -> the mean of its values, None where an image has none."""
+    """Return metric -> the mean of its values, None if an image has no value."""
     return {
         key: mean_of(
             math.inf if key == "psnr" and image.psnr_infinite else image.values[key] for image in images

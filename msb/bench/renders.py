@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 SUMS = "SHA256SUMS"
-"""As ``sha256sum`` writes it: if it is there, every image must be in it and as it says."""
+"""A file as ``sha256sum`` writes it. If it exists, it must list every image with its present hash."""
 _MAX_SUMS = 16 << 20
-"""Bytes: a hundred thousand lines."""
+"""Most bytes of that file: a hundred thousand lines."""
 _NAMED = 4
 
 
@@ -35,12 +35,12 @@ class Renders:
     Attributes
     ----------
     files : tuple of Path
-        One for each camera, in the cameras' order.
+        The file of each camera, in the cameras' order.
     matched_by : {"name", "number"}
-        "name": images are called as the photographs are; "number": 00000, 00001, ... as the 3DGS family
-        writes the test views in their order.
+        "name" if images have the names of the photographs; "number" if they are called 00000, 00001, ... in
+        the order of the test views, as the 3DGS family writes them.
     folder : File
-        `sha256` is that of the images' list of hashes.
+        The folder; its `sha256` is that of the images' list of hashes.
     """
 
     files: tuple[Path, ...]
@@ -56,7 +56,7 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE; RENDERS_CHANGED: a file is not what SHA256SUMS says.
     MetricError
-        METRIC_IMAGE_NAMES: one is missing or one too many.
+        METRIC_IMAGE_NAMES: an image is missing, or there is one too many.
     """
     if not folder.is_dir():
         raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)

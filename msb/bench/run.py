@@ -1,7 +1,7 @@
 """A whole run: models made ready, photographs written, cells computed, timings taken, films made.
 
-Every stage hands plain tasks to the workers and goes on whatever becomes of one of them. What is finished is
-on disk, so a run that ends at any point goes on from there when it is started again.
+Every stage hands plain tasks to the workers and goes on even if one of them fails. Finished work is on disk,
+so a run that ends at any point goes on from there when it is started again.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ _INTERNAL_STATUS = 70
 
 
 class Watch(Protocol):
-    """What a run tells whoever watches."""
+    """The interface by which a run reports its progress."""
 
     def stage(self, title: str, total: int) -> AbstractContextManager[Callable[[str], None]]:
-        """Begin a stage of `total` tasks; the value is called with the name of each that ended."""
+        """Begin a stage of `total` tasks; call the returned function with the name of each finished task."""
 
     def note(self, text: str) -> None:
-        """Say a line."""
+        """Report a line of text."""
 
 
 class _Nobody:
@@ -61,17 +61,17 @@ class _Nobody:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of one cell in this run.
+    """The outcome of one cell in this run.
 
     Attributes
     ----------
     planned : Planned
     result : Result, optional
-        The record as it is now; None in a dry run, where there is none.
+        The record as it is now; None in a dry run if there is no record.
     seconds : float
-        This run spent on it.
+        The time that this run spent on the cell.
     reasons : mapping of str to Reason
-        What is not there: "cell", or a part.
+        "cell", or a part -> the reason why it is missing.
     """
 
     planned: Planned
@@ -82,13 +82,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Report:
-    """What became of the whole run.
+    """The outcome of the whole run.
 
     Attributes
     ----------
     rows : sequence of Row
     models : mapping of str to Reason
-        Models that could not be read, and are of no known method.
+        The models that could not be read and whose method is unknown, and why.
     seconds : float
     """
 
@@ -98,14 +98,14 @@ class Report:
 
     @property
     def exit_status(self) -> int:
-        """The highest status of all failures; what is not supported is none."""
+        """The highest exit status among the failures; a condition that is not supported is no failure."""
         codes = [reason.code for reason in self.models.values()]
         codes += [reason.code for row in self.rows for reason in row.reasons.values()]
         return max((status_of(code) for code in codes), default=0)
 
 
 def status_of(code: str) -> int:
-    """Return the exit status a failure with `code` ends with."""
+    """Return the exit status of a failure with `code`."""
     if code == INTERNAL or code not in CODES:
         return _INTERNAL_STATUS
     kind = CODES[code].kind
@@ -122,21 +122,21 @@ def run_protocol(
     dry: bool = False,
     watch: Watch | None = None,
 ) -> Report:
-    """Evaluate what `file` asks for and is not done yet.
+    """Evaluate the cells of the protocol `file` that are not done yet.
 
     Parameters
     ----------
     file : ProtocolFile
     jobs : int
-        Processes on this machine.
+        The number of processes on this machine.
     scheduler : str, optional
-        Address of a Dask scheduler, whose workers are used instead.
+        The address of a Dask scheduler, whose workers are used instead.
     only : sequence of str
-        Which cells (`msb.bench.plan.selected`).
+        The selection of cells (`msb.bench.plan.selected`).
     redo : bool
-        Compute what is done again.
+        Whether finished parts are computed again.
     dry : bool
-        Compute nothing and write nothing; the report holds the plan.
+        Whether nothing is computed or written; the report then holds the plan.
     watch : Watch, optional
 
     Raises
@@ -144,7 +144,7 @@ def run_protocol(
     UsageError
         RESULTS_BUSY, EXTRA_MISSING, RUN_SCHEDULER, RUN_WORKER_PATHS, or USAGE: `only` selects nothing.
     InputError, SceneError, MetricError
-        What all cells need: the datasets' folders, the weights of LPIPS.
+        Something that all cells need is wrong: the datasets' folders, or the weights of LPIPS.
     DeviceError
         There is no OpenCL device.
     """
@@ -235,7 +235,7 @@ class _Run:
         return device
 
     def photographs(self, planned: list[Planned]) -> list[Planned]:
-        """Write the ground truth that is not there as it was written; a cell that needs it has failed."""
+        """Write missing or changed ground truth; if that fails, the cells that need it have failed."""
         tasks = {
             one.job.photographs: PhotographTask(self.results.root, self.run, one.job.scene, one.job.views)
             for one in planned
@@ -268,7 +268,7 @@ class _Run:
         return failed
 
     def lost(self, job: Job, reason: Reason) -> None:
-        """Record a job that ended without doing so itself: its process died."""
+        """Record a failed job whose process died before it could do so."""
         main = any(part in MAIN for part in job.parts)
         with contextlib.suppress(MsbError):
             if not main:
@@ -297,7 +297,7 @@ class _Run:
     def each(
         self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], *, alone: bool = False
     ) -> Iterator[tuple[Any, Any]]:
-        """Compute tasks and yield them with their answers; what concerns the whole run is raised."""
+        """Compute tasks and yield them with their answers; raise errors that concern the whole run."""
         if not tasks:
             return
         with self.watch.stage(stage, len(tasks)) as step:

@@ -1,4 +1,4 @@
-"""What a command costs: wall time, peak memory on the GPU and on the host, of it and all it starts."""
+"""Measure the cost of a command and all it starts: wall time, and peak memory on the GPU and on the host."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 INTERVAL = 0.2
-"""Seconds between two looks: a peak that is shorter can be missed."""
+"""Seconds between two looks at the memory; a shorter peak can be missed."""
 _MAX_BYTES = 1 << 20
 _FORWARDED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 
@@ -38,23 +38,25 @@ class Track(Record):
     ----------
     command : tuple of str
     started, ended : str
-        ISO 8601, UTC.
+        Times in UTC, in the form of ISO 8601.
     seconds : float
-        Wall clock.
+        The wall-clock time.
     exit_status : int
-        128 + n where signal n ended it.
+        The command's exit status, or 128 + n if signal n ended it.
     peak_gpu_memory_bytes : int, optional
-        The most all GPUs together held at one look.
+        The most bytes that all GPUs together held at one look.
     gpu_source : {"processes", "device"}, optional
-        "processes": what NVML says the command's processes hold. "device": what the whole device held more
-        than before, where NVML cannot tell processes apart (in a container): others on it falsify that.
+        "processes": the memory that NVML reports for the command's processes. "device": the memory that the
+        whole device held beyond what it held before, if NVML cannot tell processes apart (in a container);
+        other programs on the device falsify this number.
     gpu_reason : str, optional
-        Why there is no figure.
+        The reason why there is no number.
     gpus : tuple of Gpu
     peak_host_memory_bytes : int, optional
-        The most the command and its descendants held in RAM at one look: the sum of their resident sets.
+        The most bytes of RAM that the command and its descendants held at one look: the sum of their resident
+        sets.
     interval_seconds : float
-        Between two looks.
+        Seconds between two looks.
     machine : mapping
     tool_version : str
     """
@@ -96,8 +98,8 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     Parameters
     ----------
     command : sequence of str
-        Program and arguments, passed on as they are, without a shell. Standard streams are this process's
-        own; signals it gets meanwhile are passed on, too.
+        The program and its arguments, passed on as they are, without a shell. The command gets this process's
+        own standard streams, and signals that this process receives meanwhile.
     interval : float
         Seconds between two looks at its memory.
 
@@ -152,7 +154,7 @@ class _Watch(threading.Thread):
         self.peak = 0
 
     def run(self) -> None:
-        """Look, wait, and again."""
+        """Look at the memory and wait, again and again."""
         while True:
             pids = self._look()
             self._gpus.look(pids)
@@ -160,7 +162,7 @@ class _Watch(threading.Thread):
                 return
 
     def stop(self) -> None:
-        """Make an end."""
+        """Stop looking."""
         self._done.set()
         self.join()
 

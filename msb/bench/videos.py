@@ -34,22 +34,22 @@ SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"
 _TITLES = {"non_engine": "Non-Engine", "dedicated": "Dedicated", "standard": "Standard"}
 _LABEL = 1 / 20
-"""Height of a title, as a share of the image's."""
+"""Height of a title, as a share of the image's height."""
 _SMALLEST = 240
-"""Height of a film in pixels at least; smaller images are enlarged, each pixel to a square."""
+"""The least height of a film in pixels; in smaller images each pixel is enlarged to a square."""
 
 
 @dataclass(frozen=True)
 class VideoTask:
-    """One film: a method on a scene.
+    """The order to make one film of a method on a scene.
 
     Attributes
     ----------
     jobs : tuple of Job
-        Of the conditions shown, in the order shown.
+        The jobs of the conditions shown, in the order shown.
     options : VideosTable
     inputs : str
-        Hash of all that decides the film.
+        The hash of all inputs that decide the film.
     """
 
     jobs: tuple[Job, ...]
@@ -64,13 +64,13 @@ class VideoTask:
 
     @property
     def path(self) -> Path:
-        """The film's."""
+        """The path of the film."""
         cell = self.jobs[0].cell
         return Results(self.jobs[0].root).video(cell.dataset, cell.scene, cell.method)
 
 
 def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
-    """Return the films that are to be made: of cells that are done, where the film there is does not hold.
+    """Return the films to be made: those of finished cells that have no film, or an outdated one.
 
     A flight shows what can be rendered; official renderings and photographs exist at the test views only.
     """
@@ -106,12 +106,12 @@ def _is_done(task: VideoTask) -> bool:
 
 
 def write_video(task: VideoTask) -> None:
-    """Render and write a film, and beside it what it shows.
+    """Render and write a film, and beside it a file that says what it shows.
 
     Raises
     ------
     MsbError
-        Whatever is wrong with scene, assets or device.
+        Something is wrong with the scene, the assets or the device.
     """
     first = task.jobs[0]
     check_run(first.root, first.run)

@@ -1,4 +1,4 @@
-"""The commands `msb` and `msb-audit`: thin, over the public library. They parse, call and print."""
+"""The commands `msb` and `msb-audit`, a thin layer over the public library: they parse, call and print."""
 
 from __future__ import annotations
 

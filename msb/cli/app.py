@@ -1,4 +1,4 @@
-"""The command tree. Importing this must stay cheap: commands load what they need when they run."""
+"""The command tree. Importing this module must stay cheap: commands load what they need when they run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The audit as a person reads it: verdict, the paper's eight columns, the defects, the verdict again."""
+"""Print an audit for people: the verdict, the paper's eight columns, the defects, and the verdict again."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _DEFECTS = (
     ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
 )
 _STYLES = {"ok": "green", "limited": "yellow", "bad": "red"}
-"""Verdict level -> colour; the word says it without the colour, too."""
+"""Verdict level -> colour. The word on the terminal says the same without the colour."""
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 _LABELS = {
     "nonmanifold_edges": "non-manifold edges",
@@ -53,9 +53,9 @@ def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose:
     Parameters
     ----------
     paper : bool
-        Add the paper's mean row of MeshSplatting under ours.
+        Whether the paper's mean row of MeshSplatting is printed under ours.
     verbose : bool
-        Show every quantity the peers were asked for, not only those on which they differ.
+        Whether every quantity that the peers were asked for is shown, not only those on which they differ.
     """
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"

@@ -39,7 +39,7 @@ _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",
 )  # fmt: skip
-"""What must be equal for two records to be compared."""
+"""Keys that must be equal before two records are compared."""
 
 
 def bench(

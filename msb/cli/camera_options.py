@@ -1,4 +1,4 @@
-"""Options of cameras, sizes and backgrounds, which commands that draw share, and what they stand for."""
+"""Options of cameras, sizes and backgrounds, which all commands that draw share, and their meaning."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_background(text: str, asset: Asset | None) -> tuple[float, float, float]:
-    """Return the colour `text` names; "official" is that of `asset`, and nothing without one.
+    """Return the colour that `text` names; "official" is the background of `asset`, which must be given then.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def parse_background(text: str, asset: Asset | None) -> tuple[float, float, floa
 
 
 def chosen_modes(order: str | None, sampling: str | None) -> dict[str, str]:
-    """Return the modes that were given; a renderer without modes refuses even the official ones."""
+    """Return only the modes that were given, because some renderers refuse even the official ones."""
     return {name: value for name, value in (("order", order), ("sampling", sampling)) if value is not None}
 
 

@@ -1,4 +1,4 @@
-"""`msb config`: the values that options have without being typed, and where they come from."""
+"""`msb config`: the values that options have if they are not typed, and where these come from."""
 
 from __future__ import annotations
 

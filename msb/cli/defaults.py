@@ -1,4 +1,4 @@
-"""Defaults of options from the environment and from files: flag > environment > project file > user file."""
+"""Defaults of options: a flag counts first, then the environment, the project file, the user file."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _has_our_table(path: Path) -> bool:
 
 
 def anything_set() -> bool:
-    """Return whether there is a file or variable to read. Mostly there is none, and nothing is loaded."""
+    """Return whether there is a file or variable to read. Mostly there is none; then nothing is loaded."""
     variables = any(name.startswith(PREFIX) for name in os.environ)
     return variables or project_file() is not None or is_file(user_file())
 
@@ -98,7 +98,7 @@ def single_commands(group: Any) -> Commands:
 
 
 def read_defaults(commands: Commands) -> Defaults:
-    """Return what files and environment set for `commands`, the stronger in place of the weaker.
+    """Return the defaults that files and environment set for `commands`; the stronger source counts.
 
     A key of a file is an option without its dashes. At the top it holds for every command that has the
     option; in a table it holds for the command of the table's name. The variable is ``MSB_COMMAND_OPTION``

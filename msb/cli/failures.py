@@ -1,4 +1,4 @@
-"""Errors as commands meet them: said in one line, with an exit status."""
+"""Report errors of commands in one line, and determine the exit status."""
 
 from __future__ import annotations
 

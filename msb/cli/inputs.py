@@ -1,4 +1,4 @@
-"""From what the user typed to inputs: assets, mesh files, checkpoints, and folders of these."""
+"""Find the inputs that the user typed: assets, mesh files, checkpoints, and folders of these."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def expand(path: Path) -> list[Path]:
     """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted.
 
-    Where nothing has that name it is a pattern (``*``, ``?``, ``[...]``, ``**``), as a shell that leaves
-    patterns alone passes it on; what it matches is taken as if it were typed.
+    If nothing has the typed name, it is read as a pattern (``*``, ``?``, ``[...]``, ``**``), which some
+    shells pass on unchanged; everything that matches it is taken as if it were typed.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def _is_input(folder: Path) -> bool:
 
 
 def open_asset(path: Path, output: Output) -> Asset:
-    """Return what `msb.open` returns, once its warnings are printed."""
+    """Return the asset that `msb.open` gives, and print its warnings."""
     from msb.opening import open
 
     asset = open(path)

@@ -17,7 +17,8 @@ from msb.atomic import forget_free_places
 from msb.errors import UsageError
 
 WRITTEN = "written"
-"""Beside a path's typer.Option it says that an output gets that name; other paths are read, or filled."""
+"""A mark beside a path's typer.Option: the command writes an output there. Other paths are read, or
+filled."""
 JsonFile = Annotated[
     Path | None,
     typer.Option(

@@ -1,4 +1,4 @@
-"""Where text goes: results to standard output, notes and progress to standard error, files whole."""
+"""Print results on standard output and notes on standard error; write files whole."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 @dataclass(frozen=True)
 class Output:
-    """What the user wants to see, and where.
+    """The user's wishes about output: what to print, and where.
 
     A file "-" (or ``/dev/stdout``) takes standard output for itself; the human text is then not printed.
     """

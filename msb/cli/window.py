@@ -1,4 +1,4 @@
-"""What `msb view` and `msb compare` share: a window, or files instead of it."""
+"""Options that `msb view` and `msb compare` share: a window, or files instead of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_PIXELS = 16384
 
 @dataclass(frozen=True)
 class Files:
-    """What is to be written; nothing means a window."""
+    """The files to write; without any a window opens."""
 
     screenshot: Path | None = None
     figure: Path | None = None

@@ -1,7 +1,7 @@
-"""Cameras and scenes: the one camera of the package, what it is read from, and paths for it to fly.
+"""Cameras and scenes: the camera class of the package, the files it is read from, and camera paths.
 
-Needs NumPy and the standard library only. Conventions and formats are described in docs/cameras.md, datasets
-in docs/datasets.md.
+This package needs NumPy and the standard library only. docs/cameras.md describes conventions and formats,
+docs/datasets.md the datasets.
 """
 
 from __future__ import annotations

@@ -38,22 +38,22 @@ class Camera:
     Parameters
     ----------
     width, height : int
-        Pixels; each at most `MAX_SIDE`, together at most `MAX_PIXELS`.
+        Size of the image in pixels; each side at most `MAX_SIDE`, and at most `MAX_PIXELS` in all.
     fx, fy : float
         Focal lengths in pixels.
     cx, cy : float
         Principal point in pixels; (width / 2, height / 2) is the centre.
     world_to_camera : (4, 4) array_like
-        W, for column vectors; kept as a read-only float64 copy. Its rotation is orthonormal to 1e-4 with
-        determinant +1, its last row is 0 0 0 1.
+        The matrix W for column vectors, kept as a read-only float64 copy. Its rotation is orthonormal to 1e-4
+        with determinant +1, and its last row is 0 0 0 1.
     name : str, optional
         A relative path with forward slashes, usually the image's file name below its folder.
     image_path : Path, optional
-        Where the dataset keeps the photograph; not checked to exist.
+        Where the dataset keeps the photograph; the file need not exist.
     source_size : (int, int), optional
         Width and height for which the intrinsics were recorded, where that is not the size of this camera.
     split : {"train", "val", "test"}, optional
-        The part of the dataset, where that says so.
+        The part of the dataset that the camera belongs to, if the dataset says so.
 
     Raises
     ------
@@ -203,7 +203,7 @@ class Camera:
         pixels : (..., 2) float64
             u to the right, v down, in pixels; NaN where the depth is not positive.
         depth : (...,) float64
-            Along the camera's z axis.
+            Depth along the camera's z axis.
         """
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         local = np.asarray(points, dtype=np.float64) @ rotation.T + translation
@@ -215,8 +215,8 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """Return the camera of the same picture at another size.
 
-        Both axes are scaled for themselves, so angles of view and what is seen stay the same. The size at
-        hand is kept as `source_size`, unless there is one.
+        Each axis is scaled by its own factor, so angles of view and what is seen stay the same. The old size
+        is kept as `source_size`, unless the camera has one already.
 
         Raises
         ------
@@ -258,7 +258,7 @@ class Camera:
     def centered(self) -> Camera:
         """Return the camera with its principal point in the middle of the image.
 
-        That is the camera the 3DGS family renders: it keeps the angles of view and ignores cx, cy
+        The 3DGS family renders this camera, because it keeps the angles of view and ignores cx and cy
         (`graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py, utils/graphics_utils.py).
         """
         return replace(self, cx=self.width / 2, cy=self.height / 2)

@@ -1,7 +1,7 @@
-"""cameras.json: what the 3DGS family writes beside a trained model.
+"""Read cameras.json, which the 3DGS family writes beside a trained model.
 
-Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. It has no principal
-point, and its sizes and focal lengths are those of the original photographs.
+Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. The file has no
+principal point, and its sizes and focal lengths are those of the original photographs.
 """
 
 from __future__ import annotations

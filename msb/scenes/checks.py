@@ -16,11 +16,13 @@ Split = Literal["train", "val", "test"]
 SPLITS: tuple[str, ...] = get_args(Split)
 
 MAX_SIDE = 65535
-"""Pixels along a side: what JPEG and a texture of any graphics card can hold."""
+"""Most pixels along a side, which JPEG and textures of any graphics card can hold."""
 MAX_PIXELS = 1 << 28
-"""A frame of so many pixels takes 3 GiB as float32 RGB; a file that asks for more is wrong or hostile."""
+"""Most pixels of an image: as float32 RGB they take 3 GiB, and a file that asks for more is wrong or
+hostile."""
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
-"""Focal lengths in pixels: outside, the field of view is 180 or 0 degrees to float32 renderers."""
+"""Least and greatest focal length in pixels; beyond them a float32 renderer has a field of view of 180 or 0
+degrees."""
 MAX_NAME = 1024
 
 

@@ -25,16 +25,18 @@ if TYPE_CHECKING:
     from msb.scenes.colmap_models import Lens, Shot
 
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
-"""In the order in which they are preferred; that of the 3DGS family."""
+"""The forms of a model in the order of preference, which is that of the 3DGS family."""
 
 MAX_CAMERAS = 1 << 20
-"""A camera takes about 0.5 kB and 60 microseconds, where its record in a hostile file takes 73 bytes."""
+"""Most cameras of a model. A camera takes about 0.5 kB and 60 microseconds; its record in a hostile file
+takes only 73 bytes."""
 MIN_QUATERNION = 1e-9
-"""COLMAP writes unit quaternions; one so short has lost its direction."""
+"""The least length of a quaternion. COLMAP writes unit quaternions; a shorter one than this has lost its
+direction."""
 
 
 def find_model(folder: Path) -> Path | None:
-    """Return where in a scene's folder the COLMAP model is: itself, sparse/0 or sparse; None if nowhere."""
+    """Return the folder of the COLMAP model of a scene: itself, sparse/0 or sparse; None without a model."""
     names = [f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS]
     for place in (folder, folder / "sparse" / "0", folder / "sparse"):
         if any(is_file(place / name) for name in names):
@@ -93,7 +95,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
     Returns
     -------
     xyz : (N, 3) float64
-        In the world, in the file's order.
+        The points in the world, in the file's order.
     rgb : (N, 3) uint8
         Colours as photographed.
 

@@ -16,7 +16,7 @@ from msb.scenes.checks import check_focal, check_principal, check_size
 class Model(NamedTuple):
     """A camera model.
 
-    `fisheye` marks projections that are none of a pinhole camera even where all distortion is zero.
+    `fisheye` marks projections that are not those of a pinhole camera even if all distortion is zero.
     """
 
     number: int
@@ -26,7 +26,7 @@ class Model(NamedTuple):
 
     @property
     def parameters(self) -> int:
-        """How many numbers a camera of this model has."""
+        """The number of parameters that a camera of this model has."""
         return self.focals + 2 + self.distortions
 
 
@@ -72,9 +72,9 @@ class Lens:
     model : str
         One of `MODELS`.
     width, height : int
-        Pixels, as recorded: not yet checked.
+        The recorded size in pixels, not yet checked.
     parameters : tuple of float
-        As many as the model has, not yet checked.
+        The model's parameters, not yet checked.
     pointer : str
         Where in the file.
     """
@@ -119,9 +119,9 @@ class Shot:
     number : int
         The image's id.
     quaternion : tuple of float
-        World to camera: w, x, y, z.
+        The rotation from world to camera: w, x, y, z.
     translation : tuple of float
-        World to camera.
+        The translation from world to camera.
     lens : int
         The id of its camera.
     name : bytes

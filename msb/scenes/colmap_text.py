@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from msb.scenes.source import Source
 
 MAX_LINE = 1 << 24
-"""An image of 100,000 2D points has a line of about 5 MB."""
+"""Most bytes of a line. An image of 100,000 2D points has a line of about 5 MB."""
 _BLOCK = 1 << 20
-"""Text split into lines at a time."""
+"""Number of bytes of text that are split into lines at a time."""
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
 _POINTS_AT_A_TIME = 1 << 14
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
@@ -154,11 +154,11 @@ class _Line:
         return bool(text) and not text.startswith(b"#")
 
     def words(self, most: int) -> list[bytes]:
-        """Return the words; of what follows `most` words all is one."""
+        """Return the words of the line; all text after the first `most` words is one more word."""
         return self.text.split(None, most)
 
     def word_count(self) -> int:
-        """Return the number of words, without making any: lines of 2D points are long."""
+        """Return the number of words without making a list of them, because lines of 2D points are long."""
         dark = np.frombuffer(self.text, dtype=np.uint8) > ord(" ")
         return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
 

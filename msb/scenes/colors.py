@@ -10,21 +10,21 @@ import numpy as np
 from msb.errors import UsageError, shorten
 
 Color = tuple[float, float, float]
-"""Red, green and blue, in the colour space of what they lie behind."""
+"""Red, green and blue, in the colour space of the picture that the colour lies behind."""
 WHITE: Color = (1.0, 1.0, 1.0)
 BLACK: Color = (0.0, 0.0, 0.0)
 NAMED = {"black": BLACK, "white": WHITE}
 
 
 def parse_color(text: str, official: object = None) -> Color | None:
-    """Return the colour that `text` names, None if it names none.
+    """Return the colour that `text` names, or None if it names no colour.
 
     Parameters
     ----------
     text : str
         black, white, #rrggbb, or r,g,b in 0..1; or "official".
     official : object
-        What "official" stands for, as text again; None where nobody knows.
+        The text that "official" stands for; None if it is unknown.
     """
     word = text.strip().lower()
     if word == "official":
@@ -40,14 +40,14 @@ def parse_color(text: str, official: object = None) -> Color | None:
 
 
 def check_background(background: object, official: object = None) -> Color:
-    """Return what a renderer was given as background, if it is one.
+    """Return the background that a renderer was given, after checking it.
 
     Parameters
     ----------
     background : (3,) array_like of float, or str
-        Numbers that are finite in float32, or a colour's name as of `parse_color`.
+        Numbers that are finite in float32, or a text that `parse_color` takes.
     official : object
-        As of `parse_color`.
+        The same as for `parse_color`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the header of a PNG or JPEG image says, its size above all; no pixel is decoded."""
+"""Read the header of a PNG or JPEG image, its size above all, without decoding a pixel."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ if TYPE_CHECKING:
     import os
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
-"""Of photographs, lower case."""
+"""Suffixes of photographs, in lower case."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """JPEG markers SOF0..SOF15 without DHT, JPG and DAC, which share their range."""
 _END_OF_HEADERS = {0xD9, 0xDA}
 _MAX_SEGMENTS = 4096
-"""Of at most 64 KiB each; metadata, colour profiles and depth maps take some hundreds."""
+"""Most segments of a JPEG. Each has at most 64 KiB; metadata, colour profiles and depth maps take some
+hundreds."""
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
@@ -50,7 +51,7 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
 
 
 def has_alpha(path: str | os.PathLike[str]) -> bool:
-    """Return whether an image is a PNG with an alpha channel; a colour named as transparent is none.
+    """Return whether an image is a PNG with an alpha channel; a colour marked as transparent does not count.
 
     Raises
     ------

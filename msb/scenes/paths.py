@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 MAX_FRAMES = 1 << 20
-"""Ten hours at 29 frames a second; more is a slip of the keyboard."""
+"""Most frames of a path: ten hours at 29 frames a second. A larger number is a typing error."""
 
 
 def turntable(
@@ -44,16 +44,16 @@ def turntable(
     Parameters
     ----------
     center : (3,) array_like
-        What is looked at, in the world.
+        The point in the world that the cameras look at.
     radius : float
         Distance of each camera from `center`.
     up : (3,) array_like
         The axis of the turntable, up in the image.
     count : int
-        Cameras, at equal angles, counter-clockwise seen from above. The first stands where the
-        world's axis that is most across `up` points (x, if there is a choice).
+        Number of cameras, at equal angles, counter-clockwise seen from above. The first one stands in the
+        direction of the world's axis that is most across `up` (x, if there is a choice).
     width, height : int
-        Pixels.
+        Size of the images in pixels.
     fov_y : float
         Full vertical angle in radians.
     elevation : float
@@ -95,12 +95,13 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
     Parameters
     ----------
     cameras : sequence of Camera
-        At least two. All frames have the size of the first.
+        At least two cameras. All frames have the size of the first one.
     count : int
-        Frames. Every pair of neighbours takes the same time, whatever its distance; an open flight begins at
-        the first camera and ends at the last.
+        Number of frames. Every pair of neighbouring cameras takes the same time, whatever its distance; an
+        open flight begins at the first camera and ends at the last.
     closed : bool
-        Fly on from the last camera to the first; the frame after the last would be the first again.
+        Whether the flight goes on from the last camera to the first; the frame after the last one would then
+        be the first frame.
 
     Returns
     -------

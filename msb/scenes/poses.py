@@ -1,6 +1,6 @@
 """Poses: rigid 4 x 4 matrices between the world and a camera, and the rotations in them.
 
-Column vectors, x_camera = W x_world. Camera axes are OpenCV's: x right, y down, z forward.
+Matrices are for column vectors, x_camera = W x_world. Camera axes are OpenCV's: x right, y down, z forward.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MAX_ROTATION_ERROR = 1e-4
 """Largest entry of R R^T - I: float32 poses that were inverted a few times stay well below it."""
 
 MAX_COORDINATE = 1e18
-"""Squares of larger distances do not fit float32, in which images are rendered."""
+"""Largest coordinate; squares of larger distances do not fit float32, in which images are rendered."""
 
 _OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 _OPENGL_AXES.setflags(write=False)
@@ -32,7 +32,7 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     ----------
     matrix : (4, 4) array_like
     what : str
-        What the matrix is called in messages.
+        The name of the matrix in messages.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""From a path to cameras: what is there decides which reader is asked."""
+"""From a path to cameras: the files that are there decide which reader is asked."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     Parameters
     ----------
     path : str or Path
-        A JSON file, told by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
-        cameras.json (3DGS family) or views.json. Or a folder, in this order: with a COLMAP model (in itself,
-        in `sparse/0` or in `sparse`; .bin before .txt), with transforms_train.json and transforms_test.json
-        (both are read, training first), transforms.json, cameras.json or views.json.
+        A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
+        cameras.json (3DGS family) or views.json. Or a folder, in which the first of these is read: a COLMAP
+        model (in the folder itself, in `sparse/0` or in `sparse`; .bin before .txt), transforms_train.json
+        and transforms_test.json (both are read, training first), transforms.json, cameras.json or views.json.
 
     Returns
     -------
     cameras : list of Camera
-        In the file's order, at least one, names unique. Intrinsics are as recorded, principal point
-        included; `Camera.centered` gives the camera the 3DGS family renders. `split` is set only where the
-        source says it; for others see `split_every_8th`.
+        At least one camera, in the file's order, with unique names. Intrinsics are as recorded, principal
+        point included; `Camera.centered` gives the camera that the 3DGS family renders. `split` is set only
+        if the source says it; for other sources see `split_every_8th`.
 
     Raises
     ------

@@ -42,7 +42,8 @@ def check_set(cameras: Sequence[Camera], source: Source) -> None:
 def stem(camera: Camera) -> str:
     """Return the name without folders, up to its first dot: `image_name` of the 3DGS family.
 
-    "a/img.b.png" gives "img", so stems may repeat; only names identify a camera. "" if it has none.
+    "a/img.b.png" gives "img", so stems may repeat; only names identify a camera. A camera without a name
+    gives "".
     """
     return (camera.name or "").rsplit("/", 1)[-1].split(".", 1)[0]
 
@@ -50,7 +51,8 @@ def stem(camera: Camera) -> str:
 def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
     """Return the cameras in the order in which the 3DGS family numbers them.
 
-    By `stem` and code point ("DSC_10" before "DSC_2", upper case first); equal stems keep their order.
+    They are sorted by `stem` and code point ("DSC_10" before "DSC_2", upper case first); equal stems keep
+    their order.
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
     """

@@ -24,7 +24,7 @@ class Source:
     path : Path
         The file, as it was given.
     data : bytes or mmap
-        Its content; a mapping costs no memory until it is read.
+        The content of the file; a mapping costs no memory until it is read.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class Source:
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
         """Add this file, `pointer` and `what` is read there to an error that names no file yet.
 
-        That is what `Camera` and its checks raise: they know values, not where those come from.
+        `Camera` and its checks raise such errors, because they know values but not their source.
         """
         try:
             yield

@@ -1,4 +1,4 @@
-"""views.json: our own file of cameras. It holds exactly what a `Camera` holds but paths; docs/cameras.md."""
+"""Read and write views.json, our own file of cameras, which holds all of a `Camera` but paths."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OPTIONAL = ("name", "source_size", "split")
 
 
 class Views(NamedTuple):
-    """What a views.json holds.
+    """The content of a views.json.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def read_views(path: str | os.PathLike[str]) -> Views:
 
 
 def read(root: Node) -> Views:
-    """Return what the document holds; an unknown key is an error, so that no misspelt one is ignored."""
+    """Return the document's content; an unknown key is an error, so that no misspelt key is ignored."""
     schema = root["schema"]
     if schema.value != SCHEMA:
         raise schema.error("CAMERA_FIELD_VALUE", f'it is {schema.shown()}; it must be "{SCHEMA}"')
@@ -103,9 +103,9 @@ def write_cameras(
     Parameters
     ----------
     cameras : iterable of Camera
-        At least one; names, where there are any, must differ.
+        At least one camera. Names, where there are any, must differ.
     path : str or Path
-        Overwritten as a whole or left as it was.
+        The file, which is overwritten as a whole or left as it was.
     background : (float, float, float), optional
         Red, green and blue in [0, 1].
 

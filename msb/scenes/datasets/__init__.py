@@ -1,7 +1,7 @@
 """Datasets: scenes in their official layouts, split, sized and composited by one set of rules.
 
-Needs NumPy and the standard library only; photographs are not decoded (`msb.bench.ground_truth` does that).
-docs/datasets.md describes layouts and rules.
+This package needs NumPy and the standard library only. It decodes no photograph; `msb.bench.ground_truth`
+does. docs/datasets.md describes layouts and rules.
 """
 
 from __future__ import annotations

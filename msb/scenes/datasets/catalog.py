@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from msb.scenes.colors import Color
 
 CUSTOM = "custom"
-"""What a capture is called that belongs to none of `DATASETS` and was given no name."""
+"""The name of a capture that belongs to none of `DATASETS` and was given no name."""
 
 Layout = Literal["colmap", "blender", "transforms", "neus"]
-"""colmap: sparse/. blender: transforms_train.json and transforms_test.json. transforms: transforms.json, with
-no split. neus: cameras.npz."""
+"""The layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
+transforms_test.json, "transforms" has transforms.json without a split, "neus" has cameras.npz."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Dataset:
     scenes : mapping of str to str
         Scene -> its group; a dataset without groups has one, "".
     masked : bool
-        Only the object counts: photographs bring a mask and are laid over `background`.
+        Whether only the object counts: photographs then bring a mask and are laid over `background`.
     background : Color, optional
-        Of photographs and renderings; None where that is the method's own (`Rules.backgrounds`).
+        The background of photographs and renderings; None if each method has its own (`Rules.backgrounds`).
     folders : tuple of str
-        What the folder above the scenes is called in packages, lower case.
+        Names that the folder above the scenes has in published packages, in lower case.
     views : (int, int), optional
-        Training and test views a scene has, where that is the same for all.
+        The numbers of training and test views of a scene, if they are the same for all scenes.
     """
 
     title: str
@@ -85,7 +85,7 @@ DATASETS: dict[str, Dataset] = {
 
 
 def guess_dataset(layout: Layout, name: str, above: str) -> str:
-    """Return the dataset of a scene called `name` in a folder called `above`, `CUSTOM` if it is none.
+    """Return the dataset of a scene called `name` in a folder called `above`, or `CUSTOM`.
 
     The folder above decides, then the scene's name together with its layout.
     """

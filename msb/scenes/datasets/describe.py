@@ -1,4 +1,4 @@
-"""What is in a scene's folder, what of it is used, and what each method's official code does otherwise."""
+"""Describe a scene's folder: its content, what of it is used, and what official code does otherwise."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder with photographs: how many, and the size of the first; `used` photographs are of the scene."""
+    """A folder with photographs: their number, the size of the first, and how many the scene has `used`."""
 
     name: str
     count: int
@@ -47,17 +47,17 @@ class SceneReport:
     dataset, name : str
     layout : Layout
     scene : Scene, optional
-        None where it cannot be read as asked; `error` then says why.
+        The scene; None if it cannot be read with the given options, and `error` then says why.
     error : MsbError, optional
     image_folders : tuple of ImageFolder
     points : int, optional
-        SfM points; None where there are none to be read.
+        The number of SfM points; None if there are none to be read.
     findings : tuple of Finding
-        Warnings of the scene, and about files that are missing.
+        Warnings of the scene, and warnings about missing files.
     unused : tuple of str
-        Files and folders that play no part, each with a word why.
+        Files and folders that are not used, each with the reason.
     deviations : mapping of str to tuple of str
-        Method -> what its official code does otherwise; empty where nothing.
+        Method -> what its official code does otherwise; empty if there is no difference.
     """
 
     path: Path
@@ -74,7 +74,7 @@ class SceneReport:
 
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
-    """Return what is found in the scene at `path`.
+    """Return the report on the scene at `path`.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
 
     Notes
     -----
-    Nothing is raised about the scene's content: what is wrong stands in `error`.
+    No error about the scene's content is raised; the report holds it in `error`.
     """
     place, layout = path.absolute(), find_layout(path)
     if layout is None:

@@ -25,7 +25,7 @@ TRAIN, TEST, SINGLE = "transforms_train.json", "transforms_test.json", "transfor
 
 
 def find_layout(folder: Path) -> Layout | None:
-    """Return how `folder` is laid out, None if it is no scene.
+    """Return the layout of `folder`, or None if it is no scene.
 
     A folder `sparse` decides before transforms_train.json, as in the 3DGS family (scene/__init__.py);
     cameras.npz counts where neither is there.
@@ -42,7 +42,7 @@ def find_layout(folder: Path) -> Layout | None:
 
 
 def find_scenes(path: Path) -> list[Path]:
-    """Return the scenes at `path`: itself, or those in the folders below it, at most two levels down.
+    """Return the scenes at `path`: the folder itself, or the scenes at most two levels below it.
 
     Raises
     ------

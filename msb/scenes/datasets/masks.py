@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from msb.scenes.datasets.scene import MaskSource
 
 MASKS = "mask"
-"""Of DTU as 2DGS and NeuS package it: one image a photograph, paired by position in the sorted folder."""
+"""The mask folder of DTU in the packages of 2DGS and NeuS: one image per photograph, paired by their sorted
+order."""
 
 
 def find_masks(
@@ -25,7 +26,8 @@ def find_masks(
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
     """Return where the masks of test photographs are, and the files of a mask folder by camera name.
 
-    An alpha channel goes before a folder. A capture that is not one of the masked datasets may have neither.
+    An alpha channel is taken before a folder. A capture that is not one of the masked datasets may have
+    neither.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""cameras.npz: projections of the views of a DTU scan, as IDR and NeuS package them.
+"""Read cameras.npz, the projections of the views of a DTU scan as IDR and NeuS package them.
 
 Source: `lioryariv/idr`: code/utils/rend_util.py (`load_K_Rt_from_P`), as used by `Totoro97/NeuS` and 2DGS.
 """
@@ -26,9 +26,10 @@ if TYPE_CHECKING:
 
 MATRICES = "cameras.npz"
 _MAX_MEMBER = 4096
-"""Bytes of a 4 x 4 matrix with its header: a few hundred. Checked before anything is decompressed."""
+"""Most bytes of a 4 x 4 matrix with its header, which has a few hundred; checked before anything is
+decompressed."""
 _MAX_VIEWS = 4096
-"""More are not looked for; DTU has 49 or 64."""
+"""Most views that are looked for; DTU has 49 or 64."""
 
 
 def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
@@ -96,7 +97,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     path : Path
         cameras.npz.
     images : sequence of Path
-        Sorted by name: image i belongs to the matrices i.
+        Image files sorted by name; image i belongs to the matrices i.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     Raises
     ------
     SceneError
-        SCENE_MATRICES: it is singular.
+        SCENE_MATRICES: the projection is singular.
     """
     left, last = projection[:3, :3], projection[:3, 3]
     # RQ by QR, J being the exchange matrix: (J M)^T = Q R gives M = (J R^T J)(J Q^T).

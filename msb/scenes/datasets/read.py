@@ -52,25 +52,26 @@ def read_scene(
         An id of `DATASETS`, or any other name for a capture of one's own, which has the rules of "custom".
         Default: told by the names of the folder and the one above it.
     image_folder : str, optional
-        Below the scene, instead of the one the rules take.
+        The folder below the scene that is taken instead of the one that the rules name.
     resolution : int, optional
-        As ``-r`` of the 3DGS family, instead of the rules' own: 1, 2, 4 or 8 divide, -1 leaves photographs
-        up to 1600 pixels wide alone, another number is a width.
+        The resolution, with the meaning of ``-r`` in the 3DGS family, instead of the rules' own: 1, 2, 4 or 8
+        divide the size, -1 leaves photographs up to 1600 pixels wide alone, any other number is a width in
+        pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
-        "gs_fov": angles of view as recorded, the principal point in the middle; "full_K": the recorded
-        principal point. It must be what the checkpoint was trained with (`RULES[method].convention`).
-        Default: that of the rules, which is "gs_fov" for ours.
+        "gs_fov" takes the recorded angles of view and puts the principal point into the middle; "full_K"
+        takes the recorded principal point. It must be what the checkpoint was trained with
+        (`RULES[method].convention`). Default: that of the rules, which is "gs_fov" for ours.
     background : (float, float, float), optional
-        In [0, 1]. Default: white for the masked datasets, else that of the rules, black for ours.
-        `evaluation_background` gives what the benchmark takes for a method.
+        The background colour in [0, 1]. Default: white for the masked datasets, else that of the rules, black
+        for ours. `evaluation_background` gives what the benchmark takes for a method.
     rules : str
         A key of `RULES`: "ours", or a method, to read the scene as its official code does.
 
     Returns
     -------
     Scene
-        Photographs are not decoded; their headers are read. Training photographs that are missing are warned
-        about, test photographs must be there.
+        The scene. Of photographs only the headers are read. A missing training photograph gives a warning;
+        test photographs must be there.
 
     Raises
     ------

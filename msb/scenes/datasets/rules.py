@@ -24,18 +24,19 @@ Compositing = Literal["before_resize", "after_resize", "none"]
 
 @dataclass(frozen=True)
 class Photographs:
-    """Which files, and what is done to them.
+    """The photographs of a dataset: which files are taken, and what is done to them.
 
     Attributes
     ----------
     folder : str
-        Below the scene; "." where names already lead to the files (NeRF-Synthetic).
+        The folder below the scene; "." if the names already lead to the files (NeRF-Synthetic).
     resolution : int
-        As ``-r`` of the 3DGS family (`msb.scenes.datasets.sizes`).
+        The resolution, with the meaning of ``-r`` in the 3DGS family (`msb.scenes.datasets.sizes`).
     compositing : Compositing
         When a masked photograph is laid over the background; "none" drops the mask.
     instead : (str, int), optional
-        Folder and divisor where `folder` does not exist; the size is then that of the shipped folder.
+        The folder and divisor to take if `folder` does not exist; the size is then that of the shipped
+        folder.
     """
 
     folder: str = "images"
@@ -51,7 +52,7 @@ class Rules:
     Attributes
     ----------
     title, source : str
-        Whose they are, and where they come from (owner/repo: path).
+        The name of the rules' owner, and their source (owner/repo: path).
     convention : Convention
         The camera the method is trained with. "gs_fov": angles of view as recorded, the principal point in
         the middle. "full_K": the recorded principal point.
@@ -59,15 +60,15 @@ class Rules:
     resampling : {"bicubic", "bilinear"}
         Pillow's filters, both antialiased.
     first_lens : bool
-        The intrinsics of the first image of the file are used for all.
+        Whether the intrinsics of the file's first image are used for all images.
     order : {"stem", "name"}
-        What the views are sorted by before every eighth is taken for testing.
+        The key by which views are sorted before every eighth is taken for testing.
     quantized : bool
-        The ground truth is rounded to 8 bits before it is compared.
+        Whether the ground truth is rounded to 8 bits before it is compared.
     photographs : mapping
-        Dataset, or dataset/group -> `Photographs`. Where a dataset is absent the code has no rule for it.
+        Dataset, or dataset/group -> `Photographs`. If a dataset is absent, the code has no rule for it.
     backgrounds : mapping
-        Dataset -> colour behind the model in the method's own evaluation; "" is all others.
+        Dataset -> colour behind the model in the method's own evaluation; "" stands for all other datasets.
     """
 
     title: str
@@ -99,4 +100,4 @@ FAMILY: Mapping[str, Photographs] = {
     "dtu": Photographs(resolution=2),
     CUSTOM: Photographs(),
 }
-"""What the code that comes from 3DGS takes."""
+"""The photographs that all code derived from 3DGS takes."""

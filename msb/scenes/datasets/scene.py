@@ -1,4 +1,4 @@
-"""What a scene of a dataset is, once read: cameras at the size evaluated, and what their photographs are."""
+"""A scene of a dataset, once read: cameras at the size evaluated, and facts about their photographs."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ class Scene:
     Attributes
     ----------
     dataset, name : str
-        As in result records: "mipnerf360", "garden".
+        Names as in result records, such as "mipnerf360" and "garden".
     root : Path
         The scene's folder.
     layout : Layout
     rules : str
-        Whose rules it was read by; a key of `RULES`.
+        The rules by which it was read; a key of `RULES`.
     image_folder : str
-        Below `root`; "." where the names of the cameras already lead to the files.
+        The folder below `root`; "." if the names of the cameras already lead to the files.
     resolution : int
-        As ``-r`` of the 3DGS family.
+        The resolution, with the meaning of ``-r`` in the 3DGS family.
     train, test : tuple of Camera
-        At the size evaluated, with `name` (unique within the scene), `image_path`, `split`, and
-        `source_size` where the intrinsics were recorded for another size. Sorted as the rules say.
+        The cameras at the size evaluated, sorted as the rules say. They have `name` (unique within the
+        scene), `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
     background : (float, float, float)
-        Behind the model, and behind a masked photograph.
+        The colour behind the model, and behind a masked photograph.
     camera_convention : {"gs_fov", "full_K"}
     compositing : {"before_resize", "after_resize", "none"}
     mask_source : {"png_alpha", "mask_folder"}, optional
-        Where the masks of the photographs are; None: there are none, or they do not count.
+        Where the masks of the photographs are; None if there are none, or they are not used.
     masks : mapping of str to Path
-        Name of a camera -> its file, for "mask_folder".
+        Name of a camera -> the file of its mask, for "mask_folder".
     resampling : {"bicubic", "bilinear"}
-        Of photographs that are resized.
+        The filter with which photographs are resized.
     quantized : bool
-        The ground truth is rounded to 8 bits before it is compared.
+        Whether the ground truth is rounded to 8 bits before it is compared.
     gt_resized : bool
-        A photograph is stored in another size than it is evaluated in.
+        Whether a photograph is stored in another size than the one evaluated.
     warnings : tuple of Finding
     """
 

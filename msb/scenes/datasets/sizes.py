@@ -1,7 +1,7 @@
 """The size at which each loader evaluates a photograph of a given size.
 
-A `resolution` is what the 3DGS family takes as ``-r``: 1, 2, 4 or 8 divide, -1 leaves all but very large
-photographs alone, any other number is a width in pixels.
+A `resolution` is what the 3DGS family takes as ``-r``: 1, 2, 4 or 8 divide the size, -1 leaves all but very
+large photographs alone, any other number is a width in pixels.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Rounding = Literal["half_even", "floor", "half_up"]
 
 AS_IS = -1
 LARGEST = 1600
-"""Pixels; what is larger is made this large where no resolution is asked for."""
+"""Size in pixels to which larger photographs are reduced if no resolution is asked for."""
 _DIVISORS = (1, 2, 4, 8)
 
 
 def check_resolution(resolution: int) -> int:
-    """Return `resolution` if it is one.
+    """Return `resolution` if it is a valid one.
 
     Raises
     ------
