@@ -1,4 +1,4 @@
-"""Foreign mesh formats <-> arrays, read exactly as stored. A format is one module and one line in `files`.
+"""Read and write mesh files exactly as stored. Each format is one module and one line in `files`.
 
 docs/meshes.md says what each reader keeps, what each writer writes, and which libraries were tried.
 """

@@ -67,9 +67,9 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
-    Its look is that of `msb.asset.look`, but that no colours are written where it brings none. The colour of
-    a soup's face goes to its three vertices. Colours of corners become colours of vertices, which needs
-    unshared vertices: the mesh is then a soup. Faces the STE threshold it was exported with hides are left
+    Its look is that of `msb.asset.look`, except that no colours are written if the asset brings none. The
+    colour of a soup's face goes to its three vertices. Colours of corners become colours of vertices, which
+    needs unshared vertices, so the mesh is then a soup. Faces that the asset's STE threshold hides are left
     out.
 
     Raises

@@ -1,4 +1,4 @@
-"""The formats by suffix, and the way from a path to arrays and back."""
+"""The mesh formats by suffix, and the functions that read and write a mesh file."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     mesh : Mesh
         What to write. Every vertex row and face is kept, in order, as far as the format has them.
     target : str, Path or binary file
-        Where to write. A path is overwritten; whoever wants no half-written file gives a temporary name.
+        Where to write. A path is overwritten; give a temporary name if a half-written file would be harmful.
     suffix : str
         One of `MESH_SUFFIXES`, in any case: the format. Some may be only read.
 
@@ -92,9 +92,9 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     InputError
         FILE_NOT_RECOGNISED: no such format, or one that is only read.
     OutputError
-        OUTPUT_COORDINATES: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT:
-        the format cannot hold this mesh. OUTPUT_UNWRITABLE: the path cannot be written; what a file
-        given raises is not translated.
+        OUTPUT_COORDINATES: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT: the
+        format cannot hold this mesh. OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open file
+        are not translated.
     MeshError
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """

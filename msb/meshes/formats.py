@@ -1,4 +1,4 @@
-"""What a mesh format is, and the table of all of them."""
+"""The description of a mesh format, and the table of all formats."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Format:
-    """One format; its module declares it, a line of `msb.meshes.files` registers it.
+    """One mesh format. Its module declares it, and a line of `msb.meshes.files` registers it.
 
     Attributes
     ----------
     title : str
-        As messages print it: "PLY".
+        The name that messages print, such as "PLY".
     suffixes : tuple of str
-        In lower case, the usual one first: (".ply",).
+        The suffixes in lower case, the usual one first, such as (".ply",).
     read : callable
-        From `Source` to `Mesh`; whatever the bytes are, it returns or raises `MeshFileError`.
+        A function from `Source` to `Mesh`; whatever the bytes are, it returns or raises `MeshFileError`.
     write : callable, optional
-        Writes a mesh, whose coordinates and indices are checked, to a binary file; None for a format that is
-        only read.
+        A function that writes a mesh, whose coordinates and indices are checked, to a binary file; None for a
+        format that is only read.
     begins : compiled pattern of bytes, optional
-        How every file of the format begins, if no file of another does: then a file of another suffix is
-        known by it.
+        How every file of the format begins, if no file of another format begins so. A file with a wrong
+        suffix is then recognised by it.
     keeps : tuple of {"vertex_colors", "face_colors"}
-        Which colours it writes.
+        The colours that the format can hold.
     """
 
     title: str

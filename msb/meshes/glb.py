@@ -34,12 +34,12 @@ _HARMLESS = (
     "EXT_texture_",
     "MSFT_texture_",
 )
-"""How extensions begin that a file may require of us: they change no geometry, or we read what they add."""
+"""Prefixes of extensions that a file may require: they change no geometry, or we read what they add."""
 
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 _PRIMITIVE_BYTES = 1 << 10
-"""What a file may grow to: 64 bytes of arrays per byte of file, and 256 MiB.
+"""The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
 
 One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit.
 Each primitive counts a KiB beside its arrays, so that the limit bounds the number of steps too."""
@@ -62,7 +62,7 @@ class _Primitive:
 
     @property
     def bytes(self) -> int:
-        """At most how many bytes the arrays of this part take in a `Mesh`."""
+        """The most bytes that the arrays of this part can take in a `Mesh`."""
         triangles = self.corners // 3 if self.mode == _TRIANGLES else self.corners
         colors = 0 if self.colors is None else self.colors.width * 4
         return self.positions.count * (24 + colors) + triangles * 24 + _PRIMITIVE_BYTES

@@ -26,10 +26,11 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 """Accessor types -> components an element; matrices hold no geometry."""
 
 MAX_JSON_BYTES = 1 << 24
-"""16 MiB, a scene of some 100,000 nodes; parsed it takes at most some 400 MB."""
+"""Most bytes of the JSON: 16 MiB, which hold a scene of some 100,000 nodes and take at most some 400 MB when
+parsed."""
 
 MAX_JSON_DEPTH = 64
-"""glTF itself nests about ten deep; extras may add some."""
+"""Deepest nesting of the JSON. glTF itself nests about ten deep; extras may add some levels."""
 
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
@@ -71,7 +72,7 @@ class Document:
     def numbers(
         self, owner: dict[str, Any], key: str, pointer: str, default: tuple[float, ...]
     ) -> NDArray[np.float64]:
-        """Return `owner[key]`, as many finite numbers as `default` has, (N,)."""
+        """Return `owner[key]`, an array (N,) of as many finite numbers as `default` has."""
         value = owner.get(key, default)
         ok = isinstance(value, list | tuple) and len(value) == len(default)
         if not ok or not all(type(each) in (int, float) and _is_finite(each) for each in value):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 IDENTITY = np.eye(4)
 
 MAX_NODES = 1 << 20
-"""Real scenes have some thousand nodes; a million take a few seconds."""
+"""Most nodes of a scene. Real scenes have some thousand; a million take a few seconds."""
 
 
 def placed_meshes(document: Document) -> Iterator[tuple[int, NDArray[np.float64]]]:

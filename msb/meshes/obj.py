@@ -19,15 +19,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _COLOR_WIDTHS = {6: 3, 7: 4}
-"""Numbers on a `v` line -> how many of them, the last ones, are a colour."""
+"""Number of values on a `v` line -> how many of the last ones are a colour."""
 
 _UNSUPPORTED = (b"surf", b"call", b"csh")
-"""Free-form surfaces, which are no polygons; other files and shell commands, which we never open or run."""
+"""Words of lines that are refused: free-form surfaces, which are no polygons; other files and shell commands,
+which we never open or run."""
 
 
 @dataclass
 class _Parts:
-    """What the blocks of a file gave so far."""
+    """The parts that were read from the blocks of a file so far."""
 
     vertex_count: int = 0
     vertices: list[NDArray[np.float64]] = field(default_factory=list)

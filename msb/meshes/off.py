@@ -32,7 +32,7 @@ _LINE = re.compile(rb"[^\n]*\n?")
 
 @dataclass(frozen=True)
 class _Header:
-    """What the first lines say; `body` is the byte after them."""
+    """The content of the first lines; `body` is the byte after them."""
 
     prefixes: frozenset[str]
     vertices: int

@@ -34,7 +34,7 @@ class Rows:
 
 
 class Body(Protocol):
-    """What both kinds of body offer."""
+    """The interface of both kinds of body."""
 
     def next_rows(self, element: Element) -> Rows:
         """Return the rows of the element that comes next."""

@@ -36,7 +36,8 @@ FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 """Format names -> NumPy byte order; text has none."""
 
 MAX_HEADER_BYTES = 1 << 20
-"""Real headers have some thousand bytes; the limit bounds the work on one that never ends."""
+"""Most bytes of a header. Real headers have some thousand; the limit bounds the work on one that never
+ends."""
 
 _COUNT = re.compile(r"\d{1,18}")
 
@@ -72,7 +73,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """What the header says; `body` is the byte after it and `order` a value of `FORMATS`."""
+    """The content of the header; `body` is the byte after it and `order` a value of `FORMATS`."""
 
     order: str
     elements: list[Element]

@@ -25,7 +25,7 @@ class Source:
     data : bytes
         The file's content.
     lines : bytes, optional
-        What to count line ends in, where that is not `data`; of the same length.
+        The text in which line ends are counted, if that is not `data`; it has the same length.
     """
 
     path: str
@@ -53,7 +53,7 @@ class Source:
         return next((each for each in formats if each.begins and each.begins.match(self.data)), None)
 
     def not_a(self, name: str, why: str) -> MeshFileError:
-        """Return the error that the file is not of format `name`: it begins like another, or `why`."""
+        """Return the error that the file is not of format `name`: it begins like another format, or `why`."""
         other = self.looks_like()
         if other is not None and other.title != name:
             why = f"the content begins like {other.title}; rename the file to {other.suffixes[0]}"

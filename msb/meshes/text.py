@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from msb.meshes.source import Source
 
 BLOCK_BYTES = 1 << 22
-"""Text split into words at a time. The word tables take up to 30 times this, about 130 MB."""
+"""Bytes of text split into words at a time. The word tables take up to 30 times as much, about 130 MB."""
 
 EXACT_INTEGER = 2**53
 """Numbers are parsed as float64, which holds every integer up to this one exactly."""

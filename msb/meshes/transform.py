@@ -1,4 +1,4 @@
-"""What `msb convert` can do to a mesh on the way: turn it upright, make its colours linear."""
+"""Changes that `msb convert` can make to a mesh: turn it upright, make its colours linear."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {
 def turned_upright(mesh: Mesh, up: str) -> Mesh:
     """Return `mesh` rotated by quarter turns so that its axis `up` becomes +y.
 
-    Exact: coordinates are swapped and negated, never multiplied. Winding is kept.
+    This is exact: coordinates are swapped and negated, never multiplied. Winding is kept.
 
     Parameters
     ----------

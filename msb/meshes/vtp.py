@@ -1,7 +1,7 @@
 """Write VTK XML PolyData (.vtp): points, and cells of one, two and three points with data on them.
 
 Layout: "VTK XML file formats" of the VTK documentation; all arrays raw in one appended block, each behind its
-64-bit byte count. VTK itself is an extra (`view`), and too large a thing to need for writing one file.
+64-bit byte count. VTK itself is not used because it is an extra (`view`), and too large for writing one file.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def write_vtp(
     cell_data : mapping of str to (n_verts + n_lines + n_polys,) uint8 or int64
         In VTK's cell order: verts, lines, polys.
     names : (str, sequence of str)
-        A field array of ASCII texts: what it is called, and the texts.
+        The name and the values of a field array of ASCII texts.
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
 
 ROWS_AT_A_TIME = 1 << 16
-"""Rows formatted and written at a time, so that a writer needs little memory beside the mesh."""
+"""Number of rows formatted and written at a time, so that a writer needs little memory beside the mesh."""
 
 
 def check_writable(mesh: Mesh) -> None:
-    """Check what no format can carry to another program.
+    """Refuse values that no format can carry to another program.
 
     Parameters
     ----------

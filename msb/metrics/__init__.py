@@ -1,4 +1,4 @@
-"""PSNR, SSIM and LPIPS of images, and the Chamfer distance of DTU: each in one fixed, named definition.
+"""PSNR, SSIM and LPIPS of images, and the Chamfer distance of DTU, each in one fixed and named definition.
 
 docs/metrics.md gives the definitions and how other programs differ. `identity` returns what must be stored
 beside every number.

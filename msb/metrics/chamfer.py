@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from msb.metrics.dtu_data import DtuScan
 
 DENSITY = 0.2
-"""Spacing of the samples and radius of the thinning, in mm."""
+"""The spacing of the samples and the radius of the thinning, in mm."""
 PATCH = 60.0
-"""How far below the box points still count, in mm; above it is twice as far, upstream's asymmetry."""
+"""The distance in mm below the box at which points still count; above the box it is twice as far, as in
+upstream."""
 MAX_DISTANCE = 20.0
-"""Longer distances are dropped from the means, not clipped, in mm."""
+"""The distance in mm from which distances are dropped from the means, not clipped."""
 _QUERIES = 1 << 20
-"""Points looked up at a time."""
+"""Number of points looked up at a time."""
 
 
 def chamfer_dtu(
@@ -42,16 +43,16 @@ def chamfer_dtu(
     Parameters
     ----------
     mesh_path : path-like
-        A mesh file, read as stored by `msb.meshes.read_mesh`, as every command does; already culled and in
-        DTU's millimetres (`cull_dtu`).
+        A mesh file, which is read as stored by `msb.meshes.read_mesh`. The mesh must be culled and in DTU's
+        millimetres (`cull_dtu`).
     dataset_dir : path-like
-        Holds Points/stl and ObsMask; see `read_dtu_scan`.
+        The folder that holds Points/stl and ObsMask; see `read_dtu_scan`.
     scan : int
         The number in the file names.
     seed : int
-        Of the shuffle before thinning: `numpy.random.default_rng(seed).shuffle(points, axis=0)`.
+        The seed of the shuffle before thinning: `numpy.random.default_rng(seed).shuffle(points, axis=0)`.
     max_distance : float
-        In mm; 20 in the benchmark.
+        The distance in mm from which distances are dropped; 20 in the benchmark.
 
     Returns
     -------
@@ -71,7 +72,8 @@ def chamfer_dtu(
 
     Notes
     -----
-    `jzhangbs/DTUeval-python`: eval.py, as `hbb1/2d-gaussian-splatting` uses it: scripts/eval_dtu/eval.py.
+    Source: `jzhangbs/DTUeval-python`: eval.py, as `hbb1/2d-gaussian-splatting` uses it:
+    scripts/eval_dtu/eval.py.
     """
     data = read_dtu_scan(dataset_dir, scan)
     mesh = read_mesh(mesh_path)
@@ -92,13 +94,11 @@ def chamfer_surface(
     Parameters
     ----------
     vertices : (V, 3) array_like
-        In mm. Each is a sample, whether a face uses it or not.
+        Vertices in mm. Each is a sample, whether a face uses it or not.
     faces : (F, 3) array_like of int
         Faces without area give no samples.
     data : DtuScan
-        What to compare with.
-    seed, max_distance
-        As for `chamfer_dtu`.
+        The scan to compare with.  seed, max_distance As for `chamfer_dtu`.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
     Returns
     -------
     dict
-        As of `chamfer_dtu`; without what only a mesh has.
+        The result of `chamfer_dtu`, without the entries that only a mesh has.
 
     Raises
     ------

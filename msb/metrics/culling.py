@@ -1,4 +1,4 @@
-"""Step 0 of the DTU evaluation: drop what no mask supports, and scale to the world of the laser scans."""
+"""Step 0 of the DTU evaluation: drop parts outside the masks, and scale to the world of the laser scans."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ DILATION = 24
 
 @dataclass(frozen=True, eq=False)
 class CulledMesh:
-    """What is left of a mesh.
+    """The part of a mesh that culling leaves.
 
     Attributes
     ----------
     vertices : (V', 3) float64
-        In DTU's millimetres. Kept vertices that no face uses stay: they are samples.
+        Vertices in DTU's millimetres. Kept vertices that no face uses stay, because they are samples.
     faces : (F', 3) int64
         Faces whose three vertices were kept, in the old order.
     kept : (V,) bool
-        Which of the old vertices were kept.
+        Whether each of the old vertices was kept.
     """
 
     vertices: NDArray[np.float64]
@@ -51,21 +51,22 @@ def cull_dtu(
     """Return the part of a mesh that lies in the widened masks of all views, in DTU's world.
 
     A vertex is kept by a view if the view's mask, widened by `dilation` pixels, holds the nearest pixel, or
-    if it projects outside the image; it stays if all views keep it. There is no test of depth: what lies
-    behind a camera is judged by its mirrored projection, as upstream does.
+    if it projects outside the image; it stays if all views keep it. There is no test of depth: a vertex
+    behind a camera is judged by its mirrored projection, as in upstream.
 
     Parameters
     ----------
     vertices : (V, 3) array_like
-        In the normalised frame of cameras.npz, in which COLMAP's model and the trained asset are.
+        Vertices in the normalised frame of cameras.npz, which is that of COLMAP's model and of the trained
+        asset.
     faces : (F, 3) array_like of int
     world_mats, scale_mats : iterables of (4, 4) array_like
         world_mat_i and scale_mat_i of cameras.npz, one of each per view; world @ scale projects to pixels.
     masks : iterable of (H, W) or (H, W, C) array_like
-        At full size, 1600 x 1200; of several channels the first counts, and any value above 0 is object. A
-        generator that reads one file at a time keeps the memory small.
+        Masks at full size, 1600 x 1200. Of several channels the first counts, and any value above 0 is
+        object. A generator that reads one file at a time keeps the memory small.
     dilation : float
-        In pixels.
+        The number of pixels by which masks are widened.
 
     Returns
     -------

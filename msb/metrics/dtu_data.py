@@ -21,24 +21,24 @@ if TYPE_CHECKING:
 
 MAX_SCAN = 999
 _MAX_VOXELS = 1 << 29
-"""More than any scan has. Compressed zeros take a thousandth of what they stand for."""
+"""Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for."""
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 
 @dataclass(frozen=True, eq=False)
 class DtuScan:
-    """What one scan is evaluated against; lengths are millimetres.
+    """The data that one scan is evaluated against; lengths are in millimetres.
 
     Attributes
     ----------
     points : (N, 3) float64
-        The laser scan.
+        The points of the laser scan.
     observed : (X, Y, Z) bool
         Voxels in which a surface could be seen.
     box : (2, 3) float32
-        Corners of the grid: voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
+        Two opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
     resolution : float
-        Side of a voxel.
+        The side of a voxel.
     plane : (4,) float64
         Points with plane . (x, y, z, 1) > 0 are above the table.
     """
@@ -56,18 +56,18 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     Parameters
     ----------
     dataset_dir : path-like
-        Holds Points/stl/stl{scan:03}_total.ply, ObsMask/ObsMask{scan}_10.mat and ObsMask/Plane{scan}.mat, as
-        in SampleSet.zip and Points.zip of the DTU MVS data set (Aanaes et al., Large-Scale Data for
-        Multiple-View Stereopsis, 2016).
+        The folder that holds Points/stl/stl{scan:03}_total.ply, ObsMask/ObsMask{scan}_10.mat and
+        ObsMask/Plane{scan}.mat, as in SampleSet.zip and Points.zip of the DTU MVS data set (Aanaes et al.,
+        Large-Scale Data for Multiple-View Stereopsis, 2016).
     scan : int
-        1 to 999.
+        The number of the scan, 1 to 999.
 
     Raises
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_ARGUMENT: no such number. METRIC_DTU_FILE: a file is not what it must be.
+        METRIC_ARGUMENT: there is no scan of this number. METRIC_DTU_FILE: a file is not what it must be.
     MeshFileError
         The points are not a valid PLY file.
     """

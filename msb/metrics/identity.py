@@ -1,4 +1,4 @@
-"""What a metric declares of itself, and what its number is: name, version, libraries, parameters, weights."""
+"""The definition of a metric, and the identity of its numbers: version, libraries, parameters, weights."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     """(H, W, 3), in [0, 1]."""
 
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
-"""What is done to both images before any image metric; bytes are taken as they are."""
+"""The steps that prepare both images for any image metric; bytes are taken as they are."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What has to be stored beside a number so that it can be compared with another.
+    """The facts that must be stored beside a number so that it can be compared with another.
 
     Attributes
     ----------
     name : str
         A key of `METRICS`.
     version : int
-        Of the definition here. It is raised when the same input would give another number.
+        The version of our definition. It is raised when the same input would give another number.
     better : {"higher", "lower"}
         Which way is better.
     unit : str
@@ -39,9 +39,9 @@ class Identity:
     parameters : mapping
         Everything the definition leaves open.
     libraries : mapping
-        Package -> version, of those whose arithmetic is in the number.
+        Package -> version, for the packages whose arithmetic decides the number.
     weights : mapping, optional
-        Hashes of the network's files.
+        The hashes of the network's files.
     """
 
     name: str
@@ -66,21 +66,21 @@ class Identity:
 
 @dataclass(frozen=True)
 class Definition:
-    """What a metric is, whatever it is computed from.
+    """The definition of a metric, whatever it is computed from.
 
     Attributes
     ----------
     name : str
-        In identities.
+        The name in identities.
     better : {"higher", "lower"}
     unit : str
         "dB", "mm" or "1".
     parameters : mapping
         Everything the definition leaves open.
     libraries : tuple of str
-        Packages whose arithmetic is in the number.
+        The packages whose arithmetic decides the number.
     version : int
-        Raised when the same input would give another number.
+        The version of the definition, which is raised when the same input would give another number.
     """
 
     name: str
@@ -103,7 +103,7 @@ class Network(Protocol):
     """A metric with its weights loaded."""
 
     weights: dict[str, Any]
-    """For the identity."""
+    """The record of the weights for the identity."""
     warnings: tuple[Finding, ...]
 
     def __call__(self, pred: Pixels, gt: Pixels, /) -> float: ...
@@ -116,20 +116,21 @@ class ImageMetric(Definition):
     Attributes
     ----------
     key : str
-        In records, tables and JSON: "psnr".
+        The key in records, tables and JSON, such as "psnr".
     title : str
         The heading of its column, without unit: "PSNR".
     decimals : int
-        With which it is printed.
+        The number of decimals with which the value is printed.
     equal : float
-        Its value for equal images. All values are finite, but PSNR's of equal images.
+        The value for equal images. All values are finite except the PSNR of equal images.
     measure : callable, optional
-        From rendering and ground truth, (H, W, 3) float64 in [0, 1], of one size and rounded as `INPUT_RULE`
-        says, to the value.
+        A function from rendering and ground truth to the value. Both are (H, W, 3) float64 in [0, 1], of one
+        size and rounded as `INPUT_RULE` says.
     load : callable, optional
-        In its place, of a metric that needs them: from the file of VGG weights to what is called so.
+        The function in place of `measure` for a metric that needs VGG weights: it takes their file and
+        returns the network, which is then called as `measure` would be.
     modules : tuple of str
-        What it imports of the extra `bench`.
+        The modules of the extra `bench` that it imports.
     """
 
     key: str
@@ -147,7 +148,7 @@ class ImageMetric(Definition):
         quantize: bool | str | float | None = True,
         **chosen: str | float | bool | None,
     ) -> Identity:
-        """Return the identity as of `Definition`; `quantize` says whether floats are rounded to 8 bits."""
+        """Return the identity as `Definition` does; `quantize` says whether floats are rounded to 8 bits."""
         found = super().identity(weights=weights, **chosen)
         rule = INPUT_RULE if quantize else "clamp to [0, 1]"
         return replace(found, parameters={"input": rule, **found.parameters})

@@ -1,4 +1,4 @@
-"""Images to be evaluated, read from files nobody vouches for: PNG, JPEG, NumPy and OpenEXR."""
+"""Read images to be evaluated from untrusted files: PNG, JPEG, NumPy and OpenEXR."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".npy", ".exr")
 MAX_SIDE = 65_535
 MAX_PIXELS = 1 << 26
-"""More than any benchmark has (67 million); checked before a pixel is decoded."""
+"""Most pixels of an image: 67 million, more than any benchmark has. Checked before a pixel is decoded."""
 _NPY = b"\x93NUMPY"
 _PNG_HEAD = 26
-"""Signature, length and type of IHDR, width, height, bit depth, colour type."""
+"""The head of a PNG: signature, length and type of IHDR, width, height, bit depth, colour type."""
 
 
 def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:
@@ -36,11 +36,12 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
     Parameters
     ----------
     path : path-like
-        The suffix says what it is. PNG and JPEG: 8 bits, RGB, or PNG with alpha. NPY: (H, W, 3), uint8 or
-        float. EXR: channels R, G, B. An orientation, gamma or colour profile in the metadata is not applied.
+        The file; its suffix says the format. A PNG or JPEG has 8-bit RGB, a PNG also with alpha. NPY holds
+        (H, W, 3) uint8 or float. EXR has the channels R, G, B. An orientation, gamma or colour profile in the
+        metadata is not applied.
     background : (float, float, float), optional
-        In [0, 1]. What partly transparent pixels are laid over, in float64 and without rounding:
-        rgb a + background (1 - a). An alpha that is 255 everywhere needs none.
+        The colour in [0, 1] over which partly transparent pixels are laid, in float64 and without rounding:
+        rgb a + background (1 - a). An image whose alpha is 255 everywhere needs none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""PSNR and SSIM of two images, and what all image metrics demand of their inputs."""
+"""PSNR and SSIM of two images, and the checks of the inputs of all image metrics."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 PSNR_CAP = 100.0
-"""What an infinite PSNR counts in a mean, in dB; the number of such images is reported beside it."""
+"""The value in dB for which an infinite PSNR counts in a mean; the number of such images is reported beside
+it."""
 _WINDOW_RADIUS = 5
-"""Of the 11 x 11 window."""
+"""The radius of the 11 x 11 window in pixels."""
 
 
 def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
@@ -31,13 +32,14 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     pred, gt : (H, W, 3) uint8 or float
         RGB of one size; floats are in [0, 1] and clamped to it, bytes are divided by 255.
     quantize : bool
-        Round floats to 8 bits first, floor(255 x + 0.5), as the files were on which published numbers were
-        taken. The benchmark's numbers are with it.
+        Whether floats are first rounded to 8 bits by floor(255 x + 0.5), like the files behind published
+        numbers. The benchmark's numbers are taken with it.
 
     Returns
     -------
     float
-        The mean is over all pixels and channels, in float64; equal images give inf.
+        The PSNR in dB. The mean squared error is over all pixels and channels, in float64; equal images give
+        inf.
 
     Raises
     ------
@@ -82,20 +84,21 @@ def mean_psnr(values: Iterable[float]) -> tuple[float, int]:
 def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     """Return the structural similarity as the 3DGS family evaluates it, in float64.
 
-    An 11 x 11 Gaussian window of sigma 1.5; zeros outside the image, so every pixel counts; population
-    variances; C1 = 0.01^2, C2 = 0.03^2; the mean over all pixels and channels.
+    The window is an 11 x 11 Gaussian of sigma 1.5 pixels. Outside of the image are zeros, so every pixel
+    counts. Variances are those of the population, C1 = 0.01^2, C2 = 0.03^2, and the result is the mean over
+    all pixels and channels.
 
     Parameters
     ----------
     pred, gt : (H, W, 3) uint8 or float
-        As for `psnr`; any size from one pixel on.
+        Images as for `psnr`, of any size from one pixel on.
     quantize : bool
         As for `psnr`.
 
     Returns
     -------
     float
-        In [-1, 1]; 1 for equal images.
+        The SSIM in [-1, 1]; 1 for equal images.
 
     Raises
     ------

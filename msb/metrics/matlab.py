@@ -1,4 +1,4 @@
-"""Arrays of numbers in MATLAB 5 files nobody vouches for.
+"""Read arrays of numbers from untrusted MATLAB 5 files.
 
 `scipy.io.loadmat` is not used: a type number that does not exist kills the process with a segmentation fault,
 and for a length that a few bytes declare it takes gigabytes.
@@ -23,10 +23,10 @@ _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _NUMERIC = range(6, 16)
-"""Classes of arrays: double, single and the integers; below are cells, structures, text and sparse ones."""
+"""Numbers of the classes of numeric arrays; lower numbers are cells, structures, text and sparse arrays."""
 _COMPLEX = 0x0800
 _HEAD = 1024
-"""Bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters."""
+"""Most bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters."""
 _ENDS = "it ends within a variable"
 
 
@@ -38,7 +38,7 @@ class Variable:
     ----------
     name : str
     shape : tuple of int
-        As stored: nothing has been checked.
+        The stored shape, which has not been checked.
     """
 
     name: str
@@ -50,12 +50,12 @@ class Variable:
     _start: int
 
     def read(self) -> NDArray[Any]:
-        """Return the numbers, read-only, in the type they are stored in: MATLAB packs whole ones smaller.
+        """Return the numbers, read-only, in their stored type; MATLAB stores whole numbers smaller.
 
         Raises
         ------
         ValueError
-            They are no real numbers, not as many as `shape` says, or damaged.
+            The data are no real numbers, not as many as `shape` says, or damaged.
         """
         if not self._numeric or min(self.shape) < 0:
             raise ValueError(f"{self.name} holds no real numbers")
@@ -79,7 +79,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
     Raises
     ------
     ValueError
-        It is none, or is damaged.
+        The file is no MATLAB 5 file, or is damaged.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
     if order is None:

@@ -1,4 +1,4 @@
-"""Which image is compared with which: by full relative name, never by its place in a list."""
+"""Pair the images that are compared, by full relative name and never by their place in a list."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _NAMED = 5
-"""Names an error lists before it only counts."""
+"""Number of names that an error lists; it only counts the others."""
 _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
 
 
@@ -24,7 +24,7 @@ class ImagePair(NamedTuple):
     Attributes
     ----------
     name : str
-        Path below the folder, with forward slashes and without suffix, in Unicode's composed form.
+        The path below the folder, with forward slashes and without suffix, in Unicode's composed form.
     pred, gt : Path
     """
 
@@ -46,7 +46,7 @@ def pair_images(
         (NFC); hidden files do not count, nor do the depths and face ids that `msb render` writes beside an
         image.
     subset : bool
-        Allow `gt` to hold more, say the training views.
+        Whether `gt` may hold more images, such as the training views.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _is_folder(path: Path) -> bool:
 
 
 def images_below(folder: Path) -> dict[str, Path]:
-    """Return name -> file of the images in `folder` and below; names and errors as of `pair_images`."""
+    """Return name -> file of the images in `folder` and below; names and errors as for `pair_images`."""
 
     def refuse(error: OSError) -> None:
         text = f"it cannot be read: {error.strerror}"

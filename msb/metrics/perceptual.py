@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 MIN_SIDE = 16
-"""Four times halved, this leaves a pixel."""
+"""Least side of an image in pixels; halved four times it leaves one pixel."""
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
 _POOLED = {5, 10, 17, 24}
@@ -34,7 +34,7 @@ _POOLED = {5, 10, 17, 24}
 
 
 class MetricWarning(UserWarning):
-    """A number is right but compares with nothing published."""
+    """A warning that a number is right but cannot be compared with published numbers."""
 
 
 def lpips_vgg(
@@ -47,7 +47,7 @@ def lpips_vgg(
     Parameters
     ----------
     pred, gt : (H, W, 3) uint8 or float
-        As for `psnr`; each side at least 16 pixels.
+        Images as for `psnr`, with sides of at least 16 pixels.
     vgg_weights : path-like
         torchvision's vgg16-397923af.pth; see `read_vgg` for other forms.
     quantize : bool
@@ -56,7 +56,7 @@ def lpips_vgg(
     Returns
     -------
     float
-        Not negative, in float32 precision.
+        LPIPS, which is not negative, in float32 precision.
 
     Warns
     -----

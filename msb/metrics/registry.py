@@ -1,4 +1,4 @@
-"""The image metrics: a line each. Records, commands, gaps and tables read them here."""
+"""The image metrics, one line each. Records, commands, gaps and tables read them here."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ IMAGE_METRICS: Mapping[str, ImageMetric] = MappingProxyType(
 """Key in records, tables and JSON -> metric."""
 _BY_NAME: dict[str, Definition] = {each.name: each for each in (*IMAGE_METRICS.values(), CHAMFER)}
 METRICS: Mapping[str, str] = MappingProxyType({name: each.better for name, each in _BY_NAME.items()})
-"""Name of every metric there is, and whether "higher" or "lower" is better."""
+"""Name of every metric -> whether "higher" or "lower" is better."""
 
 
 def identity(
@@ -53,9 +53,9 @@ def identity(
     name : str
         A key of `METRICS`.
     weights : mapping, optional
-        For LPIPS: `LpipsVgg.weights`, whose own `identity` fills it in.
+        The record `LpipsVgg.weights`, for LPIPS only; the method `LpipsVgg.identity` fills it in.
     **parameters
-        What this computation chose: ``quantize=False``, ``seed=3``.
+        Parameters that this computation chose, such as ``quantize=False`` or ``seed=3``.
 
     Raises
     ------
@@ -73,14 +73,14 @@ class Measures:
     Parameters
     ----------
     vgg_weights : Path, optional
-        As for `lpips_vgg`; without it metrics that need weights are None.
+        The file of weights, as for `lpips_vgg`; without it metrics that need weights are None.
 
     Attributes
     ----------
     identities : tuple of Identity
-        Of the metrics that are computed.
+        The identities of the metrics that are computed.
     warnings : tuple of Finding
-        About the weights.
+        Warnings about the weights.
 
     Raises
     ------
@@ -120,12 +120,12 @@ class Measures:
 
 
 def modules_needed() -> tuple[str, ...]:
-    """Return what the image metrics import of the extra `bench`."""
+    """Return the modules of the extra `bench` that the image metrics import."""
     return tuple(dict.fromkeys(name for metric in IMAGE_METRICS.values() for name in metric.modules))
 
 
 def mean_of(values: Iterable[float | None]) -> float | None:
-    """Return the mean of what images have; None where one has nothing. Infinite ones count `PSNR_CAP`."""
+    """Return the mean of the images' values; None if one has no value. Infinite values count `PSNR_CAP`."""
     found = list(values)
     known = [PSNR_CAP if value == math.inf else value for value in found if value is not None]
     return math.fsum(known) / len(known) if known and len(known) == len(found) else None

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 MAX_SAMPLES = 1 << 28
-"""Points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""
+"""Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""
 _CANDIDATES = 1 << 20
-"""Tried at a time."""
+"""Number of candidates tried at a time."""
 _FIRST_WINDOW = 64
 _WINDOW = 1 << 16
-"""Points whose neighbours are looked up at a time, and at most `_NEIGHBORS` of these unless one has more."""
+"""Most points, and most neighbours (unless one point has more), that are looked up at a time."""
 _NEIGHBORS = 1 << 22
 
 
@@ -76,7 +76,7 @@ def sample_surface(
     vertices : (V, 3) float64
     faces : (F, 3) int64
     spacing : float
-        In the units of the vertices.
+        The distance between samples, in the units of the vertices.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     Parameters
     ----------
     points : (N, 3) float64
-        The order decides: shuffle first.
+        The points. Their order decides which remain, so shuffle them first.
     spacing : float
         A point at exactly this distance is removed too.
 

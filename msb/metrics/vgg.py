@@ -36,24 +36,24 @@ LAYERS = (
     (26, 512, 512),
     (28, 512, 512),
 )
-"""(N, in, out) of the 3 x 3 convolutions features.N of torchvision's VGG16."""
+"""(N, in, out): the number and the channels of each 3 x 3 convolution features.N of torchvision's VGG16."""
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
-"""Convolutions whose rectified output is compared, and its channels: relu1_2, 2_2, 3_3, 4_3, 5_3."""
+"""Convolution whose rectified output is compared -> its channels: relu1_2, 2_2, 3_3, 4_3, 5_3."""
 KNOWN = {
     "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0": "torchvision vgg16-397923af.pth",
 }
-"""SHA-256 of a whole file -> what it is."""
+"""SHA-256 of a whole file -> the name of its weights."""
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
-"""Of weights/v0.1/vgg.pth in lpips 0.1.4."""
+"""The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4."""
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
-"""Of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
+"""The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
 _MAX_JSON = 1 << 20
 _MAX_DEPTH = 16
 _MAX_HEAD = 1 << 10
-"""Bytes before the numbers of a .npy."""
+"""Most bytes before the numbers of a .npy."""
 
 Weights = dict[str, Any]
-"""features.N.weight and .bias -> float32 array."""
+"""Key (features.N.weight or .bias) -> float32 array."""
 
 
 def check_extra() -> None:
