@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 VIEWS = 16
 POINTS = 400
-"""Of a scene's SfM model."""
+"""Number of points in a scene's SfM model."""
 SCAN_POINTS = 3000
 DISTANCE = 4.0
 FOV_Y = 0.7
 
 MILLIMETRES = 12.0
-"""Of DTU's world per unit of the normalised frame."""
+"""Millimetres of DTU's world per unit of the normalised frame."""
 OFFSET = np.array([5.0, -3.0, 600.0])
 VOXEL = 2.0
 
@@ -58,7 +58,7 @@ def front_cameras(
 
 
 def write_mipnerf360(folder: Path) -> None:
-    """Mip-NeRF 360: sparse/0, JPEG photographs, and the same reduced in images_2 and images_4."""
+    """Write Mip-NeRF 360: sparse/0, JPEG photographs, and the same reduced in images_2 and images_4."""
     surface = walled().turned(Y_DOWN)
     cameras = mipnerf360_cameras()
     for camera in cameras:
@@ -74,7 +74,7 @@ def mipnerf360_cameras() -> list[Camera]:
 
 
 def write_tanksandtemples(folder: Path) -> None:
-    """Tanks and Temples as 3DGS packages it: photographs half as large as the cameras recorded."""
+    """Write Tanks and Temples as 3DGS packages it: photographs half as large as the recorded cameras."""
     surface = walled().turned(Y_DOWN)
     cameras = tanksandtemples_cameras()
     for camera in cameras:
@@ -89,7 +89,7 @@ def tanksandtemples_cameras() -> list[Camera]:
 
 
 def write_nerf_synthetic(folder: Path) -> None:
-    """NeRF-Synthetic: RGBA PNG, two JSON files, and the depths and normals that lie among the test images."""
+    """Write NeRF-Synthetic: RGBA PNG, two JSON files, and depths and normals among the test images."""
     surface = pebble()
     for split, cameras in nerf_synthetic_cameras().items():
         frames = []
@@ -124,7 +124,7 @@ def nerf_synthetic_cameras() -> dict[str, list[Camera]]:
 
 
 def write_dtu(folder: Path) -> None:
-    """DTU as 2DGS packages it: RGBA, masks, cameras.npz, a COLMAP model, and the laser scan."""
+    """Write DTU as 2DGS packages it: RGBA, masks, cameras.npz, a COLMAP model, and the laser scan."""
     surface, cameras = pebble(), dtu_cameras()
     scan = folder / "scan1"
     scale = np.diag([MILLIMETRES, MILLIMETRES, MILLIMETRES, 1.0])
@@ -211,4 +211,4 @@ WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "nerf_synthetic": ("nerf_synthetic/pebble", write_nerf_synthetic),
     "dtu": ("dtu", write_dtu),
 }
-"""Dataset -> its folder below data_stubs/scenes, and what writes it."""
+"""Dataset -> its folder below data_stubs/scenes, and the function that writes it."""

@@ -44,7 +44,7 @@ def write_colmap(
     folder : Path
         The scene's sparse/0.
     cameras : sequence of Camera
-        With names and equal intrinsics.
+        Cameras with names and equal intrinsics.
     xyz, rgb : (N, 3) float64 and uint8
     """
     folder.mkdir(parents=True, exist_ok=True)

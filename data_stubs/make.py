@@ -24,10 +24,10 @@ from msb.scenes import Camera, turntable, write_cameras
 
 HERE = Path(__file__).parent
 SIZE = 36
-"""Lattice of the demo mesh: about 35 thousand faces, a hundredth of a real export."""
+"""Side of the demo mesh's lattice, which gives about 35 thousand faces, a hundredth of a real export."""
 
 CHECKPOINT_SIZE = 14
-"""Lattice of the demo checkpoint."""
+"""Side of the demo checkpoint's lattice."""
 
 
 def splat_like_asset(n: int = SIZE) -> Asset:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 SAMPLES = 4
-"""Along each side of a pixel."""
+"""Number of samples along each side of a pixel."""
 
 
 def photograph(surface: Surface, camera: Camera) -> NDArray[np.float64]:

@@ -3,8 +3,8 @@
 MeshSplatting keeps faces of a 3D Delaunay tetrahedralisation near a surface. The model here replaces it by
 the integer lattice cut into Kuhn tetrahedra (each cube into six along its main diagonal), labels each one
 inside or outside of a sphere with noise, keeps most faces between different labels and some stray faces
-close to it. Labels and decisions come from a hash of the element, so nothing is stored and any size is
-made in one pass over the cubes near the surface. About 26.6 n^2 faces for n^3 cubes.
+close to it. Labels and decisions come from a hash of the element, so nothing is stored and any size is made
+in one pass over the cubes near the surface. n^3 cubes give about 26.6 n^2 faces.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 RADIUS = 0.36
-"""Of the sphere, in units of the cube's side."""
+"""The radius of the sphere, in units of the cube's side."""
 JITTER = 0.1
-"""Greatest displacement of a lattice point, in lattice steps."""
+"""The greatest displacement of a lattice point, in lattice steps."""
 
 ORDERINGS = list(permutations(range(3)))
 """The six tetrahedra of a cube: b, then one step along each axis in this order."""
@@ -40,7 +40,7 @@ class Shape:
     stray : float
         Probability that any other face near the surface is kept.
     reach : float
-        How near, in lattice steps.
+        How near to the surface stray faces lie, in lattice steps.
     """
 
     noise: float = 0.8
@@ -57,12 +57,12 @@ def splat_like(
     Parameters
     ----------
     n : int
-        36 gives about 35 thousand faces, 194 one million, 388 four million.
+        Number of cubes along each side: 36 gives about 35 thousand faces, 194 one million, 388 four million.
     seed : int
-        Of the shuffle and the hash.
+        The seed of the shuffle and the hash.
     shape : Shape, optional
     shuffle : bool
-        Permute vertices and faces and rotate rows at random, as training leaves them.
+        Whether vertices and faces are permuted and rows rotated at random, as training leaves them.
 
     Returns
     -------

@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FREQUENCY = 5
-"""Parts of an icosahedron's edge: 20 n^2 faces."""
+"""Number n of parts of an icosahedron's edge, which give 20 n^2 faces."""
 WALL_FREQUENCY = 4
 WALL_RADIUS = 9.0
 WALL_REACH = 0.2
 """Cosine of the angle from its middle to which the wall goes: past what any camera sees, and no farther,
 since Triangle-Splatting mirrors what is behind a camera into the image."""
 FRONT = np.array([0.0, -0.92, 0.39])
-"""From the pebble to the middle of the cameras that see it before the wall; z up."""
+"""The direction from the pebble to the middle of the cameras that see it before the wall; z is up."""
 LIGHT = np.array([0.6, -0.5, 0.62])
 """Direction of the sheen, a unit vector but for rounding: colours grow by `gloss` along it."""
 GLOSS = 0.16
 
 Y_DOWN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""From z up, as in NeRF-Synthetic, to y down, as in most COLMAP models."""
+"""The rotation from z up, as in NeRF-Synthetic, to y down, as in most COLMAP models."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Surface:
     vertices : (V, 3) float64
     faces : (F, 3) int64
     color : (V, 3) float64
-        In [0.15, 0.85].
+        Colours in [0.15, 0.85].
     gloss : (V,) float64
-        What is added to every channel per unit of d . light, d pointing from the camera to the vertex.
+        The number added to every channel per unit of d . light, where d points from the camera to the vertex.
     light : (3,) float64
     """
 

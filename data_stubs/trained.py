@@ -1,8 +1,8 @@
 """Models of a known surface as a training of each method would leave them, in the official file layouts.
 
-They are made, not trained: appearance is computed from the surface's, coverage and noise are put on as the
-methods have them. Soups overlap and differ in colour from triangle to triangle, which blending averages and
-a z-buffer does not.
+These models are made, not trained: their appearance is computed from that of the surface, and coverage and
+noise are added as the methods have them. Soups overlap and differ in colour from triangle to triangle, which
+blending averages and a z-buffer does not.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float32]
 
 TRAINED = tuple(name for name in BUILT_IN if METHODS[name].native is not None)
-"""Methods with a representation of their own, of which models are made here."""
+"""Methods with a representation of their own; this module makes a model of each."""
 SH_C1 = 0.4886025119029199
 NOISE = 0.06
 """Standard deviation of a triangle's colour; blending averages over about a dozen."""
@@ -41,12 +41,12 @@ def write_models(folder: Path, surface: Surface, *, white: bool, layout: str) ->
     Parameters
     ----------
     folder : Path
-        Gets a folder for each method, called as in `msb.methods`.
+        The folder that receives a folder for each method, with its name in `msb.methods`.
     surface : Surface
     white : bool
-        The background of the training.
+        Whether the background of the training is white.
     layout : {"colmap", "synthetic"}
-        Of DiffSoup.
+        The layout of DiffSoup's model.
     """
     for method in TRAINED:
         (folder / method).mkdir(parents=True, exist_ok=True)

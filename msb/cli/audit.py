@@ -76,7 +76,7 @@ def audit(
     ] = None,
     fail_fast: FailFast = False,
     view: Annotated[
-        bool, typer.Option("--view", help="Then look at it in a window, as msb view does; one mesh.")
+        bool, typer.Option("--view", help="Then show the mesh in a window, as msb view does; one mesh only.")
     ] = False,
     paper: Annotated[bool, typer.Option("--paper", help="Show the paper's mean row beside ours.")] = False,
     explain: Annotated[

@@ -56,7 +56,9 @@ def bench(
     seconds: Annotated[float, typer.Option(min=0, metavar="S", help="... and at least S seconds.")] = 3.0,
     warm_up: Annotated[
         int | None,
-        typer.Option("--warmup", min=0, metavar="N", help="Draw N frames before; 10 or a second's worth."),
+        typer.Option(
+            "--warmup", min=0, metavar="N", help="Draw N frames first; default: 10, or for a second."
+        ),
     ] = None,
     budget: Annotated[
         float | None,
@@ -67,7 +69,9 @@ def bench(
     ] = None,
     fail_slower: Annotated[
         str | None,
-        typer.Option(metavar="PERCENT", help="Fail if the device's P50 is so much above OLD.json's: 10%."),
+        typer.Option(
+            metavar="PERCENT", help="Fail if P50 is more than this above that of OLD.json, e.g. 10%."
+        ),
     ] = None,
     assignments: Assignments = None,
     order: Ordering = None,

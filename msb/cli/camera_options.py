@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 Tier = Literal["reference", "dedicated", "standard"]
-TierName = Annotated[Tier, typer.Option("--tier", help="How to draw: msb methods says what each keeps.")]
+TierName = Annotated[Tier, typer.Option("--tier", help="How to draw; msb methods says what each tier keeps.")]
 Cameras = Annotated[
     str | None,
     typer.Option(
@@ -26,7 +26,9 @@ Cameras = Annotated[
 ]
 Chosen = Annotated[
     list[str] | None,
-    typer.Option("--camera", metavar="NAME|INDEX|all", help="Which of them; again for more. Default: all."),
+    typer.Option(
+        "--camera", metavar="NAME|INDEX|all", help="Cameras to draw. May be given again. Default: all."
+    ),
 ]
 Size = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images in pixels.")]
 Scale = Annotated[float | None, typer.Option(metavar="FACTOR", help="Size relative to the cameras' own.")]
@@ -41,15 +43,15 @@ Supersample = Annotated[
     int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
 ]
 RendererName = Annotated[
-    str | None, typer.Option("--renderer", metavar="NAME", help="Another renderer than ours, by its name.")
+    str | None, typer.Option("--renderer", metavar="NAME", help="Name of a renderer to use instead of ours.")
 ]
 Ordering = Annotated[
     Literal["tile", "global", "none"] | None,
-    typer.Option("--order", help="Of blending: official tiles, by depth without them, or as stored."),
+    typer.Option("--order", help="Order of blending: official tiles, by depth alone, or as stored."),
 ]
 SamplingName = Annotated[
     Literal["official", "engine"] | None,
-    typer.Option("--sampling", help="As officially, or as an engine's hardware does."),
+    typer.Option("--sampling", help="Sample as officially, or as an engine's hardware does."),
 ]
 
 _FOV_Y = math.radians(40)

@@ -76,7 +76,7 @@ def compare(
         list[str] | None,
         typer.Option(
             metavar="TIERS",
-            help="Of reference, dedicated, standard, and truth, the photographs. Default: all.",
+            help="Some of reference, dedicated, standard and truth (photographs). Default: all.",
         ),
     ] = None,
     pair: Annotated[

@@ -15,7 +15,7 @@ SCHEMA = "msb.config/1"
 
 def show(
     everything: Annotated[
-        bool, typer.Option("--all", help="Also options that have their default, in every command.")
+        bool, typer.Option("--all", help="Show also options that have their default, in every command.")
     ] = False,
     json_file: JsonFile = None,
     force: Force = False,

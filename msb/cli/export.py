@@ -28,7 +28,7 @@ def export(
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="The .triasset to write."), WRITTEN],
     method: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The method, if it is not to be detected.")
+        str | None, typer.Option(metavar="NAME", help="The method that you expect; detected if not given.")
     ] = None,
     assignments: Annotated[
         list[str] | None,

@@ -52,7 +52,7 @@ def render(
     ] = None,
     tier: Annotated[
         Literal["reference", "dedicated", "standard", "both"],
-        typer.Option(help="How to draw: msb methods says what each keeps; both: dedicated and standard."),
+        typer.Option(help="How to draw; msb methods says what each tier keeps. both: dedicated, standard."),
     ] = "standard",
     cameras: Cameras = None,
     chosen: Chosen = None,
@@ -60,26 +60,32 @@ def render(
         int | None, typer.Option(metavar="N", help="N cameras around the asset instead of --cameras.")
     ] = None,
     up: Annotated[Up | None, typer.Option(help="Axis of the turntable; the asset's, or -y.")] = None,
-    elevation: Annotated[float, typer.Option(metavar="DEGREES", help="Of the turntable's cameras.")] = 20.0,
+    elevation: Annotated[
+        float, typer.Option(metavar="DEGREES", help="Angle of the turntable's cameras above the horizon.")
+    ] = 20.0,
     flight: Annotated[
         int | None, typer.Option(metavar="N", help="N cameras on a smooth path through the chosen ones.")
     ] = None,
     size: Size = None,
     scale: Scale = None,
     background: Background = "black",
-    form: Annotated[Literal["png", "npy", "exr"], typer.Option("--format", help="Of the images.")] = "png",
+    form: Annotated[
+        Literal["png", "npy", "exr"], typer.Option("--format", help="Format of the images.")
+    ] = "png",
     template: Annotated[
         str | None,
         typer.Option(
-            "--name", metavar="TEMPLATE", help="Of the files: {camera}, or {camera}_{tier} for both; {index}."
+            "--name",
+            metavar="TEMPLATE",
+            help="Names of the files: {camera}, or {camera}_{tier} for both; {index}.",
         ),
     ] = None,
     depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,
-    ids: Annotated[bool, typer.Option("--ids", help="Also write face ids; -1 is none.")] = False,
+    ids: Annotated[bool, typer.Option("--ids", help="Also write face ids; -1 means no face.")] = False,
     film: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write a .mp4 or .gif."), WRITTEN
+        Path | None, typer.Option(metavar="FILE", help="Also write a film, .mp4 or .gif."), WRITTEN
     ] = None,
-    fps: Annotated[int, typer.Option(min=1, max=240, help="Frames of the film a second.")] = 24,
+    fps: Annotated[int, typer.Option(min=1, max=240, help="Frames per second of the film.")] = 24,
     assignments: Assignments = None,
     supersample: Supersample = 1,
     order: Ordering = None,

@@ -40,7 +40,7 @@ def report(
         WRITTEN,
     ] = None,
     formats: Annotated[
-        str, typer.Option("--format", metavar="LIST", help="Of md, tex, csv, json, html; all of them.")
+        str, typer.Option("--format", metavar="LIST", help="Some of md, tex, csv, json, html. Default: all.")
     ] = "md,tex,csv,json,html",
     table: Annotated[
         str | None, typer.Option(metavar="LABEL", help="Print one table as Markdown, write nothing.")
@@ -58,10 +58,10 @@ def report(
     ] = None,
     topology: Annotated[
         Literal["auto", "all", "none"],
-        typer.Option(help="Draw meshes' diagnostics: of small ones, all, none (extra: view)."),
+        typer.Option(help="Draw the diagnostics of small meshes, of all or of none (extra: view)."),
     ] = "auto",
     allow_mixed: Annotated[
-        bool, typer.Option("--allow-mixed", help="Take results that must not be compared, and say so.")
+        bool, typer.Option("--allow-mixed", help="Accept results that must not be compared, and say so.")
     ] = False,
     json_file: JsonFile = None,
     force: Force = False,

@@ -56,12 +56,13 @@ def run(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="WORD[/WORD]", help="Only cells whose dataset, scene, method, condition match; again: or."
+            metavar="WORD[/WORD]",
+            help="Only cells whose dataset, scene, method or condition match. May be given again.",
         ),
     ] = None,
-    redo: Annotated[bool, typer.Option("--redo", help="Compute what is done again.")] = False,
+    redo: Annotated[bool, typer.Option("--redo", help="Compute finished cells again.")] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", "-n", help="Only show what is done and what is not.")
+        bool, typer.Option("--dry-run", "-n", help="Only show which cells are done and which are not.")
     ] = False,
     json_file: JsonFile = None,
     quiet: Quiet = False,

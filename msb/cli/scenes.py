@@ -33,14 +33,16 @@ def scenes(
         typer.Option(metavar="NAME", help="mipnerf360, tanksandtemples, nerf_synthetic, dtu, or your own."),
     ] = None,
     image_folder: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Photographs, instead of those of the protocol.")
+        str | None, typer.Option(metavar="NAME", help="Folder of photographs instead of the usual one.")
     ] = None,
     resolution: Annotated[
         int | None,
-        typer.Option("--resolution", "-r", metavar="N", help="1, 2, 4, 8: divisor; -1: as is; else width."),
+        typer.Option(
+            "--resolution", "-r", metavar="N", help="1, 2, 4, 8 divide the size; -1 keeps it; else a width."
+        ),
     ] = None,
     rules: Annotated[
-        str, typer.Option(metavar="NAME", help="ours, or a method: read as its official code does.")
+        str, typer.Option(metavar="NAME", help="ours, or a method, to read as its official code does.")
     ] = "ours",
     json_file: JsonFile = None,
     fail_fast: FailFast = False,

@@ -22,7 +22,9 @@ CONTEXT = {"ignore_unknown_options": True, "allow_interspersed_args": False}
 
 
 def track(
-    command: Annotated[list[str], typer.Argument(metavar="COMMAND...", help="What to run, as it is.")],
+    command: Annotated[
+        list[str], typer.Argument(metavar="COMMAND...", help="The command to run, passed on unchanged.")
+    ],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Where the record goes."), WRITTEN
     ] = Path("track.json"),

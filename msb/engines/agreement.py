@@ -1,4 +1,4 @@
-"""How far two renderers draw the same: the statistics that hold for rasterizers, not a greatest difference.
+"""How far two renderers agree, by statistics that suit rasterizers instead of a greatest difference.
 
 Hardware snaps corners to a grid of 1/256 pixel, some software to 1/16, ray tracers not at all: along edges,
 and where faces cross, pixels may show another face. Inside of faces they may not differ.
@@ -28,13 +28,13 @@ class Agreement:
     ----------
     pixels : int
     within_a_level : float
-        Share of pixels none of whose channels is off by more than a level.
+        Share of pixels of which no channel differs by more than one level.
     psnr : float
-        Decibels, of the images clamped to [0, 1]; infinite if they are equal.
+        The PSNR in decibels of the images clamped to [0, 1]; infinite if they are equal.
     covered_alike : float
-        Share of pixels where both show a face, or neither does.
+        Share of pixels where both images show a face, or neither does.
     interior : int
-        Pixels whose 3 x 3 neighbourhood shows one face in our image.
+        Number of pixels whose 3 x 3 neighbourhood shows one face in our image.
     interior_within_a_level : float
         Share of these within a level; 1 if there are none.
     interior_p999, interior_max : float
@@ -77,7 +77,7 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
 
 
 def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return the pixels (H, W) whose 3 x 3 neighbourhood shows one face; none at the image's border."""
+    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows one face; none at the border has."""
     inner = np.zeros(faces.shape, bool)
     middle = faces[1:-1, 1:-1]
     same = middle >= 0

@@ -35,17 +35,18 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 VARIABLE = "MSB_BLENDER"
-"""Environment variable: the Python of an environment that has bpy, if that is not ours."""
+"""The environment variable with the Python of an environment that has bpy, if that is not ours."""
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-"""What Blender takes: pixels each way, and the ratio of a pixel's sides."""
+"""Limits of Blender: the least and most pixels each way, and the largest ratio of a pixel's sides."""
 _SENSOR = 100.0
-"""Millimetres; only its ratio to the focal length counts, which must not be below 1 mm."""
+"""Width of the sensor in millimetres; only its ratio to the focal length counts, which must be at least 1
+mm."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 """Blender's glTF importer turns y up into z up."""
 _LONGEST_SECONDS = 1800
 _FAR = 1e10
-"""Depths beyond are Blender's "nothing"."""
+"""Depths beyond this number are Blender's "nothing"."""
 
 
 class _Blender(Engine):
@@ -56,9 +57,11 @@ class _Blender(Engine):
     asset, device, settings
         As for `Engine`.
     source : {"ply", "glb"}
-        What Blender imports. Its PLY importer keeps float colours; its glTF importer makes bytes of them.
+        The format that Blender imports. Its PLY importer keeps float colours; its glTF importer makes bytes
+        of them.
     defaults : bool
-        Leave Blender's colour handling as it comes, to see what that does: the PNG it writes, 8 bits.
+        Whether Blender's colour handling stays as it comes, to see its effect; images are then those of the
+        8-bit PNG that Blender writes.
     """
 
     engine: ClassVar[str]
@@ -132,7 +135,7 @@ class _Blender(Engine):
         return done.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return by how much Blender's process has grown since it started: it says nothing finer."""
+        """Return by how many bytes Blender's process has grown since its start; it reports nothing finer."""
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:

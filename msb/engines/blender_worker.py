@@ -1,8 +1,8 @@
-"""What runs inside Blender: imports a mesh file, sets the scene up exactly, renders what it is told.
+"""The program inside Blender: it imports a mesh file, sets the scene up exactly, and renders on request.
 
-A program of its own, not a module of ours: its Python needs bpy and nothing else (`blender.py` starts it).
-It reads a JSON object a line from standard input and answers with one a line; what Blender itself prints goes
-to standard error.
+This is a program of its own, whose Python needs bpy and nothing else (`blender.py` starts it). It reads a
+JSON object per line from standard input and answers each with a line; what Blender itself prints goes to
+standard error.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 VARIABLE = "MSB_BROWSER"
-"""Environment variable: the browser to use."""
+"""The environment variable that names the browser to use."""
 _NAMES = (
     "chromium",
     "chromium-browser",
@@ -83,7 +83,7 @@ def find_browser() -> str | None:
 
 
 def dated(browser: str) -> str:
-    """Return the program's name and when it was made: what an update changes. Asking it would start it."""
+    """Return the program's name and date, which an update changes; asking for its version would start it."""
     path = Path(browser).resolve()
     return f"{path.name} of {time.strftime('%Y-%m-%d %H:%M', time.gmtime(path.stat().st_mtime))}"
 
@@ -92,7 +92,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: that a browser which is ended drops its connections is no news."""
+        """Print nothing, because a browser that is ended always drops its connections."""
 
 
 class Page:
@@ -103,11 +103,11 @@ class Page:
     browser : str
         The program.
     content : mapping of str to bytes
-        What the server has: "page.html", and what that loads.
+        The files of the server: "page.html", and the files it loads.
     query : str
-        What stands behind the question mark of the page's address.
+        The part of the page's address behind the question mark.
     software : bool, optional
-        Draw on the CPU. Otherwise the browser takes a GPU where it finds one.
+        Whether to draw on the CPU. Otherwise the browser takes a GPU if it finds one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the engines have in common: options, supersampling, how a frame is put together, what is missing."""
+"""The common parts of the engines: options, supersampling, how a frame is put together, what is missing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Color = tuple[float, float, float]
 
 NEAR = 0.01
-"""The near plane of the standard tier; there is no far plane."""
+"""The depth of the near plane of the standard tier; there is no far plane."""
 WALL_CLOCK = "draw (wall clock)"
 """The stage of an engine that cannot say how long its device took: how long we waited for it."""
 DRAW = "draw"
@@ -45,8 +45,8 @@ class Engine(ABC):
     ----------
     asset : Asset
     device : {"cpu", "gpu"}, optional
-        Where the engine computes; its own choice if not given. OpenCL devices, MSB_DEVICE included, mean
-        nothing to an engine.
+        Where the engine computes; its own choice if not given. An engine ignores OpenCL devices and
+        MSB_DEVICE.
     settings : mapping, optional
         As for the standard tier: `supersample`, and `ste_threshold` where the method has it.
 
@@ -66,7 +66,7 @@ class Engine(ABC):
     tiers: ClassVar[tuple[str, ...]] = ("standard",)
     version: str
     device_info: Mapping[str, str]
-    """What draws: `platform` and `name`, for reports."""
+    """The `platform` and `name` of what draws, for reports."""
 
     def __init__(
         self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None
@@ -101,12 +101,12 @@ class Engine(ABC):
         """Return use -> bytes."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group, of the uses that engines have in common."""
+        """Return use -> group, for the uses that engines have in common."""
         return _GROUPS
 
     @abstractmethod
     def close(self) -> None:
-        """Release everything. Twice is harmless."""
+        """Release everything. A second call does nothing."""
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""

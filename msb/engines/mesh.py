@@ -31,7 +31,8 @@ class EngineMesh:
     positions : (V, 3) float32
     indices : (F, 3) uint32
     colors : (V, 3) uint8 or float32
-        Floats are in [0, 1]; opaque: a fourth channel of the asset's is left out, as ours does.
+        Opaque colours; floats are in [0, 1]. A fourth channel of the asset's colours is left out, as in our
+        renderer.
     numbers : (F,) uint32, optional
         The asset's numbers of the faces; None if they are 0, 1, 2, ...
     """
@@ -58,8 +59,8 @@ class EngineMesh:
 def engine_mesh(asset: Asset, settings: Mapping[str, Any]) -> EngineMesh:
     """Return what an engine draws of `asset`.
 
-    Colours that are not those of vertices, but of faces or corners, give every face vertices of its own.
-    Where no face is shown there is one without area: no format for engines has a mesh without faces.
+    If colours belong to faces or corners, every face gets vertices of its own. If no face is shown, the mesh
+    has one face without area, because no format for engines has a mesh without faces.
 
     Raises
     ------

@@ -34,7 +34,8 @@ class ThreeJsRenderer(Engine):
     asset, device, settings
         As for `Engine`.
     defaults : bool
-        Leave colours to what three.js makes of glTF by itself, to see what that does: the canvas, 8 bits.
+        Whether three.js handles the colours of glTF by its own defaults, to see their effect; images are then
+        those of the 8-bit canvas.
     """
 
     name = "threejs"

@@ -1,8 +1,8 @@
 """Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is what an engine has for an opaque, unlit, vertex-coloured mesh. The camera is ours: K and
-world_to_camera, the near plane at 0.01 and none behind (reversed depth, float32), colours into a float32
-target, so that nothing is rounded or converted.
+The pipeline is that of any engine for an opaque, unlit, vertex-coloured mesh. The camera is ours: K and
+world_to_camera, a near plane at 0.01 and no far plane (reversed depth, float32). Colours go into a float32
+target, so nothing is rounded or converted.
 """
 
 from __future__ import annotations

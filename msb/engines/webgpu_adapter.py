@@ -19,15 +19,15 @@ INSTALL = (
     if sys.platform == "linux"
     else "it needs a driver for Vulkan, Metal or Direct3D 12"
 )
-"""What to do where there is nothing to draw with."""
+"""Advice if there is nothing to draw with."""
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
-"""Of OpenGL, which may be all there is, wgpu makes no 32-bit targets."""
+"""Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets."""
 
 
 @cache
 def all_adapters() -> list[Any]:
-    """Return every adapter that can draw what we ask for."""
+    """Return every adapter that can draw into the targets we need."""
     import wgpu
 
     with _runtime_folder():
@@ -78,9 +78,10 @@ def _runtime_folder() -> Iterator[None]:
 
 
 def nanoseconds_a_tick(device: Any) -> float | None:
-    """Return what a step of the device's timestamps is, None if this wgpu-py does not say.
+    """Return the nanoseconds in a step of the device's timestamps, None if this wgpu-py does not say.
 
-    It hands timestamps over as they are, and does not wrap the question: so the library under it is asked.
+    wgpu-py hands timestamps over as they are and has no function for their unit, so the library under it is
+    asked.
     """
     from wgpu.backends.wgpu_native import lib
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 LARGE = 3_000_000
-"""Faces from which a page with the asset in it is more than most browsers hold."""
+"""Number of faces from which a page with the asset in it is more than most browsers hold."""
 
 
 def write_web_page(
@@ -42,11 +42,11 @@ def write_web_page(
     glb : bytes, optional
         The mesh to show; without one the page waits for a file to be dropped, or for `?url=`.
     name : str
-        What the page calls the mesh.
+        The name of the mesh on the page.
     cameras : sequence of Camera
-        The list a viewer can choose from.
+        The cameras from which a viewer can choose.
     up : str
-        "+y" and the like: what the mesh is turned about.
+        The axis about which the mesh is turned, such as "+y".
     background : 3 floats
 
     Raises
@@ -95,7 +95,7 @@ def page(
 
 
 def camera_data(camera: Camera) -> dict[str, Any]:
-    """Return what the page wants to know of a camera."""
+    """Return the data of a camera that the page needs."""
     return {
         "width": camera.width,
         "height": camera.height,
@@ -108,6 +108,6 @@ def camera_data(camera: Camera) -> dict[str, Any]:
 
 
 def three_revision() -> str:
-    """Return which three.js is in the page, as it counts its versions: "140"."""
+    """Return the revision of three.js in the page, such as "140"."""
     origin = tomllib.loads((files("msb.engines") / "web" / "three" / "ORIGIN.toml").read_text("utf-8"))
     return str(origin["revision"])

@@ -1,16 +1,16 @@
-"""The registry of methods: ours, each a folder here, and those that installed packages bring.
+"""The registry of methods: our own, each a folder of this package, and those that installed packages bring.
 
 A method is a package whose ``__init__.py`` declares a `Method` called ``METHOD``, plain data that costs
-nothing to read. What it does lies beside it, in modules named after their role, which are imported when they
-are needed:
+nothing to read. Its code lies beside it, in modules named after their roles, which are imported when they are
+needed:
 
-- ``adapter``: from what its training writes to an asset (`msb.adapters.exporter.Adapter`);
-- ``official``: what its own exporter would write (`msb.adapters.official.Official`);
-- ``reference``: its image formation in NumPy (``render``, as `msb.reference` calls it);
-- ``look``: the same on the dedicated tier, with its kernels (`msb.render.dedicated`).
+- ``adapter`` turns what its training writes into an asset (`msb.adapters.exporter.Adapter`);
+- ``official`` writes what its own exporter would write (`msb.adapters.official.Official`);
+- ``reference`` forms its image in NumPy (``render``, as `msb.reference` calls it);
+- ``look`` forms the same image on the dedicated tier, with its kernels (`msb.render.dedicated`).
 
-Everything that lists methods, tiers or settings reads `METHODS`. A package of somebody else's takes
-part through the entry-point group `msb.methods` (docs/extending.md).
+Everything that lists methods, tiers or settings reads `METHODS`. Other packages add methods through the
+entry-point group `msb.methods` (docs/extending.md).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ __all__ = [
 ]
 
 GROUP = "msb.methods"
-"""Entry-point group of methods: ``name = "package"``."""
+"""The entry-point group of methods; an entry is ``name = "package"``."""
 BUILT_IN = (
     "two_dts",
     "triangle_splatting",
@@ -79,15 +79,15 @@ BUILT_IN = (
     "three_dgs",
     "mesh",
 )
-"""Folders here, in the order of the tables. `mesh` stands for any mesh that came from elsewhere."""
+"""Folders of our methods, in the order of the tables. `mesh` stands for any mesh that came from elsewhere."""
 NAME = r"^[a-z][a-z0-9_]{0,63}$"
-"""What a method may be called, in manifests as in the entry-point group."""
+"""The pattern of a method's name, in manifests and in the entry-point group."""
 
 Role = Literal["adapter", "official", "reference", "look"]
 
 
 class MethodWarning(UserWarning):
-    """A package's method cannot be used; the others can."""
+    """A warning that a package's method cannot be used; the other methods can."""
 
 
 class _Installed(NamedTuple):
@@ -109,7 +109,8 @@ class _Methods(Mapping[str, Method]):
 
 
 METHODS: Mapping[str, Method] = _Methods()
-"""Name in manifests -> method: ours in the order of the tables, then those of installed packages by name."""
+"""Name in manifests -> method: first ours in the order of the tables, then those of installed packages by
+name."""
 
 
 @cache
@@ -149,9 +150,9 @@ def warn(name: str, package: str, problem: str) -> None:
 
 
 def lookup(name: str) -> Method:
-    """Return the method called `name`; of one that is not installed, that it has the standard tier alone.
+    """Return the method called `name`; one that is not installed gets the standard tier alone.
 
-    What a manifest says of such an asset is enough to audit it, convert it and draw it as an opaque mesh.
+    The manifest of an asset of such a method is enough to audit it, convert it and draw it as an opaque mesh.
     """
     if name in METHODS:
         return METHODS[name]
@@ -170,7 +171,7 @@ def role(name: str, what: Role) -> ModuleType | None:
     Raises
     ------
     ImportError
-        Another package's module cannot be imported; whatever else it raises.
+        Another package's module cannot be imported. Other errors of that module are raised as they are.
     """
     if name not in METHODS:
         return None

@@ -1,4 +1,4 @@
-"""What a method declares: the classes of its plain data, and the words they use.
+"""The classes of the plain data that a method declares, and the words they use.
 
 A method's package holds one `Method`, called ``METHOD``, in its ``__init__.py``. The registry
 `msb.methods` collects them.
@@ -19,7 +19,8 @@ Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
-"""How primitives are ordered and sampled on the tiers that show a method's own look: docs/dedicated.md."""
+"""The ways to order and sample primitives on the tiers that show a method's own look; see
+docs/dedicated.md."""
 
 SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
@@ -35,12 +36,12 @@ PASSES: dict[str, str] = {
     "decode": "neural decoder of the lattice features seen by each pixel",
     "downsample": "box filter from the supersampled raster to the image",
 }
-"""Names a manifest's `required_passes` may use, and what each asks of a renderer."""
+"""Name that a manifest's `required_passes` may use -> what the pass asks of a renderer."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What official code takes from a config or flag rather than from the checkpoint.
+    """A value that official code takes from a config or flag rather than from the checkpoint.
 
     Values are activated ones (`sigma` 1e-4, not its logarithm).
     """
@@ -51,9 +52,9 @@ class Setting:
     minimum: float | None = None
     maximum: float | None = None
     positive: bool = False
-    """Greater than zero, not merely not negative."""
+    """Whether the value must be greater than zero; 0 is then refused, too."""
     optional: bool = False
-    """May also be None (switched off)."""
+    """Whether the value may also be None, which switches the setting off."""
 
     def problem(self, value: object) -> str | None:
         """Return what is wrong with `value`, or None if the setting can take it."""
@@ -81,14 +82,14 @@ class Setting:
 
 @dataclass(frozen=True)
 class Native:
-    """What a method's own representation has (paper: "Native representation and Non-Engine rendering")."""
+    """Features of a method's own representation (paper: "Native representation and Non-Engine rendering")."""
 
     connectivity: bool = False
-    """Faces share vertices."""
+    """Whether faces share vertices."""
     continuous_coverage: bool = False
-    """A primitive's weight falls off inside it."""
+    """Whether a primitive's weight falls off inside it."""
     binary_opacity: bool = False
-    """A sample is there or not, nothing between."""
+    """Whether a sample is either opaque or absent, and nothing between."""
     sh: bool = False
     neural_decoder: bool = False
     alpha_compositing: bool = False
@@ -96,7 +97,7 @@ class Native:
 
 @dataclass(frozen=True)
 class Retained:
-    """What of it an engine condition keeps (paper: "Condition-level engine support").
+    """The native features that an engine condition keeps (paper: "Condition-level engine support").
 
     A feature is None where the source representation has no such thing.
     """
@@ -108,50 +109,52 @@ class Retained:
     soft_coverage: bool | None = None
     depth_sort: bool | None = None
     notes: dict[str, str] = field(default_factory=dict)
-    """Feature -> what must be known of it; the tables show it as a footnote."""
+    """Feature -> a remark on it, which the tables show as a footnote."""
 
 
 @dataclass(frozen=True)
 class PaperNote:
-    """What must be known of the paper's own numbers of a method with its own renderer; a footnote there."""
+    """A remark on the paper's numbers of a method with its own renderer, shown as a footnote."""
 
     text: str
     metrics: tuple[str, ...]
     dataset: str | None = None
-    """None: on all of them."""
+    """The dataset that the remark is on; None means all of them."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """What one method declares of itself; docs/extending.md."""
+    """The declaration of one method; docs/extending.md describes it."""
 
     title: str
-    """As tables and messages print it."""
+    """The name that tables and messages print."""
     paper_name: str | None = None
-    """What the paper's tables call it; None if they do not have it."""
+    """The name in the paper's tables; None if they do not have the method."""
     paper_notes: tuple[PaperNote, ...] = ()
     native: Native | None = None
-    """None for what is only shown as an extracted mesh, or not at all."""
+    """The features of its own representation; None if it is only shown as an extracted mesh, or not at
+    all."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
-    """For the two engine conditions, `dedicated` and `standard`; absent where not supported."""
+    """The features kept on each of the tiers `dedicated` and `standard`; a tier that is not supported is
+    absent."""
     unsupported: dict[Tier, str] = field(default_factory=dict)
     """Tier -> why the method cannot be shown there; a tier not named is supported."""
     settings: dict[str, Setting] = field(default_factory=dict)
     passes: dict[Tier, tuple[str, ...]] = field(default_factory=dict)
     """Tier -> the passes a renderer needs, in order."""
     coverage: str = "solid"
-    """What its manifests say in `coverage.kernel`: how the weight falls off."""
+    """The `coverage.kernel` of its manifests, which says how the weight falls off."""
     files: tuple[str, ...] = ()
-    """Where its models lie below an output folder, as ``ckpt/{n}.ckpt``; {n} is the number of an iteration:
-    the last is taken."""
+    """Places of its models below an output folder, such as ``ckpt/{n}.ckpt``; {n} is the number of an
+    iteration, of which the last is taken."""
     bundle: tuple[str, ...] = ()
-    """Names of the files that hold a model together: first the one that is read first, then those beside it.
-    Any of the latter tells that it is such a folder."""
+    """Names of the files that hold a model together: first the file that is read first, then those beside it.
+    Any of the latter shows that a folder is of this kind."""
     reads_meshes: bool = False
-    """Its adapter takes any mesh file, too, where a user names the method: what its exporter writes does not
-    tell whose it is."""
+    """Whether its adapter also takes any mesh file if a user names the method, because the files of its
+    exporter do not show which method wrote them."""
     rules: Rules | None = None
-    """How its own code reads datasets; None for what is not trained on any."""
+    """The rules by which its own code reads datasets; None if it is not trained on any."""
 
     def supports(self, tier: Tier) -> bool:
         """Return whether the method can be shown on `tier`."""

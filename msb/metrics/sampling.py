@@ -24,7 +24,7 @@ _CANDIDATES = 1 << 20
 """Number of candidates tried at a time."""
 _FIRST_WINDOW = 64
 _WINDOW = 1 << 16
-"""Most points, and most neighbours (unless one point has more), that are looked up at a time."""
+"""Most points whose neighbours are looked up at a time; these have `_NEIGHBORS` in all, or one has more."""
 _NEIGHBORS = 1 << 22
 
 

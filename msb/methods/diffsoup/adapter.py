@@ -1,4 +1,4 @@
-"""DiffSoup: ``final_params.pt``, in the layout of its COLMAP script or of its synthetic ones.
+"""Read DiffSoup's ``final_params.pt``, in the layout of its COLMAP script or of its synthetic script.
 
 Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). A triangle carries a
 barycentric lattice of eight numbers, seven features and an opacity, already through their sigmoid; a small
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 FEATURES = 7
 MAX_LEVEL = 8
-"""Official runs end at level 5; level 8 has 33,153 samples a triangle."""
+"""The highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples a triangle."""
 DECODER: dict[str, tuple[int, ...]] = {
     "mlp.0.weight": (16, 16),
     "mlp.0.bias": (16,),
@@ -42,7 +42,7 @@ DECODER: dict[str, tuple[int, ...]] = {
 }
 """Key in the state dict of the colour MLP -> shape; a weight is [out, in]."""
 _PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
-"""Near and far plane of the official evaluation."""
+"""Layout -> near and far plane of the official evaluation, in scene units."""
 _BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}
 
 
@@ -118,11 +118,12 @@ def describe(
     settings : Settings
         `layout` has been added; the planes, which depend on it, are added here.
     level : int
-        Of the lattice; at most `MAX_LEVEL`.
+        The level of the lattice, at most `MAX_LEVEL`.
     up : sequence of 3 floats, optional
         The scene's up axis, if it is stored.
     encoding : {"sigmoid", "lut"}
-        Features are numbers in [0, 1], or the bytes of the web export, which stand for value / 255.
+        "sigmoid" if features are numbers in [0, 1]; "lut" if they are the bytes of the web export, which
+        stand for value / 255.
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]

@@ -1,4 +1,4 @@
-"""DiffSoup's web export: mesh.ply, two PNGs that hold the lattices, the MLP as JSON, and meta.json.
+"""Read DiffSoup's web export: mesh.ply, two PNGs that hold the lattices, the MLP as JSON, and meta.json.
 
 Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from msb.errors import Finding
 
 MAX_WIDTH = 4096
-"""Texels in a row of a look-up texture."""
+"""Most texels in a row of a look-up texture."""
 WEIGHTS = {"W1": "mlp.0.weight", "b1": "mlp.0.bias", "W2": "mlp.2.weight", "b2": "mlp.2.bias"}
 WEIGHTS |= {"W3": "mlp.4.weight", "b3": "mlp.4.bias"}
 """Key in mlp_weights.json, a flat list, row-major [out][in] -> key of the state dict."""

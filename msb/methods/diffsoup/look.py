@@ -33,10 +33,10 @@ HARMONICS = 9
 _LANES = 8
 _PROJECT_GROUP = 64
 _RASTER_GROUP = 32
-"""Work-items that draw one triangle, GPU style: most triangles have a few hundred pixels."""
+"""Number of work-items that draw one triangle in the GPU style; most triangles have a few hundred pixels."""
 _SHADE_GROUP = 64
 _BAND_ROWS = 16
-"""Rows of a band, CPU style, at most: its planes (20 bytes a pixel) stay in a core's own cache."""
+"""Most rows of a band in the CPU style, so that its planes (20 bytes a pixel) stay in a core's own cache."""
 _BANDS_A_UNIT = 4
 
 
@@ -49,7 +49,7 @@ class _Raster(NamedTuple):
 
 
 class _Queued(NamedTuple):
-    """What a frame leaves on the device, and the matrices it was made with."""
+    """The buffers that a frame leaves on the device, and the matrices with which it was made."""
 
     outputs: tuple[Buffer, ...]
     raws: dict[str, Buffer]
@@ -62,26 +62,29 @@ class _Queued(NamedTuple):
 
 
 class Pipeline(OnDevice):
-    """Draws DiffSoup's models by the rules of the official evaluation; the model stays on the device.
+    """Draw DiffSoup's models by the rules of the official evaluation; the model stays on the device.
 
     Parameters
     ----------
     asset : Asset
-        Lattices of numbers, or the bytes of the official web export, which stand for value / 255.
+        An asset with lattices of numbers, or with the bytes of the official web export, which stand for value
+        / 255.
     device : str or Device, optional
         A selector (`msb.cl.shared_device`), or an open device, which stays open.
     settings : mapping, optional
-        Overrides of `layout`, `z_near`, `z_far`.
+        Values that replace the asset's `layout`, `z_near` and `z_far`.
     outputs : "auto", "all" or iterable of str
-        With "raw" among them the frame has the official kernels' buffers too, which costs a quarter more.
+        If "raw" is among them, the frame also has the official kernels' buffers, which takes a quarter more
+        time.
     order : {"tile", "global", "none"}
-        Of no effect: a z-buffer shows the same in whatever order triangles are drawn.
+        It has no effect, because a z-buffer shows the same in whatever order triangles are drawn.
     sampling : {"official", "engine"}
-        "engine": a triangle that crosses the camera plane is clipped, as hardware does, not dropped. All
-        else is sampled as hardware does anyway.
+        With "engine" a triangle that crosses the camera plane is clipped, as by hardware, and not dropped.
+        Everything else is always sampled as hardware does.
     viewer : bool
-        What the official viewers draw: lattices truncated to bytes, features rounded to bytes once more
-        after interpolation. They clip triangles: `sampling` "engine".
+        Whether to draw what the official viewers draw: lattices are truncated to bytes, and features are
+        rounded to bytes once more after interpolation. The viewers also clip triangles, which is `sampling`
+        "engine".
 
     Raises
     ------
@@ -89,9 +92,9 @@ class Pipeline(OnDevice):
         An unknown setting, value, output, order or sampling; `render` too, if `z_near` and `z_far` are no
         range of depths.
     AssetError
-        As `msb.methods.diffsoup.look_model.diffsoup_model`.
+        The errors of `msb.methods.diffsoup.look_model.diffsoup_model`.
     DeviceError
-        No device, or too little memory on it.
+        There is no device, or it has too little memory.
     """
 
     name = "msb-dedicated"
@@ -151,7 +154,8 @@ class Pipeline(OnDevice):
         Parameters
         ----------
         camera : Camera
-            OpenCV axes in both layouts. In "colmap" cy enters with upstream's sign (docs/diffsoup.md).
+            The camera, with OpenCV axes in both layouts. In "colmap" cy enters with upstream's sign
+            (docs/diffsoup.md).
         background : (float, float, float)
             RGB in the asset's colour space.
 

@@ -1,4 +1,4 @@
-"""DiffSoup's matrices of a camera, rounded where upstream rounds."""
+"""DiffSoup's matrices of a camera, rounded where the official code rounds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def diffsoup_matrices(
     Parameters
     ----------
     camera : Camera
-        OpenCV axes, in both layouts.
+        The camera, with OpenCV axes in both layouts.
     layout : {"colmap", "synthetic"}
         "colmap": V negates the camera's z, NDC y grows downwards, and cy enters with upstream's sign, the
         opposite of the true one. "synthetic": V negates y and z, NDC y grows upwards; upstream has the
@@ -33,12 +33,12 @@ def diffsoup_matrices(
     Returns
     -------
     mvp, inverse : (4, 4) float32
-        For column vectors (x, y, z, 1); clip w is the camera's z.
+        Matrices for column vectors (x, y, z, 1); clip w is the camera's z.
 
     Raises
     ------
     UsageError
-        `SETTING_VALUE`: near is not below far, or float32 cannot tell one from 0 or the other from infinity.
+        `SETTING_VALUE`: near is not below far, or float32 cannot tell near from 0 or far from infinity.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""What an asset must hold for the lattice renderer, checked, and what of it goes to the device."""
+"""Check that an asset has what the lattice renderer needs, and prepare the arrays that go to the device."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 """Layer of the decoder -> shape of its weight, [out, in]."""
 THRESHOLD = 0.5
 MAX_LEVEL = 8
-"""A lattice of level 8 has 33,153 samples."""
+"""The highest level of a lattice, which has 33,153 samples at level 8."""
 _MARGIN = 1e-5
-"""More than interpolation can round at values up to 2."""
+"""A margin greater than the rounding of interpolation at values up to 2."""
 
 
 @dataclass(frozen=True)
 class DiffSoupModel:
-    """A DiffSoup model, every value of it fit to be drawn.
+    """A DiffSoup model whose values can all be drawn.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class DiffSoupModel:
         Bytes stand for value / 255.
     opacity : (F, S), of the same dtype
     opaque : (F,) uint8
-        1 where no interpolated opacity can be below the threshold.
+        1 for faces in which no interpolated opacity can be below the threshold.
     decoder : (595,) float32
-        Weight [out][in] and bias of each layer, one after the other.
+        The weight [out][in] and the bias of each layer, one after the other.
     level : int
-        Of the lattices: S = (2^level + 1)(2^level + 2) / 2.
+        The level of the lattices, which have S = (2^level + 1)(2^level + 2) / 2 samples.
     """
 
     positions: NDArray[np.float32]
@@ -59,15 +59,15 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     Parameters
     ----------
     asset : Asset
-        Of a method whose manifest says `compositing.kind` "binary_z_buffer".
+        An asset whose manifest has the `compositing.kind` "binary_z_buffer".
     quantise : bool
-        Make lattices of numbers bytes, as the official web export does: trunc(clip(255 x, 0, 255)), the
-        product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
+        Whether lattices of numbers are made bytes, as the official web export does: trunc(clip(255 x, 0,
+        255)), the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
 
     Raises
     ------
     AssetError
-        `TRIASSET_FIELD_VALUE`: the manifest's level is none, or the compositing another.
+        `TRIASSET_FIELD_VALUE`: the manifest's level is no valid one, or the compositing is another.
         `TRIASSET_BUFFER_REQUIRED`, `TRIASSET_BUFFER_SHAPE`, `TRIASSET_BUFFER_DTYPE`: a
         buffer is missing or not what the method has.
         `TRIASSET_VALUE_NONFINITE`: NaN or infinity. `TRIASSET_INDEX_OUT_OF_RANGE`: a face uses a vertex that

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = ("",)
-"""A folder."""
+"""The suffix of a folder."""
 
 _UP = {
     f"{sign}{axis}": [length if axis == other else 0.0 for other in "xyz"]
@@ -31,7 +31,7 @@ _UP = {
 
 
 def write(asset: Asset, path: Path) -> None:
-    """A folder for the web viewer: mesh.ply, two textures, the decoder and meta.json.
+    """Write a folder for the web viewer: mesh.ply, two textures, the decoder and meta.json.
 
     kenji-tojo/diffsoup at c74e35d: examples/06_export_web.py.
     """

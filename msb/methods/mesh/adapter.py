@@ -1,4 +1,4 @@
-"""Any other mesh file, among them what the methods' own exporters write."""
+"""Read any other mesh file; files of the methods' own exporters are among them."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from msb.adapters.locate import Place
 
 _OLDER_FLOOR = 0.9999
-"""What the loader of Triangle Splatting 2 imposes, and the re-import of a PLY."""
+"""The opacity floor that the loader of Triangle Splatting 2 and the re-import of a PLY impose."""
 
 
 def recognises(content: Content) -> bool:

@@ -22,7 +22,7 @@ SUFFIXES = (".ply",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """All vertices and faces as stored, baked RGB and full alpha.
+    """Write all vertices and faces as stored, with baked RGB and full alpha.
 
     meshsplatting/mesh-splatting at 608e5d0: create_ply.py.
     """

@@ -1,4 +1,4 @@
-"""Triangle-Splatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt``.
+"""Read Triangle-Splatting's ``point_cloud/iteration_N/point_cloud_state_dict.pt``.
 
 Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py). A primitive is one free
 triangle with one opacity logit, one sigma and one set of SH coefficients.
@@ -32,7 +32,7 @@ def recognises(content: Content) -> bool:
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model at `place`.
 
-    `sigma` is stored as the checkpoint has it, s; the renderer's is 0.01 + exp(s), as `coverage` says.
+    `sigma` is stored as the s of the checkpoint; renderers use 0.01 + exp(s), as `coverage` says.
 
     Raises
     ------

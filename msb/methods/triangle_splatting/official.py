@@ -20,7 +20,7 @@ SUFFIXES = (".off",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """COFF with merged vertices and face colours: all stored SH seen from the world's origin.
+    """Write COFF with merged vertices and face colours: all stored SH seen from the world's origin.
 
     trianglesplatting/triangle-splatting at 685ff27: create_off.py.
     """

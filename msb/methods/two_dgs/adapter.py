@@ -1,4 +1,4 @@
-"""2DGS: the mesh its TSDF fusion extracts, ``train/ours_N/fuse_post.ply``; the splats are no mesh.
+"""Read 2DGS: the mesh that its TSDF fusion extracts, ``train/ours_N/fuse_post.ply``, not the splats.
 
 Layout: hbb1/2d-gaussian-splatting at 1920a23 (render.py, utils/mesh_utils.py).
 """

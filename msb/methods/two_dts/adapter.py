@@ -1,4 +1,4 @@
-"""2DTS: ``ckpt/N.ckpt`` or ``point_cloud/N.ply``, with a config that the checkpoint does not carry.
+"""Read 2DTS: ``ckpt/N.ckpt`` or ``point_cloud/N.ply``, with a config that the checkpoint does not contain.
 
 Layout: GaodeRender/triangle-splatting at 54c80f7 (src/diff_recon: the model's state dict and PLY writer).
 A primitive is one free triangle with one opacity logit and one set of SH coefficients; `gamma` is global.

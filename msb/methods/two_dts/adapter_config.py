@@ -1,4 +1,4 @@
-"""What a 2DTS training leaves beside a checkpoint about itself: a YAML config, or a log with one."""
+"""Read the config that a 2DTS training leaves beside a checkpoint: a YAML file, or a log that has one."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MAX_DEPTH = 32
-"""Configs nest 3 deep."""
+"""Deepest nesting of a config; real ones nest 3 deep."""
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 """GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "="."""
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Without aliases: no config has them, and nested ones stand for exponentially many values.
+    """A YAML loader without aliases: no config has them, and nested ones stand for exponentially many values.
 
-    And not nested deeper than any config: the library calls itself for each level.
+    It also bounds the nesting, because the library calls itself for each level.
     """
 
     _depth = 0
@@ -39,8 +39,8 @@ class _PlainLoader(yaml.SafeLoader):
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
     """Return the configuration of a 2DTS training, the files read, and warnings.
 
-    Looked for in this order: the file `given`, a YAML file in the output folder `root`, the latest text log
-    in ``root/log``. What it holds is the file's own nesting, ``{"model": {...}, "trainer": {...}}``.
+    It is looked for in this order: the file `given`, a YAML file in the output folder `root`, the latest text
+    log in ``root/log``. The result has the file's own nesting, ``{"model": {...}, "trainer": {...}}``.
 
     Raises
     ------

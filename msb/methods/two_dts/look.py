@@ -44,7 +44,7 @@ def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]
 def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     """Return a little more than the eccentricity at which o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
 
-    -1 where alpha is below 1/255 even at the centroid.
+    The result is -1 where alpha is below 1/255 even at the centroid.
     """
     with np.errstate(divide="ignore"):
         squared = 2 * np.log(255.0 * opacity.astype(np.float64)) + 1e-5

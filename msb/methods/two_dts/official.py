@@ -25,7 +25,7 @@ SUFFIXES = (".glb", ".ply")
 
 
 def write(asset: Asset, path: Path) -> None:
-    """All triangles, or those above the STE threshold and in the scene box; twice without back culling.
+    """Write all triangles, or those above the STE threshold and in the scene box; twice without back culling.
 
     GaodeRender/triangle-splatting at 54c80f7: export scripts.
     """
