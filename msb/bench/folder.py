@@ -38,7 +38,7 @@ class Results:
 
     def cell(self, cell: Cell) -> Path:
         """Return the folder of one cell's record and images."""
-        return self.root / "cells" / cell.dataset / cell.scene / cell.method / cell.condition_name
+        return self.root.joinpath("cells", *cell.names)
 
     def record(self, cell: Cell) -> Path:
         """Return the file of one cell's record."""
@@ -69,24 +69,23 @@ class Results:
         InputError
             RECORD_MISPLACED.
         """
-        cell, place = result.cell, self.record(result.cell)
+        place = self.record(result.cell)
         # A file system, or an archive of it, may have another form of the same name.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
-            own = "/".join((cell.dataset, cell.scene, cell.method, cell.condition_name))
-            text = f"it is of {own}, and does not lie there"
+            text = f"it is of {'/'.join(result.cell.names)}, and does not lie there"
             raise InputError("RECORD_MISPLACED", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
         """Return the folder of the photographs as they are compared."""
         return self.root / "ground_truth" / dataset / scene / key
 
-    def asset(self, dataset: str, scene: str, method: str) -> Path:
-        """Return the place of the asset made from a checkpoint."""
-        return self.root / "assets" / dataset / scene / f"{method}.triasset"
+    def asset(self, dataset: str, scene: str, model: str) -> Path:
+        """Return where a checkpoint's asset is put; `model` is its label, else its method."""
+        return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
-    def video(self, dataset: str, scene: str, method: str) -> Path:
-        """Return the film that shows the conditions side by side."""
-        return self.root / "videos" / dataset / scene / f"{method}.mp4"
+    def video(self, dataset: str, scene: str, model: str) -> Path:
+        """Return the film that shows the conditions side by side; `model` is its label, else its method."""
+        return self.root / "videos" / dataset / scene / f"{model}.mp4"
 
 
 @contextlib.contextmanager

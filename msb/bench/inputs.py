@@ -101,7 +101,7 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
                 "clock": f"{job.frames} frames, {job.seconds:g} s",
                 "memory": _MEMORY,
             }
-    if job.training is not None and job.cell.renderer is None:
+    if job.training is not None and job.cell.condition_key == condition:
         found["training"] = {"file": known.hash(job.training)}
     return found
 
@@ -119,7 +119,8 @@ def _images(job: Job, known: Known) -> Inputs:
         except MsbError as error:  # the cell will say it again, and in full
             return {"renders": error.code}
     renderer = known.renderer(job.cell.renderer or job.tier)
-    return {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": renderer}
+    found = {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": renderer}
+    return {**found, **job.options}
 
 
 def _renderer(name: str) -> str:

@@ -40,7 +40,9 @@ class Job:
     model : Model, optional
         The model; None where there are official renderings only.
     settings : mapping
-        Values that replace the asset's settings.
+        Overrides of the asset's.
+    options : mapping
+        Of the renderer besides: the order and sampling of a variant.
     renders : Path, optional
         The folder of official renderings; None means our reference renderer.
     training, mesh : Path, optional
@@ -60,6 +62,7 @@ class Job:
     parts: Mapping[Part, Inputs]
     model: Model | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, str] = field(default_factory=dict)
     renders: Path | None = None
     training: Path | None = None
     mesh: Path | None = None
@@ -73,7 +76,7 @@ class Job:
     @property
     def name(self) -> str:
         """What progress shows."""
-        return " ".join((self.cell.dataset, self.cell.scene, self.cell.method, self.cell.condition_name))
+        return " ".join(self.cell.names)
 
     @property
     def folder(self) -> Path:

@@ -71,11 +71,12 @@ class ModelTask:
     scene: str
     method: str
     source: Path
+    label: str | None = None
 
     @property
     def name(self) -> str:
         """What progress shows."""
-        return f"{self.dataset} {self.scene} {self.method}"
+        return f"{self.dataset} {self.scene} {self.label or self.method}"
 
 
 def known_model(results: Results, task: ModelTask) -> Model | None:
@@ -118,7 +119,7 @@ def prepare_model(task: ModelTask) -> Model:
     else:
         read = read_model(source, method=None if task.method == AUTO else task.method)
         asset, files = finish(read), list(read.files)
-        path = results.asset(task.dataset, task.scene, asset.manifest.method)
+        path = results.asset(task.dataset, task.scene, task.label or asset.manifest.method)
         write_asset(asset, path)
     held = describe_file(path)
     inside = _contents(path)

@@ -17,7 +17,8 @@ from msb.bench.protocol import AUTO, REFERENCE, overrides
 from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
 from msb.errors import InputError, MsbError, UsageError
 from msb.files import file_sha256
-from msb.methods import METHODS, lookup
+from msb.methods import METHODS, TIERS, lookup
+from msb.render.backend import find_renderer
 from msb.scenes.datasets import DATASETS, OURS, RULES, evaluation_background, find_scenes
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.job import Inputs, Part
-    from msb.bench.protocol import DatasetTable, MethodTable, ProtocolFile
+    from msb.bench.protocol import DatasetTable, MethodTable, ProtocolFile, VariantTable
     from msb.bench.records import Result
 
 
@@ -53,7 +54,8 @@ class Pair:
         """Return the task that makes the model ready, None where there is no model."""
         if self.model is None:
             return None
-        return ModelTask(root, run, self.dataset.name, self.scene, self.method.name, self.model)
+        label = self.method.label
+        return ModelTask(root, run, self.dataset.name, self.scene, self.method.name, self.model, label)
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
         USAGE: nothing is selected. RUN_PATH_NAME: a path is not UTF-8, which records in JSON must be.
     """
     check_names(file.path.absolute(), file.results)
-    conditions = (*CONDITIONS, *file.protocol.engines)
+    conditions = (*CONDITIONS, *file.protocol.engines, *(one.label for one in file.protocol.variants))
     found: list[Pair] = []
     names_there: dict[str, None] = {}
     for dataset in file.protocol.datasets:
@@ -102,8 +104,9 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
                 if method.datasets and dataset.name not in method.datasets:
                     continue
                 names = {"dataset": dataset.name, "scene": path.name, "method": method.name}
-                names_there |= dict.fromkeys(names.values())
-                methods = METHODS if method.name == AUTO else (method.name,)
+                labels = (method.name, method.label) if method.label else (method.name,)
+                names_there |= dict.fromkeys((dataset.name, path.name, *labels))
+                methods = (*METHODS, *labels) if method.name == AUTO else labels
                 if _matches((dataset.name, path.name, *methods, *conditions), only):
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
@@ -161,9 +164,12 @@ class Planner:
         for pair in pairs:
             for planned in self._cells(pair, models.get(pair)):
                 cell = planned.cell
-                key = (cell.dataset, cell.scene, cell.method, cell.condition_name)
+                key = cell.names
                 if key in cells:
-                    text = f"/methods: two models of {cell.method} on {cell.scene}; give each its own results"
+                    text = (
+                        f"/methods: two models of {cell.model_name} on {cell.scene}; give one a label of its "
+                        'own: label = "ours"'
+                    )
                     raise InputError("PROTOCOL_INVALID", text, file=self.file.path, pointer="/methods")
                 cells[key] = pair
                 if selected(cell, self.only):
@@ -185,11 +191,21 @@ class Planner:
                 continue
             if pair.model is None and condition != "non_engine" and lookup(name).supports("standard"):
                 continue  # the protocol has official renderings of it only
-            cell = Cell(dataset=pair.dataset.name, scene=pair.scene, method=name, condition=condition)
+            cell = Cell(
+                dataset=pair.dataset.name,
+                scene=pair.scene,
+                method=name,
+                label=pair.method.label,
+                condition=condition,
+            )
             yield self._one(pair, model, cell)
             if condition == "standard":
                 for engine in self.file.protocol.engines:
                     yield self._one(pair, model, cell.model_copy(update={"renderer": engine}))
+            if condition == "dedicated":
+                for variant in self.file.protocol.variants:
+                    own = {"variant": variant.label, "renderer": variant.renderer}
+                    yield self._one(pair, model, cell.model_copy(update=own))
 
     def _one(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Planned:
         if not selected(cell, self.only):  # left out by `plan`, so nothing of it need be read
@@ -223,10 +239,17 @@ class Planner:
         reasons = lookup(cell.method).unsupported
         if tier is None:  # an exported mesh: of anything that has triangles
             tier = "standard" if len(reasons) == len(TIER_OF) else None
+        variant = self._variant(cell)
+        if variant is not None and (why := _why_not(variant, cell.method)):
+            return Reason(code="UNSUPPORTED_OPTION", message=why)
         if tier is None or tier not in reasons:
             return None
         code = "UNSUPPORTED_STANDARD" if cell.condition == "standard" else "UNSUPPORTED_TIER"
         return Reason(code=code, message=f"{cell.method} on tier {tier}: {reasons[tier]}")
+
+    def _variant(self, cell: Cell) -> VariantTable | None:
+        """Return the protocol's variant that the cell is of, None where it is of none."""
+        return next((one for one in self.file.protocol.variants if one.label == cell.variant), None)
 
     def _job(self, pair: Pair, model: Model | None, cell: Cell) -> Job:
         protocol, method = self.file.protocol, pair.method
@@ -237,6 +260,7 @@ class Planner:
 
         scene = self._scene(pair, model, cell.method)
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
+        variant = self._variant(cell)
         chamfer = protocol.chamfer
         return Job(
             root=self.results.root,
@@ -246,7 +270,8 @@ class Planner:
             views=self.known.views(scene),
             parts={},
             model=model,
-            settings=overrides(method),
+            settings=overrides(method) | ({} if variant is None else overrides(variant)),
+            options={} if variant is None else variant.options,
             renders=None if method.non_engine == REFERENCE else renders,
             training=path(method.training),
             mesh=path(method.mesh),
@@ -298,6 +323,17 @@ class Planner:
         return found
 
 
+def _why_not(variant: VariantTable, method: str) -> str | None:
+    """Return why a method has no such variant, None where it has."""
+    if lacks := variant.settings.keys() - lookup(method).settings.keys():
+        return f"{method} has no setting {', '.join(sorted(lacks))}, which the variant changes"
+    if variant.renderer is not None and "dedicated" not in getattr(
+        find_renderer(variant.renderer), "tiers", TIERS
+    ):
+        return f"{variant.renderer} does not draw the dedicated tier"
+    return None
+
+
 def _difference(part: Part, inputs: Inputs, old: Result | None) -> str | None:
     """Return why a part must be computed, None if what is on record holds."""
     if old is None:
@@ -331,10 +367,10 @@ def selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether a cell is among those asked for.
 
     Each text of `only` is one or more patterns (``*`` and ``?``) with slashes between; each pattern must
-    match the cell's dataset, scene, method, condition or renderer. A cell is selected if one text matches; if
-    `only` is empty, every cell is selected.
+    match the cell's dataset, scene, method, label, condition, variant or renderer. One text suffices; none
+    selects every cell.
     """
-    return _matches((cell.dataset, cell.scene, cell.method, cell.condition, cell.condition_name), only)
+    return _matches((*cell.names, cell.method, cell.condition), only)
 
 
 def _matches(names: Sequence[str], only: Sequence[str]) -> bool:

@@ -17,7 +17,7 @@ from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
 from msb.bench.records import CONDITIONS, Condition
 from msb.bounded_parsing import parse_toml
 from msb.errors import InputError, MsbError, UsageError, shorten
-from msb.methods import METHODS
+from msb.methods import METHODS, Order, Sampling
 from msb.paths import given_path
 
 AUTO = "auto"
@@ -90,7 +90,10 @@ class MethodTable(SceneOptions):
     Attributes
     ----------
     name : str
-        A name that `msb methods` lists, or "auto", which takes the method found from the model.
+        As `msb methods` lists them, or "auto": what the model is found to be.
+    label : str, optional
+        Names the model's columns and folders, and tells it from others of its method. It may be no method's
+        name.
     model : str, optional
         The template of the checkpoint, .triasset or mesh of each scene. Without it there are official
         renderings only.
@@ -109,6 +112,7 @@ class MethodTable(SceneOptions):
     """
 
     name: str = AUTO
+    label: FolderName | None = None
     model: Template | None = None
     datasets: tuple[FolderName, ...] = ()
     settings: dict[str, Setting] = {}
@@ -116,6 +120,34 @@ class MethodTable(SceneOptions):
     non_engine: Template | None = None
     training: Template | None = None
     mesh: Template | None = None
+
+
+class VariantTable(_Table):
+    """``[[variants]]``: a condition of its own, drawn on the dedicated tier in another way than officially.
+
+    Attributes
+    ----------
+    label : str
+        Names the condition. It may be no condition's, no engine's and no other variant's name.
+    order, sampling : str, optional
+        As ``--order`` and ``--sampling`` of `msb render` take them; official if not given.
+    renderer : str, optional
+        A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given.
+    settings : mapping
+        Overrides, as ``--set`` takes them, on top of the method's.
+    """
+
+    label: FolderName
+    order: Order | None = None
+    sampling: Sampling | None = None
+    renderer: Annotated[str, Field(min_length=1)] | None = None
+    settings: dict[str, Setting] = {}
+
+    @property
+    def options(self) -> dict[str, str]:
+        """What of `order` and `sampling` is given, as a renderer takes it."""
+        given = {"order": self.order, "sampling": self.sampling}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 class MetricsTable(_Table):
@@ -159,6 +191,7 @@ class Protocol(_Table):
     engines: tuple[FolderName, ...] = ()
     datasets: Annotated[tuple[DatasetTable, ...], Field(min_length=1)]
     methods: Annotated[tuple[MethodTable, ...], Field(min_length=1)]
+    variants: tuple[VariantTable, ...] = ()
     metrics: MetricsTable = MetricsTable()
     timing: TimingTable = TimingTable()
     chamfer: ChamferTable | None = None
@@ -294,6 +327,7 @@ def _check(protocol: Protocol, path: object) -> None:
                 raise _bad(path, text, f"{where}/datasets")
         if method.name != AUTO:
             _check_settings(method, where, path)
+    _check_labels(protocol, path)
     from msb.render.backend import BUILT_IN, renderers
 
     engines = [name for name in renderers() if name not in BUILT_IN]
@@ -301,6 +335,52 @@ def _check(protocol: Protocol, path: object) -> None:
         if engine not in engines:
             text = f'/engines: there is no engine "{engine}"; there are {", ".join(engines) or "none"}'
             raise _bad(path, text, "/engines")
+
+
+def _check_labels(protocol: Protocol, path: object) -> None:
+    """Refuse a name of a model or a variant that would stand for two things in a table or a folder."""
+    methods: dict[str, str] = {}
+    for number, method in enumerate(protocol.methods):
+        if method.label is None:
+            continue
+        where = f"/methods/{number}/label"
+        if method.label in (AUTO, *METHODS):
+            text = f'{where}: "{method.label}" is the name of a method; take another'
+            raise _bad(path, text, where)
+        of = methods.setdefault(method.label.casefold(), method.name)
+        if of != method.name:
+            text = f'{where}: "{shorten(method.label)}" is the label of {of} already; take another'
+            raise _bad(path, text, where)
+    taken = {name.casefold(): "a condition" for name in CONDITIONS}
+    taken |= {name.casefold(): "an engine" for name in protocol.engines}
+    for number, variant in enumerate(protocol.variants):
+        where = f"/variants/{number}"
+        if of_what := taken.get(variant.label.casefold()):
+            text = f'{where}/label: "{shorten(variant.label)}" is the name of {of_what} already; take another'
+            raise _bad(path, text, f"{where}/label")
+        taken[variant.label.casefold()] = "a variant"
+        _check_variant(variant, protocol, where, path)
+
+
+def _check_variant(variant: VariantTable, protocol: Protocol, where: str, path: object) -> None:
+    from msb.asset.settings import check_overrides
+    from msb.render.backend import renderers
+
+    if not (variant.options or variant.renderer or variant.settings):
+        text = f"{where}: it is the dedicated tier as it is; give it an order, sampling, renderer or settings"
+        raise _bad(path, text, where)
+    if variant.renderer is not None and variant.renderer not in renderers():
+        text = f'{where}/renderer: there is no renderer "{shorten(variant.renderer)}"'
+        raise _bad(path, f"{text}; there are {', '.join(renderers())}", f"{where}/renderer")
+    names = [method.name for method in protocol.methods]
+    known = METHODS if AUTO in names else names
+    for name, value in overrides(variant).items():
+        able = [method for method in known if name in METHODS[method].settings]
+        try:
+            for method in able or known:
+                check_overrides(method, {name: value})
+        except UsageError as error:
+            raise _bad(path, f"{where}/settings: {error.message}", f"{where}/settings") from None
 
 
 def _check_settings(method: MethodTable, where: str, path: object) -> None:
@@ -312,9 +392,9 @@ def _check_settings(method: MethodTable, where: str, path: object) -> None:
         raise _bad(path, f"{where}/settings: {error.message}", f"{where}/settings") from None
 
 
-def overrides(method: MethodTable) -> dict[str, Any]:
-    """Return the settings of `method`; TOML has no null, so "none" switches one off, as ``--set`` does."""
-    return {name: None if value == "none" else value for name, value in method.settings.items()}
+def overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
+    """Return the settings of `table`; TOML has no null, so "none" switches one off, as ``--set`` does."""
+    return {name: None if value == "none" else value for name, value in table.settings.items()}
 
 
 def _bad(path: object, text: str, pointer: str | None = None) -> MsbError:

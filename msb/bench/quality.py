@@ -130,7 +130,8 @@ def open_renderer(job: Job) -> Renderer:
     assert job.model is not None
     tier, engine = job.tier, job.cell.renderer
     settings = dict(job.settings)
-    return Renderer(job.model.open(), tier, job.device, settings, name=engine, **lean_options(tier, engine))
+    options = {**lean_options(tier, engine), **job.options}
+    return Renderer(job.model.open(), tier, job.device, settings, name=engine, **options)
 
 
 def renderer_info(job: Job, name: str) -> RendererInfo:
@@ -139,7 +140,7 @@ def renderer_info(job: Job, name: str) -> RendererInfo:
 
     assert job.model is not None
     title, _, version = name.rpartition(" ")
-    settings = effective_settings(job.model.open().manifest, job.settings)
+    settings = {**effective_settings(job.model.open().manifest, job.settings), **job.options}
     return RendererInfo(
         name=title,
         version=version,

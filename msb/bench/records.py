@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
     from msb.methods import Tier
 
-SCHEMA: Literal["msb.result/1"] = "msb.result/1"
+SCHEMA: Literal["msb.result/2"] = "msb.result/2"
+"""The first version had neither label nor variant in its cell, and is read."""
 MAX_BYTES = 64 << 20
 """Most bytes of a record. It holds about 400 bytes an image, and no dataset has a hundred thousand test
 views."""
@@ -72,23 +73,45 @@ class Cell(Record):
     dataset : str
         "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
     scene, method : str
-        The scene, and the method as `msb.methods` names it.
+        `method` as in `msb.methods`.
+    label : str, optional
+        Tells the model from others of its method in one protocol, and names its columns.
     condition : Condition
+    variant : str, optional
+        The label of a variant of the dedicated tier: another order, sampling, renderer or settings.
     renderer : str, optional
         A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
-        tier.
+        tier, or what draws a variant.
     """
 
     dataset: Name
     scene: Name
     method: Name
+    label: Name | None = None
     condition: Condition
+    variant: Name | None = None
     renderer: Name | None = None
 
     @property
+    def model_name(self) -> str:
+        """The model as tables and folders name it: by its label, else by its method."""
+        return self.label or self.method
+
+    @property
     def condition_name(self) -> str:
-        """The name of the condition in tables: that of its renderer, if that is not the condition's own."""
-        return self.condition if self.renderer is None else self.renderer
+        """The condition's folder: named by its variant or renderer, where that is not the condition's own."""
+        return self.variant or self.renderer or self.condition
+
+    @property
+    def condition_key(self) -> str:
+        """The condition in tables: "standard"; "standard/wgpu" of an engine; "dedicated/NAME" of a variant."""
+        own = self.variant or self.renderer
+        return self.condition if own is None else f"{self.condition}/{own}"
+
+    @property
+    def names(self) -> tuple[str, str, str, str]:
+        """Dataset, scene, model and condition: the folders of the cell."""
+        return self.dataset, self.scene, self.model_name, self.condition_name
 
 
 class File(Record):
@@ -237,7 +260,7 @@ class Result(Record):
     why other parts that were asked for are missing.
     """
 
-    schema_: Literal["msb.result/1"] = Field(default=SCHEMA, alias="schema")
+    schema_: Literal["msb.result/1", "msb.result/2"] = Field(default=SCHEMA, alias="schema")
     tool_version: str = __version__
     cell: Cell
     status: Status

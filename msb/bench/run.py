@@ -314,8 +314,7 @@ def _only(job: Job, *, timing: bool) -> Job:
 
 
 def _name(planned: Planned) -> str:
-    cell = planned.cell
-    return " ".join((cell.dataset, cell.scene, cell.method, cell.condition_name))
+    return " ".join(planned.cell.names)
 
 
 def _row(results: Results, planned: Planned, seconds: float) -> Row:

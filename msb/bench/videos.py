@@ -60,13 +60,12 @@ class VideoTask:
     def name(self) -> str:
         """What progress shows."""
         cell = self.jobs[0].cell
-        return f"{cell.dataset} {cell.scene} {cell.method}"
+        return " ".join(cell.names[:3])
 
     @property
     def path(self) -> Path:
-        """The path of the film."""
-        cell = self.jobs[0].cell
-        return Results(self.jobs[0].root).video(cell.dataset, cell.scene, cell.method)
+        """The film's."""
+        return Results(self.jobs[0].root).video(*self.jobs[0].cell.names[:3])
 
 
 def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
@@ -78,7 +77,7 @@ def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
     for job in jobs:
         shown = job.cell.condition in ("dedicated", "standard")
         if shown or (job.cell.condition == "non_engine" and options.path == "test"):
-            groups.setdefault((job.cell.dataset, job.cell.scene, job.cell.method), []).append(job)
+            groups.setdefault(job.cell.names[:3], []).append(job)
     found = []
     for group in groups.values():
         held: list[tuple[Job, Any]] = []

@@ -137,8 +137,7 @@ class _Watch:
 
 
 def _name(row: Row) -> str:
-    cell = row.planned.cell
-    return f"{cell.dataset} {cell.scene} {cell.method} {cell.condition_name}"
+    return " ".join(row.planned.cell.names)
 
 
 def _numbers(row: Row) -> dict[str, float | None]:
@@ -191,9 +190,9 @@ def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> N
         for column in table.columns[:-1]:
             column.no_wrap = True
         for row, state in group:
-            cell = row.planned.cell
+            _, *names = row.planned.cell.names
             cells = [_cell(value, decimals[name]) for name, value in _numbers(row).items()]
-            table.add_row(escape(cell.scene), cell.method, escape(cell.condition_name), *cells, escape(state))
+            table.add_row(*map(escape, names), *cells, escape(state))
         console.print(f"[bold]{escape(dataset)}[/bold]")
         console.print(table)
         console.print()

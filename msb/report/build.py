@@ -362,8 +362,8 @@ def _other_renderings(results: ResultSet, shown: Iterable[View]) -> Iterator[str
 def _failures(results: ResultSet) -> list[str]:
     found = []
     for loaded in results:
-        cell, reason = loaded.result.cell, loaded.result.reason
+        reason = loaded.result.reason
         if loaded.result.status == "failed":
             why = f": {reason.code}: {reason.message}" if reason else ""
-            found.append(f"failed: {cell.dataset}/{cell.scene}/{cell.method}/{cell.condition_name}{why}")
+            found.append(f"failed: {'/'.join(loaded.result.cell.names)}{why}")
     return found

@@ -37,7 +37,7 @@ class Loaded:
     @property
     def place(self) -> Place:
         """The asset and scene it is of."""
-        return Place(self.result.cell.dataset, self.result.cell.scene, self.result.cell.method)
+        return Place(*self.result.cell.names[:3])
 
     def file(self, name: str | None) -> Path | None:
         """Return a file the record names relative to itself, if it is there and inside the results folder."""
@@ -103,7 +103,7 @@ def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultS
         raise UsageError("RESULTS_MIXED", text)
     places: dict[Place, dict[str, Loaded]] = {}
     for loaded in sorted(found, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
-        places.setdefault(loaded.place, {})[loaded.result.cell.condition_name] = loaded
+        places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
     return ResultSet(places, tuple(f"mixed: {problem}" for problem in problems))
 
 
@@ -184,5 +184,4 @@ def _must_agree(result: Result) -> dict[str, object]:
 
 
 def _name(loaded: Loaded) -> str:
-    cell: Cell = loaded.result.cell
-    return f"{loaded.root.name}: {cell.dataset}/{cell.scene}/{cell.method}/{cell.condition_name}"
+    return f"{loaded.root.name}: {'/'.join(loaded.result.cell.names)}"
