@@ -104,7 +104,7 @@ class Cell(Record):
 
     @property
     def condition_key(self) -> str:
-        """The condition in tables: "standard"; "standard/wgpu" of an engine; "dedicated/NAME" of a variant."""
+        """The condition in tables: "standard"; "standard/wgpu" of an engine; "dedicated/NAME" a variant."""
         own = self.variant or self.renderer
         return self.condition if own is None else f"{self.condition}/{own}"
 

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
-from msb.bench.records import CONDITIONS
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
-from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
+from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey, condition_order
 from msb.report.results import Place
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from msb.bench.gaps import Gaps, Ratio
     from msb.bench.records import Result
@@ -57,8 +56,8 @@ def collect(results: ResultSet) -> Numbers:
             for condition in conditions:
                 _add_condition(values, dataset, method, condition, of_scenes)
             _add_gaps(gaps, dataset, method, conditions, of_scenes)
-            for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
-                expected = expected_scenes(dataset, scenes)
+            expected = expected_scenes(dataset, scenes)
+            for above, below in _ratios(conditions):
                 ratios[RatioKey(dataset, method, above, below)] = slowdown(of_scenes, expected, above, below)
     return Numbers(_noted_sizes(values, records), gaps, ratios)
 
@@ -83,14 +82,22 @@ def _conditions(records: Mapping[Place, Mapping[str, Result]], dataset: str, met
             of_dataset.update(dict.fromkeys(conditions))
             own |= set(conditions) if place.method == method else set()
     shown = [c for c in of_dataset if c in own or _unsupported(method, c)]
-    return _ordered(shown, CONDITIONS)
+    return sorted(shown, key=condition_order)
+
+
+def _ratios(conditions: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of conditions whose frame rates are held against each other."""
+    for dedicated in ("dedicated", *(name for name in conditions if name.startswith("dedicated/"))):
+        yield "standard", dedicated
+        yield dedicated, "non_engine"
 
 
 def _unsupported(method: str, condition: str) -> str | None:
     known = METHODS.get(method)
-    if known is None or condition not in ("dedicated", "standard"):
+    tier = condition.partition("/")[0]
+    if known is None or tier not in ("dedicated", "standard"):
         return None
-    return known.unsupported.get(condition)  # type: ignore[call-overload,no-any-return]
+    return known.unsupported.get(tier)  # type: ignore[call-overload,no-any-return]
 
 
 def _add_condition(
@@ -191,23 +198,23 @@ def _add_gaps(
     gaps: dict[GapKey, Gaps],
     dataset: str,
     method: str,
-    conditions: Iterable[str],
+    conditions: Sequence[str],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    for standard in ("standard", *(condition for condition in conditions if condition not in CONDITIONS)):
+    tiers = [("standard", "dedicated")]
+    tiers += [(name, "dedicated") for name in conditions if name.startswith("standard/")]
+    tiers += [("standard", name) for name in conditions if name.startswith("dedicated/")]
+    expected = expected_scenes(dataset, of_scenes)
+    for pair in tiers:
+        named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
-            scene: {
-                name: own[condition]
-                for name, condition in (("non_engine",) * 2, ("dedicated",) * 2, ("standard", standard))
-                if condition in own
-            }
+            scene: {name: own[condition] for name, condition in named.items() if condition in own}
             for scene, own in of_scenes.items()
         }
         for metric in QUALITY:
-            expected = expected_scenes(dataset, of_scenes)
-            gaps[GapKey(dataset, MEAN, method, metric, standard)] = dataset_gaps(metric, compared, expected)
+            gaps[GapKey(dataset, MEAN, method, metric, *pair)] = dataset_gaps(metric, compared, expected)
             for scene, own in compared.items():
-                gaps[GapKey(dataset, scene, method, metric, standard)] = scene_gaps(metric, own)
+                gaps[GapKey(dataset, scene, method, metric, *pair)] = scene_gaps(metric, own)
 
 
 def _noted_sizes(

@@ -12,6 +12,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 from msb.bench.aggregate import expected_scenes
@@ -22,11 +23,12 @@ from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,
     Key,
+    condition_title,
     dataset_title,
     method_title,
     scene_title,
 )
-from msb.report.safe_names import slug
+from msb.report.safe_names import plain_text, slug
 from msb.report.tables.reproducibility import SOURCES, pairs
 
 if TYPE_CHECKING:
@@ -42,6 +44,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
 _HATCHES = ("", "//", "xx", "..")
 _CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
+_VARIANT_MARKERS = ("D", "P", "X", "v")
 _INK, _PAPER = "#010203", "#fdfcfb"
 """Placeholders of the colours of text and page, which depend on where the figure is shown."""
 _SIZE = (4.6, 3.3)
@@ -82,16 +85,23 @@ def figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
 def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     """Return PSNR from Non-Engine to Dedicated to Standard, a line per method; None without two points."""
     lines = {
-        method: points
-        for method in numbers.methods(dataset, *DRAWN_CONDITIONS)
-        if (points := _condition_means(numbers, dataset, method))
+        (method, dedicated): points
+        for dedicated in ("dedicated", *numbers.in_place_of(dataset, "dedicated"))
+        for method in numbers.methods(dataset, "non_engine", dedicated, "standard")
+        if (dedicated == "dedicated" or method in numbers.methods(dataset, dedicated))
+        and (points := _condition_means(numbers, dataset, method, dedicated))
+        and (dedicated == "dedicated" or len(points) > 1)
     }
     if all(len(points) < 2 for points in lines.values()):
         return None
 
     def draw(axes: Axes) -> None:
-        for method, points in lines.items():
-            axes.plot(*zip(*points, strict=True), **_style(method))
+        for (method, dedicated), points in lines.items():
+            style = _style(method)
+            if name := dedicated.partition("/")[2]:  # a variant: the method's line, thin and open
+                style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
+                style["label"] += f", {plain_text(name)}"
+            axes.plot(*zip(*points, strict=True), **style)
         axes.set_xticks(
             range(len(DRAWN_CONDITIONS)), [CONDITION_TITLES[condition] for condition in DRAWN_CONDITIONS]
         )
@@ -102,17 +112,18 @@ def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     caption = (
         f"{dataset_title(dataset)}: PSNR of each method with its own renderer, dedicated and standard. A "
         "line stops at the last condition that supports the method; its means are over the scenes that all "
-        "of its conditions have."
+        "of its conditions have. A thin line with open markers goes through a variant of Dedicated."
     )
     return _figure(f"deployment_gap-{slug(dataset)}", dataset_title(dataset), caption, draw)
 
 
-def _condition_means(numbers: Numbers, dataset: str, method: str) -> list[tuple[int, float]]:
+def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
     """Return place of a condition -> mean PSNR, over the scenes that all conditions of the method have.
 
     The slope of a line is a gap, which two means over other scenes would not show. The paper has means only.
     """
-    means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in DRAWN_CONDITIONS]
+    through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
+    means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
     known = [(place, mean) for place, mean in enumerate(means) if mean is not None]
     if numbers.of_paper:
         return known
@@ -121,7 +132,7 @@ def _condition_means(numbers: Numbers, dataset: str, method: str) -> list[tuple[
         (place, scene): value
         for place, _ in known
         for scene in scenes
-        if (value := numbers.value(Key(dataset, scene, method, DRAWN_CONDITIONS[place], "psnr"))) is not None
+        if (value := numbers.value(Key(dataset, scene, method, through[place], "psnr"))) is not None
     }
     common = [scene for scene in scenes if all((place, scene) in values for place, _ in known)]
     return [
@@ -134,8 +145,9 @@ def _condition_means(numbers: Numbers, dataset: str, method: str) -> list[tuple[
 def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
     """Return PSNR against frames per second, a marker per condition and method; None without two points."""
     points: dict[str, list[tuple[str, float, float]]] = {}
-    for method in numbers.methods(dataset, *DRAWN_CONDITIONS):
-        for condition in DRAWN_CONDITIONS:
+    conditions = [name for name in numbers.conditions(dataset) if not name.startswith("standard/")]
+    for method in numbers.methods(dataset, *conditions):
+        for condition in conditions:
             psnr, fps = (
                 numbers.value(Key(dataset, MEAN, method, condition, metric)) for metric in ("psnr", "fps")
             )
@@ -143,6 +155,8 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
                 points.setdefault(method, []).append((condition, fps, psnr))
     if sum(map(len, points.values())) < 2:
         return None
+    markers = dict(zip(numbers.in_place_of(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
+    markers |= _CONDITION_MARKERS
 
     def draw(axes: Axes) -> None:
         from matplotlib.lines import Line2D
@@ -155,7 +169,7 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
             )
             for condition, x, y in own:
                 axes.plot([x], [y], color=style["color"], linestyle="none", markeredgecolor=_INK,
-                          markeredgewidth=0.6, marker=_CONDITION_MARKERS[condition],
+                          markeredgewidth=0.6, marker=markers[condition],
                           markersize=10 if condition == "non_engine" else 7)  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -168,9 +182,9 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
             for method in points
         ]
         handles += [
-            Line2D([], [], color="none", marker=_CONDITION_MARKERS[condition], markerfacecolor=_INK,
-                   markeredgecolor=_INK, label=CONDITION_TITLES[condition])
-            for condition in DRAWN_CONDITIONS
+            Line2D([], [], color="none", marker=markers[condition], markerfacecolor=_INK,
+                   markeredgecolor=_INK, label=condition_title(condition))
+            for condition in conditions
             if any(condition == one for own in points.values() for one, _, _ in own)
         ]  # fmt: skip
         _legend(axes, len(handles), handles)

@@ -31,7 +31,8 @@ CONDITION_TITLES = {
     "standard": "Standard",
     "exported_mesh": "Exported mesh",
 }
-"""Condition -> its heading; engines go by their own names."""
+"""Condition -> its heading."""
+CONDITION_PLACES: dict[str, int] = {name: place for place, name in enumerate(CONDITIONS)}
 DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""
 
@@ -47,7 +48,7 @@ class Key(NamedTuple):
     scene : str
         A scene, or a key of `MEANS`.
     condition : str
-        A condition, by the name of the engine where one draws in its place.
+        A condition; "standard/NAME" where an engine draws in its place, "dedicated/NAME" of a variant.
     metric : str
         A key of `msb.bench.aggregate.METRICS`.
     source : str
@@ -88,13 +89,22 @@ class Number:
 
 
 class GapKey(NamedTuple):
-    """What gaps are of. `scene` may be "mean"; `standard` is the condition in place of the standard tier."""
+    """What gaps are of. `scene` may be "mean".
+
+    `standard` and `dedicated` are the conditions in the place of the two tiers: an engine's and a variant's.
+    """
 
     dataset: str
     scene: str
     method: str
     metric: str
     standard: str = "standard"
+    dedicated: str = "dedicated"
+
+    @property
+    def own_tiers(self) -> bool:
+        """Whether the gaps are between the tiers themselves, with neither engine nor variant."""
+        return (self.standard, self.dedicated) == ("standard", "dedicated")
 
 
 class RatioKey(NamedTuple):
@@ -140,11 +150,13 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._of(dataset) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions that hold images: our own tiers first, then engines."""
+        """Return the conditions that hold images, each followed by its variants or engines."""
         found = dict.fromkeys(key.condition for key in self._of(dataset) if key.condition != "exported_mesh")
-        return sorted(
-            found, key=lambda name: CONDITIONS.index(name) if name in CONDITIONS else len(CONDITIONS)
-        )
+        return sorted(found, key=condition_order)
+
+    def in_place_of(self, dataset: str, condition: str) -> list[str]:
+        """Return the variants or engines of a condition in a dataset."""
+        return [name for name in self.conditions(dataset) if name.startswith(f"{condition}/")]
 
     def _of(self, dataset: str) -> Iterable[Key]:
         return (key for key in self.values if key.dataset == dataset)
@@ -165,6 +177,13 @@ def method_title(method: str) -> str:
     return METHODS[method].title if method in METHODS else plain_text(method)
 
 
+def condition_order(condition: str) -> tuple[int, bool]:
+    """Return what conditions are sorted by: as quality is lost, each followed by its variants or engines."""
+    own, slash, _ = condition.partition("/")
+    return CONDITION_PLACES[own], bool(slash)
+
+
 def condition_title(condition: str) -> str:
-    """Return a condition's heading; an engine is shown as one that takes the standard tier's mesh."""
-    return CONDITION_TITLES.get(condition) or f"Standard, {plain_text(condition)}"
+    """Return a condition's heading, with the variant's or engine's name behind it."""
+    own, _, name = condition.partition("/")
+    return f"{CONDITION_TITLES[own]}, {plain_text(name)}" if name else CONDITION_TITLES[own]

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 from msb.errors import MsbError
 from msb.files import file_sha256
 from msb.metrics.images import PSNR_CAP
-from msb.report.numbers import DRAWN_CONDITIONS, condition_title, dataset_title, method_title, scene_title
+from msb.report.numbers import (
+    DRAWN_CONDITIONS,
+    condition_order,
+    condition_title,
+    dataset_title,
+    method_title,
+    scene_title,
+)
 from msb.report.safe_names import plain_text, slug
 
 if TYPE_CHECKING:
@@ -138,18 +145,17 @@ def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> 
     stem = f"{slug(dataset)}-{slug(scene)}-{slug(image)}"
     for place in places:
         own = []
-        for condition, loaded in results.places[place].items():
+        for condition, loaded in sorted(
+            results.places[place].items(), key=lambda one: condition_order(one[0])
+        ):
             found = next((one for one in _images(loaded) if one.name == image), None)
             if found is None:
                 continue
             if gt is None:
                 gt = _picture(loaded.file(found.gt), found, f"{stem}-gt.jpg")
             name = f"{stem}-{slug(place.method)}-{slug(condition)}.jpg"
-            own.append((condition, _shot(loaded, condition, found, name)))
-        order = {condition: number for number, condition in enumerate(DRAWN_CONDITIONS)}
-        shots[place.method] = tuple(
-            shot for _, shot in sorted(own, key=lambda one: order.get(one[0], len(order)))
-        )
+            own.append(_shot(loaded, condition, found, name))
+        shots[place.method] = tuple(own)
     return View(dataset, scene, image, why, gt, shots)
 
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from msb.bench.records import Cell
-
 
 class Place(NamedTuple):
     """An asset and its scene."""

@@ -71,12 +71,17 @@ def judge(place: Place, records: Mapping[str, Result], numbers: Numbers) -> Verd
     numbers : Numbers
         The numbers and gaps of the results, its scene's included.
     """
+    variants = [name for name in numbers.in_place_of(place.dataset, "dedicated") if name in records]
+    dedicated = ["dedicated", *variants]
     statements = [
         _looks(place, numbers, "standard", "deploy", "A plain mesh in any engine (Standard)"),
-        _looks(place, numbers, "dedicated", "adapt", "A model with its own shaders (Dedicated)"),
+        *(
+            _looks(place, numbers, name, "adapt", f"A model with its own shaders ({condition_title(name)})")
+            for name in dedicated
+        ),
         *(
             _runs(condition, records[condition])
-            for condition in ("standard", "dedicated")
+            for condition in ("standard", *dedicated)
             if _could_run(records.get(condition))
         ),
         *_structure(records),
@@ -92,7 +97,8 @@ def _looks(place: Place, numbers: Numbers, condition: str, name: GapName, use: s
         return Statement(
             mark, use, f"{'Not supported' if mark == 'NO' else 'Not known'}: {number.reason or 'not run'}."
         )
-    gaps = numbers.gaps.get(GapKey(place.dataset, place.scene, place.method, "psnr"))
+    tier = "standard" if condition == "standard" else "dedicated"
+    gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps[name]
     if gap is None or gap.signed is None:
         return Statement(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.bench.gaps import PAIRS
-from msb.bench.records import CONDITIONS
 from msb.report.layout import PAPER_ROW
 from msb.report.metric_format import SHOWN, title
 from msb.report.numbers import (
@@ -18,7 +17,7 @@ from msb.report.numbers import (
     dataset_title,
     method_title,
 )
-from msb.report.safe_names import slug
+from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
 if TYPE_CHECKING:
@@ -55,15 +54,21 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 
 
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the gaps of every method and metric of a dataset; engines take the place of Standard."""
-    engines = [condition for condition in numbers.conditions(dataset) if condition not in CONDITIONS]
+    """Return the gaps of every method and metric of a dataset.
+
+    Engines take the place of Standard, variants that of Dedicated.
+    """
+    tiers = [("standard", "dedicated")]
+    tiers += [("standard", variant) for variant in numbers.in_place_of(dataset, "dedicated")]
+    tiers += [(engine, "dedicated") for engine in numbers.in_place_of(dataset, "standard")]
     rows: list[Row] = []
     for metric in QUALITY:
-        for standard in ("standard", *engines):
-            for method in numbers.methods(dataset, "dedicated", standard):
-                key = GapKey(dataset, MEAN, method, metric, standard)
-                engine = "" if standard == "standard" else f", {standard}"
-                labels = (title(metric), f"{method_title(method)}{engine}")
+        for standard, dedicated in tiers:
+            for method in numbers.methods(dataset, dedicated, standard):
+                key = GapKey(dataset, MEAN, method, metric, standard, dedicated)
+                if not key.own_tiers and key not in numbers.gaps:
+                    continue
+                labels = (title(metric), gap_title(key))
                 rows.append(Row(labels, _cells(numbers, key)))
                 if paper is not None and key in paper.gaps:
                     rows.append(Row((labels[0], PAPER_ROW), _cells(paper, key), paper=True))
@@ -78,16 +83,30 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
     return table.with_common_notes()
 
 
+def gap_title(key: GapKey) -> str:
+    """Return the method of a gap, and the variant or engine that it goes through."""
+    names = [condition.partition("/")[2] for condition in (key.dedicated, key.standard)]
+    return ", ".join((method_title(key.method), *map(plain_text, filter(None, names))))
+
+
 def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
-    """Return the gaps of one method on one scene."""
+    """Return the gaps of one method on one scene, through Dedicated and through each of its variants."""
     shown = (0, 1, 2, 6)
-    cells = {metric: _cells(numbers, GapKey(*place, metric)) for metric in QUALITY}
-    rows = tuple(
-        Row((title(metric),), tuple(own[number] for number in shown)) for metric, own in cells.items()
-    )
+    through = [
+        name
+        for name in ("dedicated", *numbers.in_place_of(place.dataset, "dedicated"))
+        if name == "dedicated" or Key(*place, name, QUALITY[0]) in numbers.values
+    ]
+    rows = []
+    for metric in QUALITY:
+        for dedicated in through:
+            cells = _cells(numbers, GapKey(*place, metric, dedicated=dedicated))
+            labels = (title(metric), *([condition_title(dedicated)] if len(through) > 1 else []))
+            rows.append(Row(labels, tuple(cells[number] for number in shown)))
     columns = tuple(_COLUMNS[number] for number in shown)
     notes = (NOTES[0], NOTES[2])
-    table = Table("gaps", "What is lost from condition to condition.", ("Metric",), columns, rows, notes)
+    heads = ("Metric", "Through") if len(through) > 1 else ("Metric",)
+    table = Table("gaps", "What is lost from condition to condition.", heads, columns, tuple(rows), notes)
     return table.with_common_notes()
 
 
@@ -95,16 +114,16 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
     """Return how many times faster Standard is than Dedicated, and Dedicated than Non-Engine."""
     rows: list[Row] = []
     for dataset in numbers.datasets():
-        for method in numbers.methods(dataset, "dedicated"):
-            if all(
-                numbers.value(Key(dataset, MEAN, method, c, "fps")) is None for c in ("dedicated", "standard")
-            ):
-                continue
-            labels = dataset_title(dataset), method_title(method)
-            rows.append(Row(labels, _ratio_cells(numbers, dataset, method)))
-            if paper is not None and any(key[:2] == (dataset, method) for key in paper.ratios):
-                cells = _ratio_cells(paper, dataset, method)
-                rows.append(Row((labels[0], PAPER_ROW), cells, paper=True))
+        for dedicated in ("dedicated", *numbers.in_place_of(dataset, "dedicated")):
+            for method in numbers.methods(dataset, dedicated):
+                both = dedicated, "standard"
+                if all(numbers.value(Key(dataset, MEAN, method, c, "fps")) is None for c in both):
+                    continue
+                key = GapKey(dataset, MEAN, method, "fps", dedicated=dedicated)
+                labels = dataset_title(dataset), gap_title(key)
+                rows.append(Row(labels, _ratio_cells(numbers, key)))
+                if paper is not None and any(one == (*key[:1], method, *both[::-1]) for one in paper.ratios):
+                    rows.append(Row((labels[0], PAPER_ROW), _ratio_cells(paper, key), paper=True))
     columns = tuple(
         Column(of, (f"{condition_title(above)} / {condition_title(below)}",))
         for above, below in _RATIOS
@@ -160,7 +179,7 @@ def _shape(gaps: Gaps | None, metric: str, absent: list[Cell]) -> tuple[Cell, Ce
 
 def _ends(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
     """Return the two numbers whose difference a gap is."""
-    conditions = [key.standard if end == "standard" else end for end in PAIRS[name]]
+    conditions = [{"standard": key.standard, "dedicated": key.dedicated}.get(end, end) for end in PAIRS[name]]
     return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in conditions]
 
 
@@ -169,12 +188,13 @@ def _why_absent(numbers: Numbers, key: GapKey, name: GapName, gap: Gap | None) -
     return _absent(_ends(numbers, key, name), "missing" if gap is None else gap.reason, key.metric)
 
 
-def _ratio_cells(numbers: Numbers, dataset: str, method: str) -> tuple[Cell, ...]:
+def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
     cells: list[Cell] = []
     for pair in _RATIOS:
-        ratio = numbers.ratios.get(RatioKey(dataset, method, *pair))
+        own = [key.dedicated if condition == "dedicated" else condition for condition in pair]
+        ratio = numbers.ratios.get(RatioKey(key.dataset, key.method, *own))
         if ratio is None or ratio.value is None:
-            ends = [numbers.number(Key(dataset, MEAN, method, condition, "fps")) for condition in pair]
+            ends = [numbers.number(Key(*key[:3], condition, "fps")) for condition in own]
             cells += [_absent(ends, "missing" if ratio is None else ratio.reason, "fps")] * 2
             continue
         rates = ratio.per_scene.values()
