@@ -36,6 +36,7 @@ _PARTS = {
 
 NOT_RUN = "not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"
+SOUP = "a soup: no two faces share a vertex, so nothing of its connectivity can be good or bad"
 RESIZED = "against photographs resized here, not shipped in this size"
 
 
@@ -172,6 +173,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
             yield RESIZED
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"
+    elif metric in _AUDIT and result.audit is not None and result.audit.get("is_soup"):
+        yield SOUP
     elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
         yield f"measured on a {result.timing.device_kind.upper()} device{_device(result)}"
 

@@ -7,20 +7,25 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.gaps import PAIRS
+from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import SHOWN, text
-from msb.report.numbers import DRAWN_CONDITIONS, MEAN, Key, condition_title, dataset_title, method_title
+from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method_title
 from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from msb.bench.gaps import GapName
-    from msb.report.numbers import Numbers
+    from msb.bench.gaps import GapName, Gaps
+    from msb.report.numbers import GapKey, Numbers
 
 _NOTHING = 0.005
 """A difference of less than this many dB is printed as 0.00."""
 _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
+_MOST = 10
+"""Findings; more are not read."""
+_MINOR = ("monotone", "same_ranking", "unsupported")
+"""Kinds of what is as one expects."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +53,8 @@ class _Case(NamedTuple):
 
 
 def find(numbers: Numbers) -> list[Finding]:
-    """Return the findings, most important first. Where there are no numbers there are no findings."""
-    return [
+    """Return at most ten findings, most important first. Where there are no numbers there are no findings."""
+    found = [
         *_gap_findings(numbers),
         *_monotone_findings(numbers),
         *_ranking_findings(numbers),
@@ -57,52 +62,78 @@ def find(numbers: Numbers) -> list[Finding]:
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
+    # What did not change, and what there is not, comes last; else the order is that above.
+    return sorted(found, key=lambda one: one.kind in _MINOR)[:_MOST]
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and the smallest of each gap in PSNR."""
-    for name, word in _GAPS.items():
-        cases = list(_gap_cases(numbers, name))
-        if not cases:
-            continue
-        first, last = max(cases), min(cases)
-        start, end = (condition_title(condition) for condition in PAIRS[name])
-        if max(abs(case.value) for case in cases) < _NOTHING:
-            who = first.name if len(cases) == 1 else f"any of the {len(cases)} cases"
-            sentence = f"{start} to {end} changes the PSNR of {who} by less than {_NOTHING} dB."
-            yield Finding(f"{name}_gap", sentence, f"gaps-{slug(first.dataset)}")
-            continue
+    """Yield the largest and the smallest of each gap in PSNR, and of the first one to each variant."""
+    variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
+    for dedicated in ("dedicated", *variants):
+        for name, word in _GAPS.items():
+            if dedicated != "dedicated" and name != "adapt":
+                continue  # the rest of the way has to do with the standard tier, not with the variant
+            cases = list(_gap_cases(numbers, name, dedicated))
+            if cases:
+                ends = (dedicated if end == "dedicated" else end for end in PAIRS[name])
+                sentence = _gap_sentence(cases, word, *map(condition_title, ends))
+                own = "" if name == "port" else _own_reference(numbers, cases)
+                yield Finding(f"{name}_gap", f"{sentence}{own}.", f"gaps-{slug(max(cases).dataset)}")
+
+
+def _gap_sentence(cases: list[_Case], word: str, start: str, end: str) -> str:
+    first, last = max(cases), min(cases)
+    if max(abs(case.value) for case in cases) < _NOTHING:
+        who = first.name if len(cases) == 1 else f"any of the {len(cases)} cases"
+        return f"{start} to {end} changes the PSNR of {who} by less than {_NOTHING} dB"
+    if first.value >= _NOTHING:
         sentence = f"{start} to {end} costs {first.name} {first.detail}"
-        if first.value < 0:
-            sentence = f"{start} to {end} loses nothing: {first.name} {first.detail}"
-        if len(cases) > 1:
-            sentence += (
-                f", the largest {word} gap of {len(cases)}; the smallest is {last.detail}, of {last.name}"
-            )
-        yield Finding(f"{name}_gap", f"{sentence}.", f"gaps-{slug(first.dataset)}")
+    else:
+        sentence = f"{start} to {end} loses nothing: {first.name} {first.detail}"
+    if len(cases) > 1:
+        sentence += f", the largest {word} gap of {len(cases)}"
+        if first.value - last.value >= _NOTHING:
+            sentence += f"; the smallest is {last.detail}, of {last.name}"
+    return sentence
 
 
-def _gap_cases(numbers: Numbers, name: GapName) -> Iterator[_Case]:
+def _own_reference(numbers: Numbers, cases: list[_Case]) -> str:
+    """Return what is to be said where Non-Engine is no official rendering."""
+    notes = [
+        numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
+    ]
+    if not any(REFERENCE in own for own in notes):
+        return ""
+    where = "Non-Engine" if all(REFERENCE in own for own in notes) else "some of Non-Engine"
+    return f"; {where} is drawn by our own reference renderer here, not by the method's own code"
+
+
+def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Case]:
     for key, gaps in numbers.gaps.items():
         gap = gaps[name]
-        if (key.scene, key.metric, key.standard) != (MEAN, "psnr", "standard"):
+        if (key.scene, key.metric, key.standard, key.dedicated) != (MEAN, "psnr", "standard", dedicated):
             continue
         if gap.signed is None or gap.ends is None:
             continue
         values = " to ".join(f"{value:.2f}" for value in gap.ends)
         partial = f", over {gap.scenes} of {gap.expected} scenes" if gap.partial else ""
-        gain = "a gain, " if gap.signed < 0 else ""
-        detail = f"{gap.signed:.2f} dB ({gain}{values}{partial})"
+        gain = "a gain, " if gap.signed <= -_NOTHING else ""
+        # A loss that rounds to nothing has no sign.
+        detail = f"{round(gap.signed, 2) + 0.0:.2f} dB ({gain}{values}{partial})"
         yield _Case(gap.signed, key.dataset, key.method, detail)
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the cases in which Dedicated does not lie between the other two."""
-    means = [
-        (key, gaps) for key, gaps in numbers.gaps.items() if (key.scene, key.standard) == (MEAN, "standard")
+    """Yield the cases in which Dedicated, or a variant of it, does not lie between the other two."""
+    known = [
+        (key, gaps)
+        for key, gaps in numbers.gaps.items()
+        if (key.scene, key.standard) == (MEAN, "standard") and gaps.monotone is not None
     ]
-    known = [(key, gaps) for key, gaps in means if gaps.monotone is not None]
-    broken = [(key, gaps) for key, gaps in known if gaps.monotone is False]
+    broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
+    for key, gaps in known:
+        if gaps.monotone is False and (gaps.triangle_excess or 0.0) >= SHOWN[key.metric].last_digit:
+            broken.setdefault((key.dataset, key.method, key.dedicated), []).append((key, gaps))
     if not known:
         return
     if not broken:
@@ -112,19 +143,22 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
             "gap."
         )
         yield Finding("monotone", sentence, f"gaps-{slug(known[0][0].dataset)}")
-    for key, gaps in broken:
+    for (dataset, method, dedicated), cases in broken.items():
+        title = condition_title(dedicated)
+        key, gaps = cases[0]
         better = (
-            "Dedicated is better than Non-Engine"
+            f"{title} is better than Non-Engine"
             if (gaps.adapt.signed or 0) < 0
-            else "Standard beats Dedicated"
+            else f"Standard beats {title}"
         )
+        metrics = " and ".join(SHOWN[one.metric].title for one, _ in cases)
         signs = ", ".join(f"{name} {text_of(key.metric, gaps[name].signed)}" for name in _GAPS)
         sentence = (
-            f"{method_title(key.method)} on {dataset_title(key.dataset)} is not monotone in "
-            f"{SHOWN[key.metric].title}: {better} (losses: {signs}), so adapt + port exceeds deploy by "
+            f"{method_title(method)} on {dataset_title(dataset)} is not monotone in {metrics}: {better} "
+            f"(losses in {SHOWN[key.metric].title}: {signs}), so adapt + port exceeds deploy by "
             f"{text(key.metric, gaps.triangle_excess or 0.0)}."
         )
-        yield Finding("not_monotone", sentence, f"gaps-{slug(key.dataset)}")
+        yield Finding("not_monotone", sentence, f"gaps-{slug(dataset)}")
 
 
 def text_of(metric: str, value: float | None) -> str:
@@ -133,31 +167,36 @@ def text_of(metric: str, value: float | None) -> str:
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield where the order of the methods by PSNR changes from one condition to another."""
+    """Yield where the order of the methods by PSNR changes from one condition to another, and where not."""
+    same: list[str] = []
+    label = ""
     for dataset in numbers.datasets():
-        same = []
-        conditions = [condition for condition in DRAWN_CONDITIONS if condition in numbers.conditions(dataset)]
+        conditions = [name for name in numbers.conditions(dataset) if not name.startswith("standard/")]
+        changes, compared = [], 0
         for first, second in combinations(conditions, 2):
+            if first.partition("/")[0] == second.partition("/")[0]:
+                continue  # two variants of Dedicated are no steps of a deployment
             before, after = (
                 _ranking(numbers, dataset, first, second),
                 _ranking(numbers, dataset, second, first),
             )
             if len(before) < 2:
                 continue
-            names = f"{condition_title(first)} and {condition_title(second)}"
-            label = f"renderer_comparison-{slug(dataset)}"
-            if [method for method, _ in before] == [method for method, _ in after]:
-                same.append(names)
-                continue
+            compared += 1
+            if _swapped(before, after):
+                names = f"{condition_title(first)} and {condition_title(second)}"
+                changes.append(f"{names} ({_order(before)} becomes {_order(after)})")
+        if changes:
             sentence = (
-                f"On {dataset_title(dataset)} the ranking by PSNR changes between {names}: "
-                f"{_order(before)} becomes {_order(after)}."
+                f"On {dataset_title(dataset)} the ranking by PSNR changes between {'; '.join(changes)}."
             )
-            yield Finding("ranking", sentence, label)
-        if same:
-            pairs = " and under ".join(same)
-            sentence = f"On {dataset_title(dataset)} the ranking by PSNR is the same under {pairs}."
-            yield Finding("same_ranking", sentence, f"renderer_comparison-{slug(dataset)}")
+            yield Finding("ranking", sentence, f"renderer_comparison-{slug(dataset)}")
+        elif compared:
+            same.append(dataset_title(dataset))
+            label = label or f"renderer_comparison-{slug(dataset)}"
+    if same:
+        sentence = f"On {', '.join(same)} the ranking by PSNR is the same under every condition."
+        yield Finding("same_ranking", sentence, label)
 
 
 def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list[tuple[str, float]]:
@@ -168,6 +207,15 @@ def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list
         if both[0].value is not None and all(n.value is not None and n.present == n.expected for n in both):
             found.append((method, both[0].value))
     return sorted(found, key=lambda pair: -pair[1])
+
+
+def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> bool:
+    """Return whether a method overtakes another by what a table shows, in both conditions."""
+    digit, values = SHOWN["psnr"].last_digit, dict(after)
+    return any(
+        first - second >= digit and values[worse] - values[better] >= digit
+        for (better, first), (worse, second) in combinations(before, 2)
+    )
 
 
 def _order(ranking: list[tuple[str, float]]) -> str:
@@ -206,7 +254,9 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
     cases = [
         _Case(number.value, key.dataset, key.method, f"{100 * number.value:.0f} %")
         for key, number in numbers.values.items()
-        if (key.scene, key.metric) == (MEAN, "nonmanifold_vertex_ratio") and number.value is not None
+        if (key.scene, key.metric) == (MEAN, "nonmanifold_vertex_ratio")
+        and number.value is not None
+        and SOUP not in number.notes
     ]
     if not cases:
         return
@@ -214,7 +264,7 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
     label = f"mesh_connectivity-{slug(high.dataset)}"
     if high.value == 0:
         yield Finding(
-            "structure", f"None of the exported meshes ({len(cases)} means) has a non-manifold vertex.", label
+            "structure", f"None of the indexed meshes ({len(cases)} means) has a non-manifold vertex.", label
         )
         return
     pieces = numbers.value(Key(high.dataset, MEAN, high.method, "exported_mesh", "components"))
@@ -223,7 +273,7 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
         count = text("components", pieces)
         sentence += f", in {count} {'piece' if count == '1' else 'pieces'}"
     if len(cases) > 1:
-        sentence += f", the most of {len(cases)} means; the least are {low.detail}, of {low.name}"
+        sentence += f", the most of {len(cases)} indexed meshes; the least are {low.detail}, of {low.name}"
     yield Finding("structure", f"{sentence}.", label)
 
 

@@ -21,6 +21,11 @@ class Shown(NamedTuple):
     decimals: int
     scale: float = 1.0
 
+    @property
+    def last_digit(self) -> float:
+        """What the last printed digit stands for, in the records' unit: no difference below it is shown."""
+        return float(10.0**-self.decimals * self.scale)
+
 
 SHOWN: dict[str, Shown] = {
     **{key: Shown(metric.title, metric.unit, metric.decimals) for key, metric in IMAGE_METRICS.items()},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.folder import Results
@@ -31,11 +31,14 @@ class Loaded:
     result: Result
     path: Path
     root: Path
+    folder: str = ""
+    """What tells the model from one of the same name in another folder."""
 
     @property
     def place(self) -> Place:
         """The asset and scene it is of."""
-        return Place(*self.result.cell.names[:3])
+        dataset, scene, model, _ = self.result.cell.names
+        return Place(dataset, scene, f"{model}, {self.folder}" if self.folder else model)
 
     def file(self, name: str | None) -> Path | None:
         """Return a file the record names relative to itself, if it is there and inside the results folder."""
@@ -74,9 +77,10 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     Parameters
     ----------
     *folders : path-like
-        Results folders. If two hold the same cell, the later folder's counts.
+        Results folders. If two hold the same cell, and measured the same, the later folder's counts.
     allow_mixed : bool
-        Take records that differ in what must be equal, and note it, instead of refusing.
+        Take records that differ in what must be equal, and note it, instead of refusing. Models whose records
+        in two folders differ are kept apart, under the folders' names.
 
     Raises
     ------
@@ -85,7 +89,7 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
         reading a record raises.
     UsageError
         RESULTS_MIXED: the definition of a metric differs between records; or of one asset on one scene, the
-        setup, the test images or the asset's bytes.
+        setup, the test images, the asset's bytes, the settings or the renderer's version.
     """
     found = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
     return result_set(found, allow_mixed=allow_mixed)
@@ -95,10 +99,21 @@ def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultS
     """Return records together; raises UsageError as `read_results`."""
     found = list(found)
     problems = list(dict.fromkeys(_problems(found)))
-    if problems and not allow_mixed:
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        text = f"{problems[0]}{more}; report them apart, or give --allow-mixed"
+    apart = _apart(found)
+    if (problems or apart) and not allow_mixed:
+        first = next(iter(apart.values()), problems[0] if problems else "")
+        count = len(problems) + len(apart)
+        more = f" (and {count - 1} more)" if count > 1 else ""
+        way = ' label one of the models in its protocol (label = "ours"),' if apart else ""
+        text = f"{first}{more};{way} report them apart, or give --allow-mixed"
         raise UsageError("RESULTS_MIXED", text)
+    if apart:
+        named = _folder_names(found)
+        found = [
+            replace(one, folder=named[one.root]) if one.place._replace(scene="") in apart else one
+            for one in found
+        ]
+        problems = [*apart.values(), *dict.fromkeys(_problems(found))]
     places: dict[Place, dict[str, Loaded]] = {}
     for loaded in sorted(found, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
@@ -169,12 +184,48 @@ def _problems(found: Iterable[Loaded]) -> Iterator[str]:
                 yield f"{_name(loaded)} and {_name(other)} differ in {what}"
 
 
+def _apart(found: Iterable[Loaded]) -> dict[Place, str]:
+    """Return dataset and model -> what differs between two folders' records of one of its cells."""
+    seen: dict[tuple[str, ...], Loaded] = {}
+    differ: dict[Place, str] = {}
+    for loaded in found:
+        other = seen.setdefault(loaded.result.cell.names, loaded)
+        one, two = _measured(other.result), _measured(loaded.result)
+        what = [name for name in one.keys() & two.keys() if one[name] != two[name]]
+        if what and other.root != loaded.root:
+            text = f"{_name(other)} and {_name(loaded)} differ in {' and '.join(sorted(what))}"
+            differ.setdefault(loaded.place._replace(scene=""), text)
+    return differ
+
+
+def _measured(result: Result) -> dict[str, object]:
+    """Return what two records of one cell must agree in to be of the same thing."""
+    found: dict[str, object] = {}
+    if result.renderer is not None:
+        found["settings"] = result.renderer.settings
+        found["renderer"] = (result.renderer.name, result.renderer.version, result.renderer.kind)
+    if result.asset is not None and result.asset.sha256 is not None:
+        found["the asset's bytes"] = result.asset.sha256
+    return found
+
+
+def _folder_names(found: Iterable[Loaded]) -> dict[Path, str]:
+    """Return results folder -> the last parts of its path, as many as tell it from the others."""
+    roots = list(dict.fromkeys(loaded.root.absolute() for loaded in found))
+    count = 1
+    while len({root.parts[-count:] for root in roots}) < len(roots):
+        count += 1
+    return {loaded.root: "/".join(loaded.root.absolute().parts[-count:]) for loaded in found}
+
+
 def _must_agree(result: Result) -> dict[str, object]:
     found: dict[str, object] = {}
     if result.setup is not None:
         found["their setup (cameras, image folder, background)"] = result.setup
     if result.asset is not None and result.asset.sha256 is not None:
         found["the asset's bytes"] = result.asset.sha256
+    if result.renderer is not None and result.renderer.kind != "upstream" and result.cell.variant is None:
+        found["their settings"] = result.renderer.settings
     if result.quality is not None:
         images = frozenset((image.name, image.width, image.height) for image in result.quality.images)
         found["their test images or sizes"] = images

@@ -129,9 +129,12 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
         for above, below in _RATIOS
         for of in ("Means", "Scenes")
     )
-    note = "ratios of frame rates, of the means over scenes and from the lowest to the highest scene"
+    notes = (
+        "ratios of frame rates, of the means over scenes and from the lowest to the highest scene",
+        "the rates are end to end, so a ratio attributes nothing to sorting, blending or any other step",
+    )
     table = Table(
-        "slowdown", "Frame rates against each other.", ("Dataset", "Method"), columns, tuple(rows), (note,)
+        "slowdown", "Frame rates against each other.", ("Dataset", "Method"), columns, tuple(rows), notes
     )
     return table.with_common_notes()
 

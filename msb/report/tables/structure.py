@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from msb.report.collect import SOUP
 from msb.report.layout import Layout, make_table
 from msb.report.metric_format import title
-from msb.report.numbers import Key, dataset_title, method_title
+from msb.report.numbers import MEAN, Key, dataset_title, method_title
 from msb.report.safe_names import slug
 from msb.report.table import Column
 from msb.report.tables.scenes import OUTDOOR_FIRST, scene_lines
@@ -21,13 +22,25 @@ CONNECTIVITY = {
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
 """The paper's three groups of its eight columns."""
+STATEMENTS = (
+    "of the mesh as it is stored: nothing was merged, removed or repaired before",
+    "a boundary may be legitimate: of an open scene, of a sheet, of what no camera saw",
+    "the number of components depends on the resolution of the mesh and on the scene",
+    "self-intersections are not looked at",
+)
+"""What must be known to read them (paper, "Interpretation")."""
 
 
 def mesh_connectivity(
     numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
 ) -> Table:
-    """Return the audit of every exported mesh of a dataset. The mean is bold."""
-    methods = numbers.methods(dataset, "exported_mesh")
+    """Return the audit of every exported mesh of a dataset, soups last. The mean is bold."""
+
+    def is_soup(method: str) -> bool:
+        mean = Key(dataset, MEAN, method, "exported_mesh", "nonmanifold_vertex_ratio")
+        return SOUP in numbers.number(mean).notes
+
+    methods = sorted(numbers.methods(dataset, "exported_mesh"), key=is_soup)
     metrics = [metric for block in CONNECTIVITY.values() for metric in block]
     lines = [
         line
@@ -52,6 +65,7 @@ def mesh_connectivity(
             ("Scene",),
             tuple(Column(title(metric), (block,)) for block, own in CONNECTIVITY.items() for metric in own),
             tuple(lines),
+            definitions=STATEMENTS,
         ),
         numbers,
         paper,
