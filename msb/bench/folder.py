@@ -80,7 +80,7 @@ class Results:
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, model: str) -> Path:
-        """Return where a checkpoint's asset is put; `model` is its label, else its method."""
+        """Return the place of the asset made from a checkpoint; `model` is its label, else its method."""
         return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
     def video(self, dataset: str, scene: str, model: str) -> Path:

@@ -40,9 +40,9 @@ class Job:
     model : Model, optional
         The model; None where there are official renderings only.
     settings : mapping
-        Overrides of the asset's.
+        Values that replace the asset's settings.
     options : mapping
-        Of the renderer besides: the order and sampling of a variant.
+        Further options of the renderer: the order and sampling of a variant.
     renders : Path, optional
         The folder of official renderings; None means our reference renderer.
     training, mesh : Path, optional

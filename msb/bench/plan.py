@@ -367,8 +367,8 @@ def selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether a cell is among those asked for.
 
     Each text of `only` is one or more patterns (``*`` and ``?``) with slashes between; each pattern must
-    match the cell's dataset, scene, method, label, condition, variant or renderer. One text suffices; none
-    selects every cell.
+    match the cell's dataset, scene, method, label, condition, variant or renderer. A cell is selected if one
+    text matches; if `only` is empty, every cell is selected.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 

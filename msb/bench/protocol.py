@@ -90,7 +90,7 @@ class MethodTable(SceneOptions):
     Attributes
     ----------
     name : str
-        As `msb methods` lists them, or "auto": what the model is found to be.
+        A name that `msb methods` lists, or "auto", which takes the method found from the model.
     label : str, optional
         Names the model's columns and folders, and tells it from others of its method. It may be no method's
         name.

@@ -73,7 +73,7 @@ class Cell(Record):
     dataset : str
         "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
     scene, method : str
-        `method` as in `msb.methods`.
+        The scene, and the method as `msb.methods` names it.
     label : str, optional
         Tells the model from others of its method in one protocol, and names its columns.
     condition : Condition
