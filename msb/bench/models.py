@@ -148,7 +148,7 @@ def method_of(source: Path) -> str:
 
 
 def _record(results: Results, task: ModelTask) -> Path:
-    name = f"{task.method}-{digest(_asked(task))[:8]}.json"
+    name = f"{task.label or task.method}-{digest(_asked(task))[:8]}.json"
     return results.asset(task.dataset, task.scene, task.method).with_name(name)
 
 

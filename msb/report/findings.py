@@ -151,11 +151,12 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
             if (gaps.adapt.signed or 0) < 0
             else f"Standard beats {title}"
         )
+        losses = "losses" if len(cases) == 1 else f"losses in {SHOWN[key.metric].title}"
         metrics = " and ".join(SHOWN[one.metric].title for one, _ in cases)
         signs = ", ".join(f"{name} {text_of(key.metric, gaps[name].signed)}" for name in _GAPS)
         sentence = (
             f"{method_title(method)} on {dataset_title(dataset)} is not monotone in {metrics}: {better} "
-            f"(losses in {SHOWN[key.metric].title}: {signs}), so adapt + port exceeds deploy by "
+            f"({losses}: {signs}), so adapt + port exceeds deploy by "
             f"{text(key.metric, gaps.triangle_excess or 0.0)}."
         )
         yield Finding("not_monotone", sentence, f"gaps-{slug(dataset)}")

@@ -12,7 +12,7 @@ from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
 
@@ -184,16 +184,19 @@ def _problems(found: Iterable[Loaded]) -> Iterator[str]:
                 yield f"{_name(loaded)} and {_name(other)} differ in {what}"
 
 
-def _apart(found: Iterable[Loaded]) -> dict[Place, str]:
+def _apart(found: Sequence[Loaded]) -> dict[Place, str]:
     """Return dataset and model -> what differs between two folders' records of one of its cells."""
     seen: dict[tuple[str, ...], Loaded] = {}
     differ: dict[Place, str] = {}
+    named = _folder_names(found)
     for loaded in found:
         other = seen.setdefault(loaded.result.cell.names, loaded)
         one, two = _measured(other.result), _measured(loaded.result)
         what = [name for name in one.keys() & two.keys() if one[name] != two[name]]
         if what and other.root != loaded.root:
-            text = f"{_name(other)} and {_name(loaded)} differ in {' and '.join(sorted(what))}"
+            folders = f"{named[other.root]} and {named[loaded.root]}"
+            where = "/".join(loaded.result.cell.names)
+            text = f"{folders} hold {where} with different {' and '.join(sorted(what))}"
             differ.setdefault(loaded.place._replace(scene=""), text)
     return differ
 
@@ -205,7 +208,7 @@ def _measured(result: Result) -> dict[str, object]:
         found["settings"] = result.renderer.settings
         found["renderer"] = (result.renderer.name, result.renderer.version, result.renderer.kind)
     if result.asset is not None and result.asset.sha256 is not None:
-        found["the asset's bytes"] = result.asset.sha256
+        found["bytes of the asset"] = result.asset.sha256
     return found
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from msb.bench.protocol import ProtocolFile
 
 REFERENCE = 'non_engine = "reference"'
+VARIANT = '[[variants]]\nlabel = "engine"\norder = "global"\nsampling = "engine"'
 
 
 @pytest.fixture(scope="session")
@@ -30,8 +31,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
-    """The same without a reference of our own, to compare runs that are interrupted or on a cluster with."""
-    file = protocol(tmp_path_factory.mktemp("whole"))
+    """A run with a variant and without interruption, which interrupted runs and a cluster's must equal."""
+    file = protocol(tmp_path_factory.mktemp("whole"), tail=VARIANT)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 

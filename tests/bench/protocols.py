@@ -27,6 +27,7 @@ def protocol(
     dataset: str = "nerf_synthetic",
     head: str = "",
     each: str = "",
+    tail: str = "",
 ) -> ProtocolFile:
     """Return a protocol in `folder`: methods on one of the scenes, timed shortly."""
     lines = [
@@ -45,7 +46,7 @@ def protocol(
             f"model = {json.dumps(str(PEBBLE / '{method}'))}",
             each,
         ]
-    return parse_protocol("\n".join(lines).encode(), folder / "protocol.toml")
+    return parse_protocol("\n".join([*lines, tail]).encode(), folder / "protocol.toml")
 
 
 def records(results: Path) -> dict[str, Any]:
@@ -88,9 +89,8 @@ def cell(file: ProtocolFile, name: str) -> Result:
 
 
 def planned(report: Report) -> dict[str, Any]:
-    """Return method/condition -> state, or the parts that were computed and why."""
+    """Return model/condition -> state, or the parts that were computed and why."""
     return {
-        f"{row.planned.cell.method}/{row.planned.cell.condition_name}": dict(row.planned.why)
-        or row.planned.status
+        "/".join(row.planned.cell.names[2:]): dict(row.planned.why) or row.planned.status
         for row in report.rows
     }

@@ -58,6 +58,8 @@ def test_settings_none_switches_off() -> None:
     assert overrides(method) == {"ste_threshold": None, "gamma": 20}
 
 
+OURS = '[[methods]]\nname = "mesh"\nmodel = "x"\nlabel = "Ours"\n'
+VARIANT = '[[variants]]\nlabel = "{}"\norder = "global"\n'
 WRONG = {
     "a = ": "it is not TOML",
     "a = " + "[" * 4000: "nested too deeply",
@@ -86,6 +88,17 @@ WRONG = {
     MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
     'engines = ["standard"]\n' + MINIMAL: 'there is no engine "standard"',
     MINIMAL.replace('model = "out/{method}/{scene}"', ""): "it has no model",
+    MINIMAL + 'label = "mesh"\n': '/methods/0/label: "mesh" is the name of a method',
+    MINIMAL + 'label = "a/b"\n': "/methods/0/label",
+    MINIMAL + 'label = "ours"\n' + OURS: '/methods/1/label: "Ours" is the label of two_dts already',
+    MINIMAL + VARIANT.format("Standard"): '/variants/0/label: "Standard" is the name of a condition',
+    MINIMAL + VARIANT.format("a") + VARIANT.format("A"): '/variants/1/label: "A" is the name of a variant',
+    MINIMAL + '[[variants]]\nlabel = "a"\n': "/variants/0: it is the dedicated tier as it is",
+    MINIMAL + '[[variants]]\norder = "global"\n': "/variants/0/label: field required",
+    MINIMAL + '[[variants]]\nlabel = "a"\norder = "up"\n': "/variants/0/order",
+    MINIMAL + '[[variants]]\nlabel = "a"\nrenderer = "b"\n': '/variants/0/renderer: there is no renderer "b"',
+    MINIMAL + VARIANT.format("a") + "settings = { gama = 1 }\n": "/variants/0/settings: two_dts has no",
+    MINIMAL + VARIANT.format("a") + "settings = { gamma = 0.5 }\n": "must be at least 1",
 }
 
 

@@ -75,8 +75,7 @@ def write_results(
 
 def write(root: Path, result: Result, *, images: bool = False) -> Path:
     """Write one record where `msb run` would, and return its file."""
-    cell = result.cell
-    folder = root / "cells" / cell.dataset / cell.scene / cell.method / cell.condition_name
+    folder = root.joinpath("cells", *result.cell.names)
     folder.mkdir(parents=True, exist_ok=True)
     if images and result.quality is not None:
         write_images(folder, result.quality)

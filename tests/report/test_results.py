@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from msb.bench.records import File
+from msb.bench.records import File, RendererInfo
 from msb.errors import InputError, UsageError
 from msb.report.results import Place, read_results
 from tests.report.factory import METRICS, make_result, write
@@ -125,8 +125,50 @@ def test_of_the_same_cell_in_two_folders_the_later_counts(tmp_path: Path) -> Non
     assert len(found) == 1
     made = make_result(*HERE, "dedicated")
     write(tmp_path / "new", made.model_copy(update=other_asset()))
-    with pytest.raises(UsageError, match="RESULTS_MIXED: new: capture/desk/two_dts/dedicated and old"):
+    with pytest.raises(UsageError, match="RESULTS_MIXED: old and new hold capture/desk/two_dts/ded"):
         read_results(tmp_path / "old", tmp_path / "new")
+
+
+def other_settings() -> dict[str, Any]:
+    return {
+        "renderer": RendererInfo(name="msb-dedicated", version="1", kind="msb", settings={"supersample": 4})
+    }
+
+
+def other_version() -> dict[str, Any]:
+    renderer = make_result(*HERE, "dedicated").renderer
+    assert renderer is not None
+    return {"renderer": renderer.model_copy(update={"version": "0"})}
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        (other_asset, "bytes of"),
+        (other_settings, "renderer and settings"),
+        (other_version, "renderer"),
+    ],
+)
+def test_two_measurements_of_one_cell_are_never_merged(tmp_path: Path, changes: Any, what: str) -> None:
+    folders = tmp_path / "a" / "results", tmp_path / "b" / "results"
+    for folder in folders:
+        two(folder)
+    made = make_result(*HERE, "dedicated")
+    write(folders[1], made.model_copy(update=changes()))
+    with pytest.raises(UsageError, match=f'a/results and b/results hold .*{what}.*"ours"') as caught:
+        read_results(*folders)
+    assert (caught.value.code, caught.value.exit_status) == ("RESULTS_MIXED", 2)
+    found = read_results(*folders, allow_mixed=True)
+    assert [place.method for place in found.places] == ["two_dts, a/results", "two_dts, b/results"]
+    assert what in found.notes[0]
+
+
+def test_a_labelled_model_stands_beside_the_other_of_its_method(tmp_path: Path) -> None:
+    write(tmp_path, make_result(*HERE, "dedicated"))
+    made = make_result(*HERE, "dedicated")
+    cell = made.cell.model_copy(update={"label": "ours"})
+    write(tmp_path, made.model_copy(update={"cell": cell, **other_asset()}))
+    assert [place.method for place in read_results(tmp_path).places] == ["ours", "two_dts"]
 
 
 def test_files_outside_the_results_folder_are_not_read(tmp_path: Path) -> None:

@@ -1,0 +1,174 @@
+"""Variants of the dedicated tier and labels of models are cells of their own, from protocol to report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb
+from msb import metrics
+from msb.bench.protocol import parse_protocol
+from msb.bench.records import read_result
+from msb.bench.run import run_protocol
+from msb.errors import MsbError
+from msb.render.images import to_bytes
+from msb.report.collect import REFERENCE, collect
+from msb.report.findings import find
+from msb.report.numbers import MEAN, GapKey, Key, RatioKey, condition_title
+from msb.report.results import read_results
+from msb.report.tables.gaps import gaps_table, slowdown_table
+from msb.scenes.datasets import read_scene
+from tests.bench.protocols import PEBBLE, STUBS, planned, protocol, records
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.bench.protocol import ProtocolFile
+
+SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
+TAIL = f"""
+[[methods]]
+name = "two_dts"
+label = "ours"
+settings = {{ sh_degree = 0 }}
+model = {json.dumps(str(PEBBLE / "two_dts"))}
+conditions = ["dedicated", "standard"]
+
+[[variants]]
+label = "engine"
+order = "global"
+sampling = "engine"
+
+[[variants]]
+label = "soft"
+settings = {{ gamma = 2.0 }}
+"""
+
+
+@pytest.fixture(scope="module")
+def varied(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
+    """A run of two methods, one of them twice, with two variants."""
+    file = protocol(tmp_path_factory.mktemp("varied"), each='non_engine = "reference"', tail=TAIL)
+    assert run_protocol(file, jobs=2).exit_status == 0
+    return file
+
+
+def record(file: ProtocolFile, name: str) -> Path:
+    return file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json"
+
+
+@pytest.mark.slow
+def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
+    found = read_result(record(varied, "two_dts/engine"))
+    assert found.schema_ == "msb.result/2"
+    assert (found.cell.condition, found.cell.variant, found.cell.renderer) == ("dedicated", "engine", None)
+    assert found.cell.condition_key == "dedicated/engine"
+    assert found.renderer is not None
+    assert found.renderer.settings["order"] == "global"
+    assert found.renderer.settings["sampling"] == "engine"
+    assert found.timing is not None
+    assert found.quality is not None
+    camera = read_scene(SCENE, dataset="nerf_synthetic").test[0]
+    asset = msb.open(PEBBLE / "two_dts")
+    with msb.Renderer(asset, "dedicated", "pocl", order="global", sampling="engine") as renderer:
+        frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
+    image = metrics.read_image(record(varied, "two_dts/engine").parent / str(found.quality.images[0].file))
+    np.testing.assert_array_equal(image, to_bytes(frame.image))
+
+
+@pytest.mark.slow
+def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: ProtocolFile) -> None:
+    found = read_result(record(varied, "diffsoup/soft"))
+    assert found.status == "unsupported"
+    assert found.reason is not None
+    assert found.reason.message == "diffsoup has no setting gamma, which the variant changes"
+
+
+@pytest.mark.slow
+def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: ProtocolFile) -> None:
+    assert set(planned(run_protocol(varied, dry=True)).values()) == {"done", "unsupported"}
+    text = varied.text.replace(b"gamma = 2.0", b"gamma = 3.0")
+    changed = replace(parse_protocol(text, varied.path), results_instead=varied.results)
+    again = planned(run_protocol(changed, dry=True))
+    assert {name: set(why.values()) for name, why in again.items() if isinstance(why, dict)} == {
+        "two_dts/soft": {"settings changed"},
+        "ours/soft": {"settings changed"},
+    }
+    one = run_protocol(varied, dry=True, only=["ours/engine"])
+    assert [row.planned.cell.names[2:] for row in one.rows] == [("ours", "engine")]
+
+
+@pytest.mark.slow
+def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile, tmp_path: Path) -> None:
+    first, second = (read_result(record(varied, f"{name}/dedicated")) for name in ("two_dts", "ours"))
+    assert first.quality is not None
+    assert second.quality is not None
+    assert second.cell.method == "two_dts"
+    assert first.quality.values["psnr"] != second.quality.values["psnr"]
+    numbers = collect(read_results(varied.results))
+    assert numbers.methods("nerf_synthetic") == ["two_dts", "diffsoup", "ours"]
+    twice = protocol(tmp_path, ("two_dts", "two_dts"))
+    with pytest.raises(MsbError, match=r'PROTOCOL_INVALID: .*two models of two_dts on pebble.*"ours"'):
+        run_protocol(twice)
+
+
+@pytest.mark.slow
+def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> None:
+    numbers = collect(read_results(varied.results))
+    own, variant = (
+        numbers.gaps[GapKey("nerf_synthetic", MEAN, "two_dts", "psnr", dedicated=name)]
+        for name in ("dedicated", "dedicated/engine")
+    )
+    assert own.adapt.value == pytest.approx(0, abs=1e-3)
+    assert variant.adapt.value is not None
+    assert variant.adapt.value > 0.1
+    assert variant.deploy.value == own.deploy.value
+    keys = [
+        Key("nerf_synthetic", MEAN, "two_dts", name, "psnr") for name in ("non_engine", "dedicated/engine")
+    ]
+    before, after = (numbers.value(key) for key in keys)
+    assert before is not None
+    assert after is not None
+    assert variant.adapt.signed == pytest.approx(before - after)
+    assert RatioKey("nerf_synthetic", "two_dts", "standard", "dedicated/engine") in numbers.ratios
+    rows = {row.labels for row in gaps_table(numbers, "nerf_synthetic").rows}
+    assert ("PSNR ↑", "2DTS, engine") in rows
+    assert ("PSNR ↑", "ours, soft") in rows
+    assert "2DTS, engine" in {row.labels[1] for row in slowdown_table(numbers).rows}
+    assert condition_title("dedicated/engine") == "Dedicated, engine"
+    assert condition_title("standard/wgpu") == "Standard, wgpu"
+
+
+@pytest.mark.slow
+def test_findings_say_that_non_engine_is_our_own_reference_and_are_ten_at_most(varied: ProtocolFile) -> None:
+    numbers = collect(read_results(varied.results))
+    assert REFERENCE in numbers.number(Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "psnr")).notes
+    found = find(numbers)
+    assert 0 < len(found) <= 10
+    gaps = [one.sentence for one in found if one.kind in ("adapt_gap", "deploy_gap")]
+    assert any("Dedicated, engine" in sentence for sentence in gaps)
+    assert all("Non-Engine is drawn by our own reference renderer here" in sentence for sentence in gaps)
+    assert not any("-0.00" in one.sentence for one in found)
+
+
+@pytest.mark.slow
+def test_records_of_the_first_version_are_read(varied: ProtocolFile, tmp_path: Path) -> None:
+    data = json.loads(record(varied, "two_dts/dedicated").read_bytes())
+    data["schema"] = "msb.result/1"
+    for key in ("label", "variant"):
+        del data["cell"][key]
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    assert read_result(tmp_path / "result.json").cell.condition_key == "dedicated"
+
+
+@pytest.mark.slow
+def test_processes_do_not_show_in_variants(varied: ProtocolFile, tmp_path: Path) -> None:
+    alone = replace(varied, path=tmp_path / "protocol.toml")
+    assert run_protocol(alone, jobs=1, only=["engine"]).exit_status == 0
+    found, wanted = records(alone.results), records(varied.results)
+    assert list(found) == [name for name in wanted if "/engine/" in name]
+    assert found == {name: wanted[name] for name in found}
