@@ -15,7 +15,7 @@ from msb.atomic import new_file
 from msb.bench.checked import checked, read_json
 from msb.bench.digest import describe_file, digest, list_sha256, stamp
 from msb.bench.folder import Results, check_run
-from msb.bench.protocol import AUTO
+from msb.bench.protocol_tables import AUTO
 from msb.bench.records import File, Record
 from msb.errors import CheckpointError, MsbError
 

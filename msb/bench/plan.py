@@ -13,7 +13,8 @@ from msb.bench.inputs import Known, inputs_of
 from msb.bench.job import MAIN, Job
 from msb.bench.models import Model, ModelTask, method_of
 from msb.bench.photographs import SceneAt
-from msb.bench.protocol import AUTO, REFERENCE, overrides
+from msb.bench.protocol import overrides
+from msb.bench.protocol_tables import AUTO, REFERENCE
 from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
 from msb.errors import InputError, MsbError, UsageError
 from msb.files import file_sha256
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.job import Inputs, Part
-    from msb.bench.protocol import DatasetTable, MethodTable, ProtocolFile, VariantTable
+    from msb.bench.protocol import ProtocolFile
+    from msb.bench.protocol_tables import DatasetTable, MethodTable, VariantTable
     from msb.bench.records import Result
 
 

@@ -21,7 +21,8 @@ from msb.bench.models import Model, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
-from msb.bench.protocol import AUTO, PROTOCOL_NAME
+from msb.bench.protocol import PROTOCOL_NAME
+from msb.bench.protocol_tables import AUTO
 from msb.bench.quality import image_measures
 from msb.bench.records import Reason, Result
 from msb.bench.videos import video_tasks, write_video

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.bench.job import Job
-    from msb.bench.protocol import VideosTable
+    from msb.bench.protocol_tables import VideosTable
     from msb.scenes import Camera
 
 SCHEMA = "msb.video/1"

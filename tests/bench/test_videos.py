@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from msb import metrics
-from msb.bench.protocol import VideosTable
+from msb.bench.protocol_tables import VideosTable
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 

@@ -52,7 +52,7 @@ def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
 def test_what_is_to_do_is_shown_and_not_done(msb: Msb, tmp_path: Path) -> None:
     result = msb("run", "--dry-run", "-o", tmp_path / "r", STUBS / "protocol.toml")
     assert result.status == 0
-    assert "64 cells: 60 to do, 4 N/A" in result.out
+    assert "80 cells: 76 to do, 4 N/A" in result.out
     assert not (tmp_path / "r").exists()
 
 

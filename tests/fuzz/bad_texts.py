@@ -75,7 +75,7 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "key twice": (b'{"schema": 1, "schema": 1}', "twice"),
     "long integer": (result().replace(b'"seconds": 1.5', b'"seconds": ' + DIGITS), "5000 digits"),
     "lone surrogate": (result().replace(b'"done"', b'"\\ud800"'), "surrogate"),
-    "other schema": (result(schema="msb.result/2"), "/schema"),
+    "other schema": (result(schema="msb.result/3"), "/schema"),
     "unknown key": (result(more=1), "/more: extra inputs"),
     "true for a number": (result(seconds=True), "/seconds"),
     "status": (result(status="fine"), "/status"),
