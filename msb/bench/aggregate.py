@@ -16,7 +16,7 @@ from msb.scenes.datasets.catalog import DATASETS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from msb.bench.records import Result
+    from msb.bench.records import Result, Timing
 
 Better = Literal["higher", "lower"]
 
@@ -36,6 +36,16 @@ def _timing(name: str) -> Callable[[Result], float | None]:
     return lambda result: None if result.timing is None else getattr(result.timing, name)
 
 
+def _of_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
+    return lambda result: None if result.timing is None else get(result.timing)
+
+
+def _unsteadiness(timing: Timing) -> float | None:
+    """Return how far the rates of the rounds are apart, as a share of the rate of all frames."""
+    rates = timing.round_fps
+    return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
+
+
 def _training(name: str) -> Callable[[Result], float | None]:
     return lambda result: None if result.training is None else getattr(result.training, name)
 
@@ -49,6 +59,10 @@ METRICS: dict[str, Metric] = {
     "fps": Metric("higher", _timing("fps")),
     "p50_ms": Metric("lower", _timing("p50_ms")),
     "p95_ms": Metric("lower", _timing("p95_ms")),
+    "spread_ms": Metric("lower", _of_timing(lambda timing: timing.p95_ms - timing.p50_ms)),
+    "busy_p50_ms": Metric("lower", _timing("busy_p50_ms")),
+    "host_ms": Metric("lower", _of_timing(lambda timing: 1000 / timing.fps - timing.p50_ms)),
+    "unsteady": Metric("lower", _of_timing(_unsteadiness)),
     "memory": Metric("lower", lambda result: None if result.memory is None else result.memory.total),
     "asset_size": Metric("lower", lambda result: None if result.asset is None else result.asset.bytes),
     "train_seconds": Metric("lower", _training("seconds")),
@@ -63,7 +77,10 @@ METRICS: dict[str, Metric] = {
     "lcc_area_ratio": Metric("higher", _audit("lcc_area_ratio")),
     "components": Metric("lower", _audit("components")),
 }
-"""All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes."""
+"""All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes.
+
+`spread_ms` is P95 less P50, `host_ms` the part of a frame's wall-clock time outside of the device's work,
+and `unsteady` how far the rates of the timing's rounds are apart."""
 
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
 """Dataset -> the scenes over which the dataset's mean is taken."""

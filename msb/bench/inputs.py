@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from msb.bench.photographs import SceneAt
 
 _SHORT = 16
+_CLOCK = "from the first start"
+"""Where the time of a frame begins. Earlier timings began when its first command was queued."""
 _MEMORY = "of all test views"
 """The views that the memory of a timing is of. Older records without this entry have that of the timed
 views."""
@@ -98,7 +100,7 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
                 "cameras": job.views.cameras,
                 **_images(job, known),
                 "device": _device(known.device),
-                "clock": f"{job.frames} frames, {job.seconds:g} s",
+                "clock": f"{job.frames} frames, {job.seconds:g} s, {_CLOCK}",
                 "memory": _MEMORY,
             }
     if job.training is not None and job.cell.condition_key == condition:

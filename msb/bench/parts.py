@@ -54,6 +54,9 @@ def measure_timing(job: Job) -> dict[str, Any]:
         mean_ms=found.mean,
         busy_p50_ms=found.busy_p50,
         busy_p95_ms=found.busy_p95,
+        queued_p50_ms=found.queued_p50,
+        queued_p95_ms=found.queued_p95,
+        round_fps=found.round_fps,
         stages_ms=dict(found.stages),
         device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
 TIMED_FRAMES = 100
+ROUNDS = 5
 TIMED_SECONDS = 3.0
 """Seconds that the clock runs at least; it also runs until enough frames are drawn."""
 
@@ -42,10 +44,14 @@ class Profile:
         of its last one; percentiles are interpolated linearly.
     busy_p50, busy_p95 : float
         The same percentiles of the sum of the commands' times.
+    queued_p50, queued_p95 : float, optional
+        The same percentiles from when the first command was queued; None if the renderer cannot tell.
     stages : mapping of str to float
         Stage -> its median time in a frame.
     fps : float
         Frames per second of wall-clock time, which includes uploads, launches and waiting.
+    round_fps : tuple of float
+        The same of up to five rounds, each a stretch of as many consecutive frames.
     memory : mapping of str to int
         Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
         that the most demanding camera needs, however fast the machine is.
@@ -61,8 +67,11 @@ class Profile:
     mean: float
     busy_p50: float
     busy_p95: float
+    queued_p50: float | None
+    queued_p95: float | None
     stages: Mapping[str, float]
     fps: float
+    round_fps: tuple[float, ...]
     memory: Mapping[str, int]
     memory_groups: Mapping[str, str]
     memory_views: int
@@ -73,8 +82,10 @@ class Profile:
             "frames": self.frames,
             "device_ms": {"p50": self.p50, "p95": self.p95, "mean": self.mean},
             "busy_ms": {"p50": self.busy_p50, "p95": self.busy_p95},
+            "queued_ms": {"p50": self.queued_p50, "p95": self.queued_p95},
             "stages_ms": dict(self.stages),
             "fps": self.fps,
+            "round_fps": list(self.round_fps),
             "memory_bytes": dict(self.memory),
             "memory_views": self.memory_views,
         }
@@ -105,7 +116,7 @@ def profile(
         The least numbers of frames and seconds; timing goes on until both are reached.
     warm_up : int, optional
         The number of frames drawn before the clock starts; by default 10 frames or one second, whichever ends
-        first.
+        first, but at least as many as a renderer needs to settle.
     budget : float
         Seconds, warm-up and at least one frame included, after which drawing stops in any case.
     step : callable
@@ -118,15 +129,20 @@ def profile(
     if warm_up is None:
         short = min(WARM_UP_SECONDS if frames > 1 else 0, budget)
         turns.repeat(WARM_UP_FRAMES, short, any_of=True)
+        if frames > 1 and turns.frames < SETTLED_AT:
+            turns.repeat(SETTLED_AT - turns.frames, 0, end=end)
     elif warm_up:
         turns.repeat(warm_up, 0, end=end)
     start = time.perf_counter()
+    turns.ends.clear()
     drawn = turns.repeat(frames, seconds, end=end, step=step)
     elapsed = time.perf_counter() - start
+    ends = [start, *turns.ends]
     while turns.unseen and time.perf_counter() < end:
         turns.draw(min(turns.unseen))
     spans = np.array([one.span for one in drawn])
     busy = np.array([sum(one.stages.values()) for one in drawn])
+    queued = [one.since_queued for one in drawn if one.since_queued is not None]
     names = dict.fromkeys(name for one in drawn for name in one.stages)
     return Profile(
         frames=len(drawn),
@@ -135,12 +151,23 @@ def profile(
         mean=float(spans.mean()),
         busy_p50=float(np.percentile(busy, 50)),
         busy_p95=float(np.percentile(busy, 95)),
+        queued_p50=float(np.percentile(queued, 50)) if queued else None,
+        queued_p95=float(np.percentile(queued, 95)) if queued else None,
         stages={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
         fps=len(drawn) / elapsed,
+        round_fps=_round_rates(ends),
         memory=dict(renderer.memory()),
         memory_groups=dict(renderer.memory_groups()),
         memory_views=min(len(turns.drawn), len(cameras) - bool(turns.unseen)),
     )
+
+
+def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:
+    """Return the frame rates of up to `ROUNDS` rounds, from when the clock started and every frame ended."""
+    frames = len(ends) - 1
+    rounds = min(ROUNDS, frames)
+    marks = [number * frames // rounds for number in range(rounds + 1)]
+    return tuple((b - a) / (ends[b] - ends[a]) for a, b in pairwise(marks) if ends[b] > ends[a])
 
 
 class _Turns:
@@ -149,6 +176,7 @@ class _Turns:
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
         self.frames = 0
+        self.ends: list[float] = []
         self.drawn: set[int] = set()
         self.unseen = set(range(len(cameras)))
 
@@ -178,4 +206,5 @@ class _Turns:
             if drawn and (now >= end or (any(reached) if any_of else all(reached))):
                 return drawn
             drawn.append(self.draw(len(drawn) % len(self.cameras)))
+            self.ends.append(time.perf_counter())
             step()

@@ -204,11 +204,16 @@ class Timing(Record):
     """Wall-clock seconds of all `frames`."""
     fps: Amount
     p50_ms: Amount
-    """Device time from the first event of a frame to its last."""
+    """Device time from the start of a frame's first command to the end of its last one."""
     p95_ms: Amount
     mean_ms: Amount
     busy_p50_ms: Amount
     busy_p95_ms: Amount
+    queued_p50_ms: Amount | None = None
+    """From when the first command was queued, as earlier versions took `p50_ms`; None if unknown."""
+    queued_p95_ms: Amount | None = None
+    round_fps: tuple[Amount, ...] = ()
+    """The rates of up to five rounds of consecutive frames, far apart on a machine with other work."""
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
     """ "Device ms" are GPU ms only where this is "gpu"."""

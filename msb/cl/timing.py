@@ -39,7 +39,7 @@ class Timing:
     def milliseconds(self) -> dict[str, float]:
         """Return stage -> milliseconds for which its commands ran, in order of first appearance.
 
-        Time between commands and the compilation at a first launch are not included; `span` includes them.
+        Time between commands is not included; `span` includes it.
         """
         total: dict[str, float] = {}
         for stage, event in self._events:
@@ -48,12 +48,22 @@ class Timing:
         return total
 
     def span(self) -> float:
-        """Return the milliseconds from when the first command was queued to when the last one ended."""
+        """Return the milliseconds from the start of the first command to the end of the last one."""
+        return self._until_end("start")
+
+    def since_queued(self) -> float:
+        """Return the milliseconds from when the first command was queued to the end of the last one.
+
+        They include the compilation at a first launch, and whatever the device does before it starts.
+        """
+        return self._until_end("queued")
+
+    def _until_end(self, moment: str) -> float:
         if not self._events:
             return 0.0
-        queued = min(event.profile.queued for _, event in self._events)
+        first = min(getattr(event.profile, moment) for _, event in self._events)
         ended = max(event.profile.end for _, event in self._events)
-        return float(ended - queued) * _MS
+        return float(ended - first) * _MS
 
     def __len__(self) -> int:
         return len(self._events)

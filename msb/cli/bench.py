@@ -241,6 +241,7 @@ def _rows(found: Profile, views: int, *, everything: bool) -> Any:
     yield "frames per second", "", found.fps, lambda old: old["fps"]
     yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
     yield "device P95", "ms", found.p95, lambda old: old["device_ms"].get("p95")
+    yield "busy P50", "ms", found.busy_p50, lambda old: old.get("busy_ms", {}).get("p50")
     for name, value in found.stages.items():
         yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
     total = sum(found.memory.values())
@@ -252,4 +253,6 @@ def _rows(found: Profile, views: int, *, everything: bool) -> Any:
 
 
 def _number(value: float, unit: str) -> str:
+    if unit == "ms":
+        return f"{value:,.3f} ms" if value >= 0.1 else f"{1000 * value:.1f} µs"
     return f"{value:,.2f} {unit}".rstrip()

@@ -316,6 +316,6 @@ class _Task:
         echo(f"{' and '.join(where)}: {len(rows)} view{plural}{which}, sha256 {total[:16]}")
         if self.output.verbose:
             for row in rows:
-                stages = ", ".join(f"{key} {value:.2f}" for key, value in row["timings_ms"].items())
+                stages = ", ".join(f"{key} {value:.3f}" for key, value in row["timings_ms"].items())
                 size = f"{row['width']} x {row['height']}"
                 echo(f"{row['camera']}: {size}, {stages} ms, sha256 {row['sha256'][:16]}")

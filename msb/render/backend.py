@@ -60,10 +60,13 @@ class Drawn:
         Stage -> milliseconds for which its commands ran. Their sum is the time for which the device was busy.
     span : float
         Milliseconds from the start of the first command to the end of the last one.
+    since_queued : float, optional
+        Milliseconds from when the first command was queued to the end of the last one; None if unknown.
     """
 
     stages: Mapping[str, float]
     span: float
+    since_queued: float | None = None
 
 
 class Backend(Protocol):

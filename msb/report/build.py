@@ -238,6 +238,7 @@ def _sections(
     for dataset in deployed:
         if dataset not in few:
             runtime += [tables.latency(numbers, dataset, paper), tables.memory(numbers, dataset, paper)]
+        runtime += [tables.frame_time(numbers, dataset)]
     published: list[Table] = []
     if known:
         published = [

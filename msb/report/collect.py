@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from msb.bench.records import Result
     from msb.report.results import ResultSet
 
-_RATES = ("fps", "p50_ms", "p95_ms")
+_RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 _IMAGES = (*QUALITY, *_RATES, "memory", "asset_size")
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
 """Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""

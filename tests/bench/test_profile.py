@@ -25,7 +25,7 @@ class Fake:
         self.drawn.append(camera)
         number = len(self.drawn)
         time.sleep(0.0005)
-        return Drawn({"raster": float(number), "shade": 1.0}, span=number + 1.5)
+        return Drawn({"raster": float(number), "shade": 1.0}, number + 1.5, number + 2.0)
 
     def memory(self) -> dict[str, int]:
         settled = len(self.drawn) >= SETTLED_AT
@@ -48,6 +48,9 @@ def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
     assert found.p50 == np.percentile(spans, 50)
     assert found.p95 == np.percentile(spans, 95)
     assert found.busy_p50 == pytest.approx(found.p50 - 0.5)
+    assert found.queued_p50 == pytest.approx(found.p50 + 0.5)
+    assert len(found.round_fps) == 5
+    assert min(found.round_fps) <= found.fps <= max(found.round_fps)
     assert found.stages == {"raster": np.median(spans) - 1.5, "shade": 1.0}
     assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
     # 1000 / FPS cannot be less than what the clock saw of each frame.
@@ -88,6 +91,13 @@ def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_u
         assert found.memory_views == len(cameras)
 
 
+def test_slow_frames_are_timed_after_the_renderer_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("msb.bench.profile.WARM_UP_SECONDS", 0.0)
+    renderer = Fake()
+    found = profile(renderer, ["a"], frames=4, seconds=0)  # type: ignore[arg-type]
+    assert len(renderer.drawn) - found.frames == SETTLED_AT
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
 def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) -> None:
@@ -112,5 +122,6 @@ def test_memory_of_a_cell_does_not_depend_on_the_cells_before_it() -> None:
 
 def test_json_has_what_the_tables_need() -> None:
     data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()  # type: ignore[arg-type]
-    assert set(data) == {"frames", "device_ms", "busy_ms", "stages_ms", "fps", "memory_bytes", "memory_views"}
+    numbers = {"frames", "fps", "round_fps", "memory_views"}
+    assert set(data) == numbers | {"device_ms", "busy_ms", "queued_ms", "stages_ms", "memory_bytes"}
     assert set(data["device_ms"]) == {"p50", "p95", "mean"}

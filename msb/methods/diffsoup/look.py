@@ -205,7 +205,7 @@ class Pipeline(OnDevice):
         """Draw as `render` does and wait, reading nothing back."""
         with self._device.timing() as timing:
             self._queue(camera, background)
-        return Drawn(timing.milliseconds(), timing.span())
+        return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _queue(self, camera: Camera, background: tuple[float, float, float]) -> _Queued:
         """Queue everything but reading back."""

@@ -175,7 +175,7 @@ class SplattingPipeline(OnDevice):
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
-        return Drawn(timing.milliseconds(), timing.span())
+        return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _order_faces(self, at_frame: int = _ORDERED_AT) -> None:
         """Put faces in drawing order before that frame."""

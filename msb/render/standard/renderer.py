@@ -140,7 +140,7 @@ class StandardRenderer(OnDevice):
         """Draw and wait, reading nothing back."""
         with self._device.timing() as timing:
             self._run(camera, background, everything=True)
-        return Drawn(timing.milliseconds(), timing.span())
+        return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _read(self, buffer: Buffer) -> NDArray[Any]:
         return buffer.read(self._host.take(buffer.shape, buffer.dtype))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, Line, make_table
-from msb.report.metric_format import SHOWN
+from msb.report.metric_format import SHOWN, title_with_unit
 from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method_title, scene_title
 from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED, Column
@@ -16,10 +16,18 @@ if TYPE_CHECKING:
     from msb.report.table import Table
 
 TIME_NOTE = (
-    "P50 and P95 of the device time of a frame, from its first event to its last, per scene; a mean is the "
-    "mean of the scenes' percentiles"
+    "P50 and P95 of the device time of a frame, from the start of its first command to the end of its last, "
+    "per scene; a mean is the mean of the scenes' percentiles"
 )
-MEMORY_NOTE = "bytes of all buffers and images alive at the peak of a frame, without the driver's own"
+MEMORY_NOTE = (
+    "bytes of all buffers and images held after every test view was drawn, each as large as the most "
+    "demanding view needs; without the driver's own"
+)
+PARTS_NOTES = (
+    "Busy P50: the sum of the times of a frame's commands; P50 less it is time between commands",
+    "Host: 1000 / FPS - P50, the part of a frame's wall-clock time outside of the device's work on it",
+    "Rounds apart: the fastest less the slowest of five rounds of frames, as a share of the frame rate",
+)
 _TIMES = ("p50_ms", "p95_ms")
 
 
@@ -53,6 +61,30 @@ def latency(
         ),
         numbers,
         paper,
+    )
+
+
+def frame_time(numbers: Numbers, dataset: str) -> Table:
+    """Return where the time of a frame goes: on the device, between its commands, on the host."""
+    metrics = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
+    pairs, omitted = _deployments(numbers, dataset, "p50_ms")
+    return make_table(
+        Layout(
+            f"frame_time-{slug(dataset)}",
+            f"{dataset_title(dataset)}: where the time of a frame goes, means over scenes.",
+            ("Condition", "Method"),
+            tuple(Column(title_with_unit(metric)) for metric in metrics),
+            tuple(
+                Line(
+                    (condition_title(condition), method_title(method)),
+                    tuple(Key(dataset, MEAN, method, condition, metric) for metric in metrics),
+                )
+                for condition, method in pairs
+            ),
+            definitions=(TIME_NOTE, *PARTS_NOTES),
+            notes=omitted,
+        ),
+        numbers,
     )
 
 
