@@ -13,12 +13,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from msb.bench.aggregate import METRICS, mean_over
+from msb.bench.intervals import excludes_zero, interval, view_values
 from msb.bench.machine import OF_THE_MOMENT
 from msb.metrics.registry import IMAGE_METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from msb.bench.intervals import Interval
     from msb.bench.records import Result
 
     Conditions = Mapping[str, Result]
@@ -55,6 +57,8 @@ class Gap:
     ends : (float, float), optional
         The two means that the gap is between, over exactly those scenes; these may be printed beside it. A
         mean over all scenes that a condition has is over other scenes where some are missing.
+    interval : (float, float), optional
+        The 95 % interval of `signed`, from the losses view by view; None where there are none, or one view.
     """
 
     value: float | None
@@ -64,6 +68,12 @@ class Gap:
     scenes: int = 1
     expected: int = 1
     ends: tuple[float, float] | None = None
+    interval: tuple[float, float] | None = None
+
+    @property
+    def significant(self) -> bool | None:
+        """Whether the interval leaves out 0, so that there is a loss or a gain; None without an interval."""
+        return excludes_zero(self.interval)
 
     @property
     def partial(self) -> bool:
@@ -174,6 +184,7 @@ def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterabl
             mean_abs_scene_gap=math.fsum(each) / len(each),
             scenes=len(each),
             expected=len(wanted),
+            interval=_interval(metric, [results[scene] for scene in values], *pair),
         )
     return _together(metric, found, same_scenes=len(set(covered.values())) == 1)
 
@@ -254,6 +265,16 @@ def _comparable(
         if a is not None and b is not None:
             values[scene] = (a, b)
     return values, reasons
+
+
+def _interval(metric: str, scenes: list[Conditions], first: str, second: str) -> Interval | None:
+    """Return the interval of the mean signed loss, from the losses of the views in both conditions."""
+    sign = 1 if METRICS[metric].better == "higher" else -1
+    losses = []
+    for conditions in scenes:
+        before, after = (view_values(conditions[name], metric) for name in (first, second))
+        losses.append([sign * (before[view] - after[view]) for view in before if view in after])
+    return interval(losses) if all(losses) else None
 
 
 def _gap(metric: str, first: float | None, second: float | None) -> Gap:

@@ -146,11 +146,7 @@ def build_report(
     shown = tuple(
         view for own in places.values() for view in (views(results, own, chosen) if pictures else ())
     )
-    verdicts = tuple(
-        judge(place, {name: loaded.result for name, loaded in results.places[place].items()}, numbers)
-        for own in places.values()
-        for place in own
-    )
+    verdicts = tuple(judge(place, results.places[place], numbers) for own in places.values() for place in own)
     return Report(
         "MeshSplatBench report",
         _summary(results, numbers),

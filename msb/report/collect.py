@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
+from msb.bench.intervals import ONE_VIEW, interval, view_values
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey, condition_order
@@ -47,6 +49,7 @@ def collect(results: ResultSet) -> Numbers:
         for place, conditions in results.places.items()
     }
     values: dict[Key, Number] = {}
+    views = _views(records)
     gaps: dict[GapKey, Gaps] = {}
     ratios: dict[RatioKey, Ratio] = {}
     for dataset in _ordered({place.dataset for place in records}, SCENES):
@@ -55,12 +58,23 @@ def collect(results: ResultSet) -> Numbers:
             of_scenes = {scene: records.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = _conditions(records, dataset, method)
             for condition in conditions:
-                _add_condition(values, dataset, method, condition, of_scenes)
+                _add_condition(values, views, dataset, method, condition, of_scenes)
             _add_gaps(gaps, dataset, method, conditions, of_scenes)
             expected = expected_scenes(dataset, scenes)
             for above, below in _ratios(conditions):
                 ratios[RatioKey(dataset, method, above, below)] = slowdown(of_scenes, expected, above, below)
-    return Numbers(_noted_sizes(values, records), gaps, ratios)
+    return Numbers(_noted_sizes(values, records), gaps, ratios, views)
+
+
+def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
+    """Return the values of every view, of image metrics that all views of a record have."""
+    found = {
+        Key(*place, condition, metric): view_values(result, metric)
+        for place, conditions in records.items()
+        for condition, result in conditions.items()
+        for metric in QUALITY
+    }
+    return {key: values for key, values in found.items() if values}
 
 
 def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
@@ -103,6 +117,7 @@ def _unsupported(method: str, condition: str) -> str | None:
 
 def _add_condition(
     values: dict[Key, Number],
+    views: Mapping[Key, Mapping[str, float]],
     dataset: str,
     method: str,
     condition: str,
@@ -115,12 +130,23 @@ def _add_condition(
         for scene, conditions in of_scenes.items():
             result = _holder(conditions, metric) if metric in _OF_ASSET else conditions.get(condition)
             numbers[scene] = _number(metric, method, condition, result)
-            values[Key(dataset, scene, method, condition, metric)] = numbers[scene]
+            key = Key(dataset, scene, method, condition, metric)
+            values[key] = numbers[scene] = _with_interval(numbers[scene], [key], views)
         groups = {**scene_groups(dataset), MEAN: expected_scenes(dataset, of_scenes)}
         for name, members in groups.items():
             own = {scene: number for scene, number in numbers.items() if scene in members}
             if own:
-                values[Key(dataset, name, method, condition, metric)] = _mean(own, members)
+                keys = [Key(dataset, scene, method, condition, metric) for scene in own]
+                mean = _with_interval(_mean(own, members), keys, views)
+                values[Key(dataset, name, method, condition, metric)] = mean
+
+
+def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
+    """Return a number with the interval of the mean over the views at `keys`, or with why it has none."""
+    if number.value is None or keys[0].metric not in QUALITY:
+        return number
+    found = interval([list(views[key].values()) for key in keys if key in views])
+    return replace(number, interval=found, no_interval=None if found else ONE_VIEW)
 
 
 def _holder(conditions: Mapping[str, Result], metric: str) -> Result | None:
@@ -239,7 +265,5 @@ def _noted_sizes(
     for key, number in values.items():
         note = odd.get((key.dataset, key.method))
         if note is not None and key.metric in QUALITY and number.value is not None:
-            values[key] = Number(
-                number.value, present=number.present, expected=number.expected, notes=(*number.notes, note)
-            )
+            values[key] = replace(number, notes=(*number.notes, note))
     return values

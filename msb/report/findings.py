@@ -7,6 +7,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.gaps import PAIRS
+from msb.bench.intervals import excludes_zero, interval
 from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import SHOWN, text
 from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method_title
@@ -119,8 +120,16 @@ def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Cas
         partial = f", over {gap.scenes} of {gap.expected} scenes" if gap.partial else ""
         gain = "a gain, " if gap.signed <= -_NOTHING else ""
         # A loss that rounds to nothing has no sign.
-        detail = f"{round(gap.signed, 2) + 0.0:.2f} dB ({gain}{values}{partial})"
+        sure = _sure(gap.significant)
+        detail = f"{round(gap.signed, 2) + 0.0:.2f} dB ({gain}{values}{partial}){sure}"
         yield _Case(gap.signed, key.dataset, key.method, detail)
+
+
+def _sure(significant: bool | None) -> str:
+    """Return what is said of a difference's significance; nothing where nothing is known."""
+    if significant is None:
+        return ""
+    return ", significant at 95 %" if significant else ", not significant at 95 %"
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -199,8 +208,11 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             if len(before) < 2:
                 continue
             compared += 1
-            if _swapped(before, after):
-                names = f"{condition_title(first)} and {condition_title(second)}"
+            if swapped := _swapped(before, after):
+                known = [_difference(numbers, dataset, c, *pair) for pair in swapped for c in (first, second)]
+                both = [None not in ends and all(ends) for ends in zip(known[::2], known[1::2], strict=True)]
+                sure = _sure(None if None in known else any(both))
+                names = f"{condition_title(first)} and {condition_title(second)}{sure}"
                 changes.setdefault(f"{_order(before)} becomes {_order(after)}", []).append(names)
         if changes:
             every = "; ".join(f"{', '.join(names)} ({order})" for order, names in changes.items())
@@ -224,13 +236,26 @@ def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list
     return sorted(found, key=lambda pair: -pair[1])
 
 
-def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> bool:
-    """Return whether a method overtakes another by what a table shows, in both conditions."""
+def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> list[tuple[str, str]]:
+    """Return the pairs of methods of which the second overtakes the first, by what a table shows."""
     digit, values = SHOWN["psnr"].last_digit, dict(after)
-    return any(
-        first - second >= digit and values[worse] - values[better] >= digit
+    return [
+        (better, worse)
         for (better, first), (worse, second) in combinations(before, 2)
-    )
+        if first - second >= digit and values[worse] - values[better] >= digit
+    ]
+
+
+def _difference(numbers: Numbers, dataset: str, condition: str, one: str, other: str) -> bool | None:
+    """Return whether the PSNR of two methods differs significantly, from the views that both have."""
+    scenes = []
+    for scene in numbers.scenes(dataset):
+        values, others = (
+            numbers.views.get(Key(dataset, scene, method, condition, "psnr"), {}) for method in (one, other)
+        )
+        if common := [values[view] - others[view] for view in values if view in others]:
+            scenes.append(common)
+    return excludes_zero(interval(scenes)) if scenes else None
 
 
 def _order(ranking: list[tuple[str, float]]) -> str:

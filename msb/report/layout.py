@@ -84,8 +84,9 @@ def number_cell(metric: str, number: Number) -> Cell:
         printed += f" ({number.present}/{number.expected})"
     value = printed_value(metric, number.value)
     return Cell(
-        printed, value, metric, unit, notes=number.notes, present=number.present, expected=number.expected
-    )
+        printed, value, metric, unit, notes=number.notes, present=number.present, expected=number.expected,
+        interval=number.interval, no_interval=number.no_interval,
+    )  # fmt: skip
 
 
 def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool) -> list[Cell]:

@@ -78,6 +78,10 @@ class Number:
     present, expected : int
         For a mean, the number of scenes with a value, and of scenes there should be.
     notes : tuple of str
+    interval : (float, float), optional
+        The 95 % interval of a mean over views.
+    no_interval : str, optional
+        Why there is none.
     """
 
     value: float | None
@@ -86,6 +90,8 @@ class Number:
     present: int = 1
     expected: int = 1
     notes: tuple[str, ...] = ()
+    interval: tuple[float, float] | None = None
+    no_interval: str | None = None
 
 
 class GapKey(NamedTuple):
@@ -118,11 +124,15 @@ class RatioKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Numbers:
-    """All numbers of a set of results, or of the paper (`of_paper`). Names come in the order of `values`."""
+    """All numbers of a set of results, or of the paper (`of_paper`). Names come in the order of `values`.
+
+    `views` has the values of every view, of the image metrics of a scene.
+    """
 
     values: Mapping[Key, Number]
     gaps: Mapping[GapKey, Gaps] = field(default_factory=dict)
     ratios: Mapping[RatioKey, Ratio] = field(default_factory=dict)
+    views: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:

@@ -32,6 +32,10 @@ class Cell:
         Footnotes.
     present, expected : int
         For a mean, the number of scenes with a value, and of scenes there should be.
+    interval : (float, float), optional
+        The 95 % interval of a mean over views, or of a signed loss, in `unit`.
+    no_interval : str, optional
+        Why a mean over views has none.
     """
 
     text: str
@@ -43,6 +47,8 @@ class Cell:
     notes: tuple[str, ...] = ()
     present: int = 1
     expected: int = 1
+    interval: tuple[float, float] | None = None
+    no_interval: str | None = None
 
     @property
     def footnotes(self) -> tuple[str, ...]:
@@ -63,6 +69,10 @@ class Cell:
             data["reason"] = self.reason
         if self.notes:
             data["notes"] = list(self.notes)
+        if self.interval is not None:
+            data["interval"] = list(self.interval)
+        elif self.no_interval is not None:
+            data |= {"interval": None, "interval_reason": self.no_interval}
         if (self.present, self.expected) != (1, 1):
             data |= {
                 "present": self.present,

@@ -5,21 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from msb.bench.gaps import PAIRS
 from msb.report.collect import REFERENCE
+from msb.report.likeness import likeness
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from msb.bench.gaps import GapName
     from msb.bench.records import Result
     from msb.report.numbers import Numbers
-    from msb.report.results import Place
+    from msb.report.results import Loaded, Place
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
+SHOWS_NOTHING = 15.0
+"""PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs."""
+_ALIKE: tuple[tuple[float, Mark, str], ...] = (
+    (35.0, "YES", "Looks as in"),
+    (25.0, "WITH CARE", "Looks nearly as in"),
+    (0.0, "NO", "Looks different from"),
+)
+"""The least PSNR in dB between two renderings, its mark, and how it is said. From 35 dB on the eye finds a
+difference only by flipping between the two; below 25 dB it is obvious side by side."""
 SMALL_LOSS, LARGE_LOSS = 1.0, 3.0
 """Losses of PSNR in dB: a smaller one than the first is hard to see, one of the second is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
@@ -60,23 +68,24 @@ class Verdict:
         return [(mark, count) for mark, count in counted if count]
 
 
-def judge(place: Place, records: Mapping[str, Result], numbers: Numbers) -> Verdict:
+def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdict:
     """Return the verdict on the asset of `place`.
 
     Parameters
     ----------
     place : Place
-    records : mapping of str to Result
-        Condition -> record.
+    loaded : mapping of str to Loaded
+        Condition -> record and its files.
     numbers : Numbers
         The numbers and gaps of the results, its scene's included.
     """
+    records = {name: one.result for name, one in loaded.items()}
     variants = [name for name in numbers.in_place_of(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     statements = [
-        _looks(place, numbers, "standard", "deploy", "A plain mesh in any engine (Standard)"),
+        _looks(place, numbers, "standard", "A plain mesh in any engine (Standard)", loaded),
         *(
-            _looks(place, numbers, name, "adapt", f"A model with its own shaders ({condition_title(name)})")
+            _looks(place, numbers, name, f"A model with its own shaders ({condition_title(name)})", loaded)
             for name in dedicated
         ),
         *(
@@ -90,7 +99,13 @@ def judge(place: Place, records: Mapping[str, Result], numbers: Numbers) -> Verd
     return Verdict(place, tuple(statements))
 
 
-def _looks(place: Place, numbers: Numbers, condition: str, name: GapName, use: str) -> Statement:
+def _looks(
+    place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, Loaded]
+) -> Statement:
+    """Judge a condition's renderings by how much they look like Non-Engine's, where both files are there.
+
+    Where they are not, the loss of PSNR to the photographs has to do.
+    """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
         mark: Mark = "NO" if number.absent == "N/A" else "UNKNOWN"
@@ -99,14 +114,24 @@ def _looks(place: Place, numbers: Numbers, condition: str, name: GapName, use: s
         )
     tier = "standard" if condition == "standard" else "dedicated"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
-    gap = None if gaps is None else gaps[name]
+    gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
     if gap is None or gap.signed is None:
         return Statement(
             "UNKNOWN", use, f"PSNR {number.value:.2f} dB; there is nothing comparable to hold it against."
         )
-    before = numbers.number(Key(*place, PAIRS[name][0], "psnr"))
+    before = numbers.number(Key(*place, "non_engine", "psnr"))
     own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
     values = f"{abs(gap.signed):.2f} dB (PSNR {before.value:.2f} to {number.value:.2f} dB)"
+    if before.value is not None and before.value < SHOWS_NOTHING:
+        why = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
+        return Statement("UNKNOWN", use, f"{why} (PSNR here {number.value:.2f} dB).")
+    alike = likeness(loaded["non_engine"], loaded[condition])
+    if alike is not None:
+        part = f" of {alike.views} of {alike.of} views" if alike.views < alike.of else ""
+        mark, how = next((mark, how) for least, mark, how in _ALIKE if alike.psnr >= least)
+        change = "loses" if gap.signed >= 0 else "gains"
+        between = f"{alike.psnr:.1f} dB between the two renderings{part}"
+        return Statement(mark, use, f"{how} {own}: {between}; to the photographs it {change} {values}.")
     if gap.signed < SMALL_LOSS:
         how = "loses" if gap.signed >= 0 else "gains"
         return Statement("YES", use, f"Looks as in {own}: {how} {values}.")

@@ -35,7 +35,8 @@ def test_the_means_beside_a_gap_are_of_its_own_scenes(gap_with_a_scene_missing: 
     assert gap_with_a_scene_missing.value(Key("mipnerf360", MEAN, "two_dts", "dedicated", "psnr")) == 30
     said = [one.sentence for one in find(gap_with_a_scene_missing) if one.kind == "port_gap"]
     assert said == [
-        "Dedicated to Standard costs 2DTS on Mip-NeRF 360 5.00 dB (20.00 to 15.00, over 1 of 9 scenes)."
+        "Dedicated to Standard costs 2DTS on Mip-NeRF 360 5.00 dB (20.00 to 15.00, over 1 of 9 scenes), "
+        "significant at 95 %."
     ]
 
 

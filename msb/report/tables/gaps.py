@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from msb.bench.gaps import PAIRS
+from msb.bench.intervals import ONE_VIEW
 from msb.report.layout import PAPER_ROW
 from msb.report.metric_format import SHOWN, title
 from msb.report.numbers import (
@@ -153,7 +155,10 @@ def _cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
         text = f"{number:{form}.{SHOWN[key.metric].decimals}f}{count}"
         notes = tuple(dict.fromkeys(note for end in _ends(numbers, key, name) for note in end.notes))
         unit = SHOWN[key.metric].unit
-        return Cell(text, number, key.metric, unit, notes=notes, present=gap.scenes, expected=gap.expected)
+        made = Cell(text, number, key.metric, unit, notes=notes, present=gap.scenes, expected=gap.expected)
+        if value != "signed" or numbers.of_paper:
+            return made
+        return replace(made, interval=gap.interval, no_interval=None if gap.interval else ONE_VIEW)
 
     return (
         *(cell(name, "value", "") for name in _GAPS),

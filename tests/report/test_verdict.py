@@ -1,0 +1,122 @@
+"""The verdict on an asset: what it is good for, and by which numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from msb.bench.records import RendererInfo
+from msb.report.build import build_report
+from msb.report.results import Place, read_results
+from tests.report.factory import AUDIT, VIEWS, make_result, quality, write
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.report.build import Report
+
+
+def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
+    (verdict,) = [one for one in report.verdicts if one.place == Place("tanksandtemples", "train", "two_dts")]
+    said = {one.use: one for one in verdict.statements}
+    plain = said["A plain mesh in any engine (Standard)"]
+    assert plain.mark == "NO"
+    assert plain.why.startswith("Looks different from its own renderer: ")
+    assert plain.why.endswith("to the photographs it loses 10.74 dB (PSNR 22.83 to 12.09 dB).")
+    assert said["Real time, Standard"].mark == "YES"
+    assert said["Editing: subdivision, collision, UV unwrapping, printing"].mark == "NO"
+    assert (
+        "65 % of its vertices are non-manifold"
+        in said["Editing: subdivision, collision, UV unwrapping, printing"].why
+    )
+    assert said["Size on disk"].why == "343 MiB, the same for both."
+    (soup,) = [one for one in report.verdicts if one.place == Place("tanksandtemples", "train", "diffsoup")]
+    said = {one.use: one for one in soup.statements}
+    assert said["A plain mesh in any engine (Standard)"].mark == "NO"
+    assert said["A plain mesh in any engine (Standard)"].why.startswith("Not supported: its colours come")
+    assert said["A model with its own shaders (Dedicated)"].mark == "YES"
+    assert "Real time, Standard" not in said
+
+
+def test_a_record_that_says_good_is_read_as_ok(tmp_path: Path) -> None:
+    made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
+    earlier = {**AUDIT, "verdict": {"level": "good", "sentence": "usable throughout"}}
+    write(tmp_path, made.model_copy(update={"audit": earlier}))
+    found = read_results(tmp_path)
+    ((loaded,),) = (list(records.values()) for records in found.places.values())
+    assert loaded.result.audit is not None
+    assert loaded.result.audit["verdict"] == {"level": "ok", "sentence": "usable throughout"}
+    (verdict,) = build_report(found, pictures=False).verdicts
+    assert verdict.statements[-1].mark == "YES"
+
+
+@pytest.mark.parametrize(("loss", "mark"), [(-0.2, "YES"), (0.99, "YES"), (1.0, "WITH CARE"), (3.0, "NO")])
+def test_looks_follow_the_loss_and_say_what_they_are_held_against(
+    tmp_path: Path, loss: float, mark: str
+) -> None:
+    for condition, psnr in (("non_engine", 20.0), ("dedicated", 20.0 - loss)):
+        made = make_result("capture", "desk", "two_dts", condition)
+        changes: dict[str, Any] = {"quality": quality(made.cell, psnr, 0.5, None)}
+        if condition == "non_engine":
+            changes["renderer"] = RendererInfo(name="reference", version="1", kind="msb_reference")
+        write(tmp_path, made.model_copy(update=changes))
+    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
+    said = {one.use: one for one in verdict.statements}
+    dedicated = said["A model with its own shaders (Dedicated)"]
+    assert dedicated.mark == mark
+    assert "our reference of its own renderer" in dedicated.why
+    assert f"{abs(loss):.2f} dB (PSNR 20.00 to {20 - loss:.2f} dB)" in dedicated.why
+    assert said["A plain mesh in any engine (Standard)"].why == "Not known: not run."
+
+
+@pytest.mark.parametrize(
+    ("noise", "psnr", "mark", "said"),
+    [
+        (0, (30.0, 30.0), "YES", "Looks as in its own renderer: 100.0 dB between the two renderings"),
+        (2, (30.0, 30.0), "YES", "Looks as in its own renderer: 4"),
+        (9, (30.0, 34.0), "WITH CARE", "to the photographs it gains 4.00 dB"),
+        (60, (30.0, 30.0), "NO", "Looks different from its own renderer: 1"),
+        (60, (6.71, 7.26), "UNKNOWN", "is at 6.71 dB to the photographs, too far to judge others by it"),
+        (0, (30.0, 20.0), "YES", "loses 10.00 dB"),
+    ],
+)
+def test_looks_are_those_of_the_two_renderings(
+    tmp_path: Path, noise: int, psnr: tuple[float, float], mark: str, said: str
+) -> None:
+    random = np.random.default_rng(3)
+    picture = random.integers(70, 180, (64, 96, 3))
+    for condition, value, change in zip(("non_engine", "dedicated"), psnr, (0, noise), strict=True):
+        made = make_result("capture", "desk", "two_dts", condition)
+        file = write(tmp_path, made.model_copy(update={"quality": quality(made.cell, value, 0.5, None)}))
+        for name in VIEWS:
+            place = (file.parent / "images" / name).with_suffix(".png")
+            place.parent.mkdir(parents=True, exist_ok=True)
+            changed = picture + random.integers(-change, change + 1, picture.shape)
+            Image.fromarray(changed.astype(np.uint8)).save(place)
+    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
+    dedicated = {one.use: one for one in verdict.statements}["A model with its own shaders (Dedicated)"]
+    assert (dedicated.mark, said in dedicated.why) == (mark, True), dedicated
+
+
+@pytest.mark.parametrize(
+    ("p95", "kind", "mark"),
+    [
+        (16.0, "gpu", "YES"),
+        (16.0, "cpu", "YES"),
+        (20.0, "gpu", "WITH CARE"),
+        (40.0, "gpu", "NO"),
+        (40.0, "cpu", "UNKNOWN"),
+    ],
+)
+def test_real_time_follows_the_p95(tmp_path: Path, p95: float, kind: str, mark: str) -> None:
+    made = make_result("capture", "desk", "two_dts", "dedicated")
+    assert made.timing is not None
+    timing = made.timing.model_copy(update={"p95_ms": p95, "device_kind": kind})
+    write(tmp_path, made.model_copy(update={"timing": timing}))
+    (verdict,) = build_report(read_results(tmp_path)).verdicts
+    (said,) = [one for one in verdict.statements if one.use == "Real time, Dedicated"]
+    assert said.mark == mark
+    assert f"{p95:.1f} ms" in said.why
