@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from msb.atomic import new_file
 from msb.bench.folder import RESULT, Results, check_run
 from msb.bench.job import MAIN, Done
-from msb.bench.parts import measure_audit, measure_chamfer, measure_timing, read_training
+from msb.bench.parts import measure_audit, measure_chamfer, measure_timing, read_own_timing, read_training
 from msb.bench.quality import measure_quality
 from msb.bench.records import Reason, Result
 from msb.errors import MsbError, shorten
@@ -28,6 +28,7 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "audit": measure_audit,
     "chamfer": measure_chamfer,
     "training": read_training,
+    "renderer_timing": read_own_timing,
     "timing": measure_timing,
 }
 """Part -> the function that computes it, which returns keys of `Result` and their values."""
@@ -36,6 +37,7 @@ _OWN: dict[Part, tuple[str, ...]] = {
     "audit": ("audit",),
     "chamfer": ("chamfer",),
     "training": ("training",),
+    "renderer_timing": ("renderer_timing",),
     "timing": ("timing", "memory", "device"),
 }
 """Part -> the keys of `Result` it fills."""

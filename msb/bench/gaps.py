@@ -49,7 +49,8 @@ class Gap:
     reason : str, optional
         "unsupported", "failed", "missing" (no record), "not_measured" (no such number in it), or what makes
         two records incomparable: "camera_mismatch" (other images or sizes), "setup_mismatch" (background,
-        ground truth), "metric_mismatch", "asset_mismatch", "device_mismatch".
+        ground truth), "metric_mismatch", "asset_mismatch", "device_mismatch",
+        "whole_command" (a time of more than drawing).
     mean_abs_scene_gap : float, optional
         For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`.
     scenes, expected : int
@@ -233,8 +234,8 @@ def incomparable(metric: str, first: Result | None, second: Result | None) -> st
     assert second is not None
     if first.asset and second.asset and first.asset.sha256 != second.asset.sha256:
         return "asset_mismatch"
-    if metric in _OF_A_DEVICE and _device(first) != _device(second):
-        return "device_mismatch"
+    if metric in _OF_A_DEVICE and (reason := _other_device(first, second)):
+        return reason
     if first.quality is None or second.quality is None:
         return None
     if _images(first) != _images(second):
@@ -312,6 +313,23 @@ def _identity(result: Result, metric: str) -> dict[str, object] | None:
     name = IMAGE_METRICS[metric].name
     found = next((one for one in result.quality.metrics if one.get("name") == name), None)
     return None if found is None else {key: value for key, value in found.items() if key != "libraries"}
+
+
+def _other_device(first: Result, second: Result) -> str | None:
+    """Return why two records' times and sizes are not of one device, or not of the same thing."""
+    elsewhere = [one.renderer_timing for one in (first, second) if one.renderer_timing is not None]
+    if any(timing.whole_command for timing in elsewhere):
+        return "whole_command"
+    if elsewhere:
+        return None if _device_name(first) == _device_name(second) else "device_mismatch"
+    return None if _device(first) == _device(second) else "device_mismatch"
+
+
+def _device_name(result: Result) -> str:
+    if result.renderer_timing is not None:
+        return result.renderer_timing.device.casefold()
+    device = _device(result)
+    return str(device.get("name") if isinstance(device, dict) else device).casefold()
 
 
 def _device(result: Result) -> object:

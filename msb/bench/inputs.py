@@ -105,6 +105,8 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
             }
     if job.training is not None and job.cell.condition_key == condition:
         found["training"] = {"file": known.hash(job.training)}
+    if job.renderer_timing is not None:
+        found["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
     return found
 
 

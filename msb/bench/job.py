@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from msb.bench.records import Cell, Reason, Status
     from msb.methods import Tier
 
-Part = Literal["quality", "audit", "timing", "chamfer", "training"]
+Part = Literal["quality", "audit", "timing", "chamfer", "training", "renderer_timing"]
 MAIN: tuple[Part, ...] = ("quality", "audit")
 """Parts without which a cell has failed; any other missing part leaves a reason."""
 Inputs = dict[str, str]
@@ -45,7 +45,7 @@ class Job:
         Further options of the renderer: the order and sampling of a variant.
     renders : Path, optional
         The folder of official renderings; None means our reference renderer.
-    training, mesh : Path, optional
+    training, mesh, renderer_timing : Path, optional
     device : str, optional
     vgg_weights : Path, optional
     frames, seconds
@@ -66,6 +66,7 @@ class Job:
     renders: Path | None = None
     training: Path | None = None
     mesh: Path | None = None
+    renderer_timing: Path | None = None
     device: str | None = None
     vgg_weights: Path | None = None
     frames: int = 0

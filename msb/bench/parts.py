@@ -149,6 +149,20 @@ def _masks(scene: Scene) -> Iterator[NDArray[np.uint8]]:
         yield read_mask(file) if scene.mask_source == "mask_folder" else read_pixels(file, ("RGBA",))[..., 3]
 
 
+def read_own_timing(job: Job) -> dict[str, Any]:
+    """Return how fast the method's own renderer is, as the user measured it.
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
+    """
+    from msb.bench.renderer_timing import read_renderer_timing
+
+    assert job.renderer_timing is not None
+    return {"renderer_timing": read_renderer_timing(job.renderer_timing)}
+
+
 def read_training(job: Job) -> dict[str, Any]:
     """Return the cost of a training, from the record of `msb track`.
 

@@ -277,6 +277,7 @@ class Planner:
             renders=None if method.non_engine == REFERENCE else renders,
             training=path(method.training),
             mesh=path(method.mesh),
+            renderer_timing=path(method.non_engine_timing) if cell.condition == "non_engine" else None,
             device=protocol.device,
             vgg_weights=path(protocol.metrics.vgg_weights),
             frames=protocol.timing.frames,

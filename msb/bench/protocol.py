@@ -139,7 +139,7 @@ def _check(protocol: Protocol, path: object) -> None:
         if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
             text = f"{where}: it has no model, and no name with a folder of official renderings instead"
             raise _bad(path, text, where)
-        for key in ("model", "non_engine", "training", "mesh"):
+        for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):
             known = PLACES if method.name != AUTO else PLACES[:2]
             for found in PLACE.finditer(getattr(method, key) or ""):
                 if found[1] is not None and found[1] not in known:

@@ -94,6 +94,8 @@ class MethodTable(SceneOptions):
         The conditions; those of the protocol, if not given.
     non_engine : str, optional
         The template of the folder of official renderings, or "reference". Without it there is no such cell.
+    non_engine_timing : str, optional
+        The template of the file that says how fast the method's own renderer is (`msb.renderer_timing/1`).
     training : str, optional
         The template of the file that `msb track` wrote.
     mesh : str, optional
@@ -107,6 +109,7 @@ class MethodTable(SceneOptions):
     settings: dict[str, Setting] = {}
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
     non_engine: Template | None = None
+    non_engine_timing: Template | None = None
     training: Template | None = None
     mesh: Template | None = None
 

@@ -240,6 +240,41 @@ class Memory(Record):
         return self.geometry + self.appearance + self.scratch + self.targets
 
 
+class RendererTiming(Record):
+    """How fast a method's own renderer is, measured elsewhere by the user: schema msb.renderer_timing/1.
+
+    Attributes
+    ----------
+    frames : int
+    seconds : float
+        The wall-clock time of all frames.
+    device : str
+        What rendered them: "NVIDIA RTX 4090".
+    timed : str
+        What was timed, in words: "render() of 300 test views after a warm-up, nothing written".
+    whole_command : bool
+        Whether loading and writing are included, so that nothing else may be held against this time.
+    peak_gpu_memory_bytes : int, optional
+    """
+
+    schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
+    frames: Annotated[int, Field(gt=0)]
+    seconds: Annotated[float, Field(gt=0)]
+    device: Name
+    timed: Name
+    whole_command: bool = False
+    peak_gpu_memory_bytes: Count | None = None
+
+    @property
+    def fps(self) -> float:
+        """Frames per second of wall-clock time."""
+        return self.frames / self.seconds
+
+    def to_json(self) -> bytes:
+        """Return the file's content."""
+        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
+
+
 class Training(Record):
     """What training cost, from the user's own record (`msb track`); never estimated."""
 
@@ -287,6 +322,8 @@ class Result(Record):
     audit: dict[str, Any] | None = None
     """The document of `msb-audit --json`, in the condition exported_mesh only."""
     training: Training | None = None
+    renderer_timing: RendererTiming | None = None
+    """Of the method's own renderer, measured elsewhere; condition non_engine only."""
     reasons: dict[Name, Reason] = {}
     """Part ("timing", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = {}

@@ -176,8 +176,10 @@ def _number(metric: str, method: str, condition: str, result: Result | None) -> 
 
 def _why_missing(metric: str, result: Result) -> str:
     part = _PARTS.get(metric)
-    if part in result.reasons:
-        return result.reasons[part].message
+    own = "renderer_timing" if metric in ("fps", "memory") else part
+    for name in (part, own):
+        if name in result.reasons:
+            return result.reasons[name].message
     weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
     if weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}"
@@ -201,6 +203,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
             yield "images equal to the ground truth count 100 dB"
     elif metric in _AUDIT and result.audit is not None and result.audit.get("is_soup"):
         yield SOUP
+    elif metric in ("fps", "memory") and result.renderer_timing is not None:
+        yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"
     elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
         yield f"measured on a {result.timing.device_kind.upper()} device{_device(result)}"
 

@@ -36,6 +36,7 @@ REASONS = {
     "metric_mismatch": "the two conditions were measured with different definitions of the metric",
     "asset_mismatch": "the two conditions drew different assets",
     "device_mismatch": "the two conditions ran on different devices",
+    "whole_command": "the own renderer's time is of a whole command, loading and writing included",
 }
 """`Gap.reason` in words; "unsupported" prints N/A."""
 _GAPS: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
