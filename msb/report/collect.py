@@ -14,6 +14,7 @@ from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey, condition_order
 from msb.report.results import Place
+from msb.report.setups import with_setups
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ _PARTS = {
 NOT_RUN = "not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"
 SOUP = "a soup: no two faces share a vertex, so nothing of its connectivity can be good or bad"
+LPIPS = "LPIPS of VGG16's features, version 0.1, of images scaled to [-1, 1]"
 RESIZED = "against photographs resized here, not shipped in this size"
 
 
@@ -63,7 +65,7 @@ def collect(results: ResultSet) -> Numbers:
             expected = expected_scenes(dataset, scenes)
             for above, below in _ratios(conditions):
                 ratios[RatioKey(dataset, method, above, below)] = slowdown(of_scenes, expected, above, below)
-    return Numbers(_noted_sizes(values, records), gaps, ratios, views)
+    return Numbers(with_setups(values, records), gaps, ratios, views)
 
 
 def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
@@ -199,6 +201,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
             yield REFERENCE
         if result.setup is not None and result.setup.gt_resized:
             yield RESIZED
+        if metric == "lpips":
+            yield LPIPS
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"
     elif metric in _AUDIT and result.audit is not None and result.audit.get("is_soup"):
@@ -248,26 +252,3 @@ def _add_gaps(
             gaps[GapKey(dataset, MEAN, method, metric, *pair)] = dataset_gaps(metric, compared, expected)
             for scene, own in compared.items():
                 gaps[GapKey(dataset, scene, method, metric, *pair)] = scene_gaps(metric, own)
-
-
-def _noted_sizes(
-    values: dict[Key, Number], records: Mapping[Place, Mapping[str, Result]]
-) -> dict[Key, Number]:
-    """Add a note where a method was compared on another image folder than most on its dataset."""
-    folders: dict[tuple[str, str], Counter[str]] = {}
-    own: dict[Place, str] = {}
-    for place, conditions in records.items():
-        for result in conditions.values():
-            if result.setup is not None:
-                folders.setdefault((place.dataset, place.scene), Counter())[result.setup.image_folder] += 1
-                own[place] = result.setup.image_folder
-    odd: dict[tuple[str, str], str] = {}
-    for (dataset, scene, method), folder in own.items():
-        usual = folders[dataset, scene].most_common(1)[0][0]
-        if folder != usual:
-            odd[dataset, method] = f"on {folder}, where the other methods are on {usual}"
-    for key, number in values.items():
-        note = odd.get((key.dataset, key.method))
-        if note is not None and key.metric in QUALITY and number.value is not None:
-            values[key] = replace(number, notes=(*number.notes, note))
-    return values

@@ -244,7 +244,7 @@ def test_another_image_folder_is_noted(tmp_path: Path) -> None:
             made.model_copy(update={"setup": made.setup.model_copy(update={"image_folder": folder})}),
         )
     numbers = collect(read_results(tmp_path))
-    note = "on images_4, where the other methods are on images_2"
+    note = "images of images_4, where the other methods have images_2"
     assert note in numbers.number(Key("mipnerf360", "room", "diffsoup", "non_engine", "psnr")).notes
     assert note not in numbers.number(Key("mipnerf360", "room", "two_dts", "non_engine", "psnr")).notes
 
