@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.report.collect import REFERENCE
@@ -37,11 +37,15 @@ _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
 @dataclass(frozen=True)
 class Statement:
-    """Whether the asset can be used for `use`; `why` has the number that this follows from."""
+    """Whether the asset can be used for `use`; `why` has the number that this follows from.
+
+    `short` names the use in a table.
+    """
 
     mark: Mark
     use: str
     why: str
+    short: str = ""
 
     def to_dict(self) -> dict[str, str]:
         """Return it as JSON data."""
@@ -61,11 +65,12 @@ class Verdict:
         dataset, scene, method = self.place
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
-    def marks(self) -> list[tuple[Mark, int]]:
-        """Return how often each mark stands, worst first; notes do not count."""
+    def marks(self) -> list[tuple[Mark, list[str]]]:
+        """Return the uses under each mark, worst first; notes do not count, and "all" stands for all uses."""
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")
-        counted = [(mark, sum(one.mark == mark for one in self.statements)) for mark in order]
-        return [(mark, count) for mark, count in counted if count]
+        named = [(mark, [one.short for one in self.statements if one.mark == mark]) for mark in order]
+        found = [(mark, uses) for mark, uses in named if uses]
+        return [(found[0][0], ["all"])] if len(found) == 1 else found
 
 
 def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdict:
@@ -82,18 +87,16 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
     records = {name: one.result for name, one in loaded.items()}
     variants = [name for name in numbers.in_place_of(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
+    looks = {"standard": "A plain mesh in any engine (Standard)"}
+    looks |= {name: f"A model with its own shaders ({condition_title(name)})" for name in dedicated}
+    timed = [name for name in ("standard", *dedicated) if _could_run(records.get(name))]
     statements = [
-        _looks(place, numbers, "standard", "A plain mesh in any engine (Standard)", loaded),
         *(
-            _looks(place, numbers, name, f"A model with its own shaders ({condition_title(name)})", loaded)
-            for name in dedicated
+            replace(_looks(place, numbers, name, use, loaded), short=condition_title(name))
+            for name, use in looks.items()
         ),
-        *(
-            _runs(condition, records[condition])
-            for condition in ("standard", *dedicated)
-            if _could_run(records.get(condition))
-        ),
-        *_structure(records),
+        *(replace(_runs(name, records[name]), short=f"real time {condition_title(name)}") for name in timed),
+        *(replace(one, short="editing") for one in _structure(records)),
         *_notes(place, numbers),
     ]
     return Verdict(place, tuple(statements))
