@@ -41,6 +41,7 @@ def timing(fps: float = 100.0, *, frames: int = 100) -> Timing:
         mean_ms=span,
         busy_p50_ms=span,
         busy_p95_ms=span,
+        round_fps=(fps, fps),
         stages_ms={},
         device_kind="cpu",
     )
