@@ -81,8 +81,7 @@ def report(
         raise UsageError("USAGE", "give folders of results, or --paper")
     target = out if out is not None or paper else cast("list[Path]", folders)[0] / _FOLDER
     if table is None and target is not None:
-        output.check_free(target, folder=True)
-        _check_target(target, folders or [])
+        _check_target(target, folders or [], output)
     pictures = table is None and target is not None
     made = _make(folders or [], published, views or [], allow_mixed, pictures, output)
     if table is not None:
@@ -100,17 +99,24 @@ def report(
     _summarise(made, target, output)
 
 
-def _check_target(target: Path, folders: list[Path]) -> None:
-    """Refuse to replace a folder that is not a report, because all in it would be lost."""
-    if not target.exists():
-        return
+def _check_target(target: Path, folders: list[Path], output: Output) -> None:
+    """Refuse to replace what is not a report, and without --force what somebody put into one."""
+    from msb.atomic import check_place, is_stream
+    from msb.report.pages import is_report, not_ours
+
     inside = any(folder.resolve().is_relative_to(target.resolve()) for folder in folders)
+    own = not inside and is_report(target)
+    if own and not output.force:
+        if others := not_ours(target):
+            text = f"the report also holds {shorten(others[0], 60)}, which --force would remove"
+            raise UsageError("OUTPUT_EXISTS", text, file=target)
+        check_place(target, folder=True)
+        return
     empty = target.is_dir() and not any(target.iterdir())
-    if inside or not (
-        empty or any((target / name).is_file() for name in ("index.html", "report.md", "report.json"))
-    ):
-        text = "it is no report, and --force would replace all of it; give another folder with -o"
+    if target.exists() and not (own or empty or is_stream(target)):
+        text = "it is no report, and all of it would be lost; give another folder with -o"
         raise UsageError("OUTPUT_EXISTS", text, file=target)
+    output.check_free(target, folder=True)
 
 
 def _formats(text: str) -> list[Format]:

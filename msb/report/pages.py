@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import json
 import os
+import re
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
 from msb.bench.folder import Results
 from msb.extras import need_extra
+from msb.report.build import SCHEMA
 from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
 from msb.report.safe_names import slug
@@ -30,6 +32,9 @@ if TYPE_CHECKING:
     from msb.report.writers import Format
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
+_START = f'{{\n "schema": "{SCHEMA}",'.encode()
+"""How every ``report.json`` begins."""
+_OURS = re.compile(r"report\.(md|json)|tables|figures|images|index\.html|verdict-.*\.html")
 SMALL_VIDEO = 4 << 20
 """A film of at most this many bytes becomes part of the page."""
 
@@ -55,17 +60,15 @@ def report_files(
 
     Notes
     -----
-    ``report.md``, ``report.json``, ``tables/LABEL.*``, ``figures/*.svg``, ``images/*.jpg``, ``index.html``
-    and ``verdict-DATASET-SCENE-METHOD.html``. The pages hold all they show.
+    ``report.json`` in any case, by which the folder is known (`is_report`), ``report.md``,
+    ``tables/LABEL.*``, ``figures/*.svg``, ``images/*.jpg``, ``index.html`` and
+    ``verdict-DATASET-SCENE-METHOD.html``. The pages hold all they show.
     """
-    files: dict[str, str | bytes] = {}
+    text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    files: dict[str, str | bytes] = {"report.json": text}
     for suffix, writer in WRITERS.items():
         if suffix in formats:
             files |= {f"tables/{label}.{suffix}": writer(table) for label, table in report.tables.items()}
-    if "json" in formats:
-        files["report.json"] = (
-            json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-        )
     if "md" in formats:
         files["report.md"] = _markdown(report)
         for section in report.sections:
@@ -79,6 +82,20 @@ def report_files(
         for verdict in report.verdicts:
             files[pages[verdict.place]] = _verdict_page(report, verdict, topology or {}, folder)
     return {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+
+
+def is_report(folder: Path) -> bool:
+    """Return whether `folder` is a report by its ``report.json``, whatever else lies in it."""
+    try:
+        with (folder / "report.json").open("rb") as file:
+            return file.read(len(_START)) == _START
+    except OSError:
+        return False
+
+
+def not_ours(folder: Path) -> list[str]:
+    """Return the names in a report's folder that `report_files` gives to nothing, sorted."""
+    return sorted(path.name for path in folder.iterdir() if not _OURS.fullmatch(path.name))
 
 
 def _grid(report: Report) -> dict[str, Any]:

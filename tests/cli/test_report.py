@@ -23,23 +23,28 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_report_is_written_whole_and_not_twice_without_force(msb: Msb, folder: Path) -> None:
+def test_report_is_written_whole_and_replaces_itself_but_nothing_put_into_it(msb: Msb, folder: Path) -> None:
     done = msb("report", folder)
     assert done.status == 0, done.err
     assert done.out.splitlines()[0].startswith("32 results of 4 methods on 2 scenes of 1 dataset.")
     assert done.out.splitlines()[-1] == str(folder / "report" / "index.html")
     assert (folder / "report" / "tables" / "native_summary.tex").is_file()
     assert (folder / "report" / "verdict-tanksandtemples-train-two_dts.html").is_file()
-    again = msb("report", folder)
-    assert (again.status, again.err.partition(":")[0]) == (2, "OUTPUT_EXISTS")
-    (folder / "report" / "old.txt").write_text("gone with the old report")
+    assert msb("report", "--format", "tex", folder).status == 0
+    assert not (folder / "report" / "index.html").exists()
+    (folder / "report" / "mine.txt").write_text("a page of notes")
+    kept = msb("report", folder)
+    assert (kept.status, kept.err.partition(":")[0]) == (2, "OUTPUT_EXISTS")
+    assert "mine.txt" in kept.err
     assert msb("report", "-f", "-q", folder).status == 0
-    assert not (folder / "report" / "old.txt").exists()
+    assert not (folder / "report" / "mine.txt").exists()
 
 
 @pytest.mark.slow
 def test_force_does_not_replace_what_is_no_report(msb: Msb, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "index.html").write_text("a site")
+    (tmp_path / "mine" / "report.json").write_text('{"schema": "other/1"}')
     (tmp_path / "mine" / "thesis.tex").write_text("years of work")
     for target in (tmp_path / "mine", folder, folder.parent):
         done = msb("report", "-f", "-o", target, folder)
@@ -68,7 +73,8 @@ def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
 def test_json_is_one_document_with_the_files(msb: Msb, folder: Path, tmp_path: Path) -> None:
     data = msb("report", "--json", "-", "--format", "csv", "-o", tmp_path / "out", folder).json
     assert data["schema"] == "msb.report/1"
-    assert data["files"] == sorted(f"tables/{table['label']}.csv" for table in data["tables"])
+    tables = [f"tables/{table['label']}.csv" for table in data["tables"]]
+    assert data["files"] == sorted(["report.json", *tables])
     assert {verdict["scene"] for verdict in data["verdicts"]} == {"train", "truck"}
 
 

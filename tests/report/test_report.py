@@ -188,7 +188,8 @@ def test_all_files_are_there(files: dict[str, bytes], report: Report) -> None:
 
 
 def test_only_the_formats_asked_for_are_made(report: Report) -> None:
-    assert {name.rpartition(".")[2] for name in report_files(report, formats=["tex"])} == {"tex"}
+    made = set(report_files(report, formats=["csv"]))
+    assert made == {"report.json", *(f"tables/{label}.csv" for label in report.tables)}
 
 
 def test_markdown_names_files_that_are_there(files: dict[str, bytes]) -> None:
