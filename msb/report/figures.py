@@ -1,4 +1,4 @@
-"""The report's charts as SVG: gaps between conditions, quality against speed, differences from the published.
+"""The charts as SVG and PDF: gaps between conditions, quality against speed, differences from the published.
 
 Colours are Okabe and Ito's, which the colour-blind can tell apart; markers, line styles and hatches say the
 same without them. Text and axes take the colour of the page they stand in.
@@ -11,9 +11,10 @@ import logging
 import math
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.aggregate import expected_scenes
 from msb.extras import need_extra
@@ -53,11 +54,15 @@ _SIZE = (4.6, 3.3)
 
 @dataclass(frozen=True)
 class Figure:
-    """One chart. `name` names its file and anchor; `caption` says in words what it shows."""
+    """One chart. `name` names its file and anchor; `caption` says in words what it shows.
+
+    `pdf` returns the chart as a PDF for LaTeX, drawn anew, with the fonts it needs and without a background.
+    """
 
     name: str
     caption: str
     svg: str
+    pdf: Callable[[], bytes] = field(compare=False, repr=False)
 
     @property
     def inline(self) -> str:
@@ -264,15 +269,23 @@ def _legend(axes: Axes, entries: int, handles: Any = None) -> None:
 
 
 def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
+    svg = _drawn(title, draw, "svg").decode()
+    # Identifiers would clash with those of the next figure in the same page.
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", svg)
+    return Figure(name, caption, svg, partial(_drawn, title, draw, "pdf"))
+
+
+def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
+    """Return a chart as a file; the same numbers give the same bytes."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
     need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as Canvas
 
     settings = {
         "svg.fonttype": "none",
-        "svg.hashsalt": "msb",  # the same numbers give the same bytes
+        "svg.hashsalt": "msb",
+        "pdf.fonttype": 42,  # TrueType: publishers refuse the default, Type 3
         "text.parse_math": False,  # a dollar sign in a scene's name is one
         "font.family": "sans-serif",
         "font.size": 9,
@@ -285,18 +298,18 @@ def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -
             ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color"),
             _INK,
         ),
-        **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), _PAPER),
+        **dict.fromkeys(
+            ("figure.facecolor", "axes.facecolor", "savefig.facecolor"), _PAPER if form == "svg" else "none"
+        ),
     }
-    file = io.StringIO()
+    file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
         # A browser has glyphs that the font used for measuring has not.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=_SIZE, layout="constrained")
-        FigureCanvasSVG(canvas)
         axes = canvas.add_subplot()
         axes.set_title(title, fontsize=10, fontweight="bold")
         draw(axes)
-        canvas.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    # Identifiers would clash with those of the next figure in the same page.
-    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", file.getvalue())
-    return Figure(name, caption, text)
+        unnamed = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
+        canvas.savefig(file, format=form, metadata=dict.fromkeys(unnamed[form]))
+    return file.getvalue()

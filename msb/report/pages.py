@@ -61,7 +61,7 @@ def report_files(
     Notes
     -----
     ``report.json`` in any case, by which the folder is known (`is_report`), ``report.md``,
-    ``tables/LABEL.*``, ``figures/*.svg``, ``images/*.jpg``, ``index.html`` and
+    ``tables/LABEL.*``, ``figures/*.svg`` (md) and ``*.pdf`` (tex), ``images/*.jpg``, ``index.html`` and
     ``verdict-DATASET-SCENE-METHOD.html``. The pages hold all they show.
     """
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -69,6 +69,9 @@ def report_files(
     for suffix, writer in WRITERS.items():
         if suffix in formats:
             files |= {f"tables/{label}.{suffix}": writer(table) for label, table in report.tables.items()}
+    if "tex" in formats:
+        for section in report.sections:
+            files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in section.figures}
     if "md" in formats:
         files["report.md"] = _markdown(report)
         for section in report.sections:

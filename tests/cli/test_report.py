@@ -88,6 +88,7 @@ def test_papers_tables_are_printed_or_written(msb: Msb, tmp_path: Path) -> None:
     done = msb("report", "--paper", "-o", tmp_path / "paper", "--format", "tex")
     assert done.status == 0
     assert len(list((tmp_path / "paper" / "tables").iterdir())) == 14
+    assert {file.suffix for file in (tmp_path / "paper" / "figures").iterdir()} == {".pdf"}
 
 
 @pytest.mark.slow

@@ -126,7 +126,20 @@ def test_charts_are_well_formed_and_take_the_colours_of_the_page(report: Report)
 def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
     first, second = (deployment_gap(numbers, "mipnerf360") for _ in range(2))
     assert first is not None
+    assert second is not None
     assert first == second
+    assert first.pdf() == second.pdf()
+
+
+@pytest.mark.slow
+def test_latex_gets_charts_as_pdf_without_date_and_type_3_fonts(report: Report) -> None:
+    made = report_files(report, formats=["tex"])
+    charts = [name for name in made if name.startswith("figures/")]
+    assert charts == [f"figures/{one.name}.pdf" for section in report.sections for one in section.figures]
+    for name in charts:
+        assert made[name].startswith(b"%PDF-")
+        assert not re.search(rb"/(CreationDate|Producer|Creator|Type3)\b", made[name])
+        assert b"/TrueType" in made[name] or b"/CIDFontType2" in made[name]
 
 
 @pytest.mark.slow
