@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from msb.bench.records import Result
     from msb.report.build import Report
     from msb.report.results import Place
-    from msb.report.writers import Format
+    from msb.report.table import Table
+    from msb.report.writers import Format, Printed
 
 EPILOG = epilog(
     "msb report --paper",
-    "msb report --paper --table mip360_renderer_comparison",
+    "msb report --paper --table mip360_renderer_comparison --format tex",
     "msb report --paper -o out/paper --format html,tex",
 )
 _FOLDER = "report"
@@ -40,13 +41,18 @@ def report(
         WRITTEN,
     ] = None,
     formats: Annotated[
-        str, typer.Option("--format", metavar="LIST", help="Some of md, tex, csv, json, html. Default: all.")
-    ] = "md,tex,csv,json,html",
+        str | None,
+        typer.Option("--format", metavar="LIST", help="Some of md, tex, csv, json, html. Default: all."),
+    ] = None,
     table: Annotated[
-        str | None, typer.Option(metavar="LABEL", help="Print one table as Markdown, write nothing.")
+        str | None,
+        typer.Option(metavar="LABEL", help="Print one table, as md or what --format says; write nothing."),
     ] = None,
     paper: Annotated[
         bool, typer.Option("--paper", help="The paper's own tables instead of results; printed without -o.")
+    ] = False,
+    no_paper: Annotated[
+        bool, typer.Option("--no-paper", help="Leave the paper's numbers out of every table and chart.")
     ] = False,
     views: Annotated[
         list[str] | None,
@@ -79,20 +85,22 @@ def report(
     wanted = _formats(formats)
     if paper == bool(folders):
         raise UsageError("USAGE", "give folders of results, or --paper")
+    if paper and no_paper:
+        raise UsageError("USAGE", "--paper and --no-paper contradict each other")
     target = out if out is not None or paper else cast("list[Path]", folders)[0] / _FOLDER
     if table is None and target is not None:
         _check_target(target, folders or [], output)
-    pictures = table is None and target is not None
-    made = _make(folders or [], published, views or [], allow_mixed, pictures, output)
-    if table is not None:
-        output.write_json(_table(made, table).to_dict())
-        _print(made, table, output)
+    printed = None if table is None and target is not None else _printed(formats, wanted)
+    made = _make(folders or [], published, views or [], allow_mixed, not no_paper, not printed, output)
+    if printed:
+        from msb.report.writers import WRITERS
+
+        shown = list(made.tables.values()) if table is None else [_table(made, table)]
+        output.write_json(made.to_dict() if table is None else shown[0].to_dict())
+        if output.prints_text:
+            echo("\n".join(map(WRITERS[printed], shown)).removesuffix("\n"))
         return
-    if target is None:
-        output.write_json(made.to_dict())
-        for label in made.tables:
-            _print(made, label, output)
-        return
+    assert target is not None
     figures = {} if "html" not in wanted else _topology(made, topology, output)
     written = _write(made, wanted, figures, target, output)
     output.write_json({**made.to_dict(), "files": written})
@@ -119,14 +127,23 @@ def _check_target(target: Path, folders: list[Path], output: Output) -> None:
     output.check_free(target, folder=True)
 
 
-def _formats(text: str) -> list[Format]:
+def _formats(text: str | None) -> list[Format]:
     from msb.report.pages import FORMATS
 
-    wanted = [part.strip() for part in text.split(",")]
+    wanted = list(FORMATS) if text is None else [part.strip() for part in text.split(",")]
     for part in wanted:
         if part not in FORMATS:
             raise UsageError("USAGE", f'--format: "{shorten(part, 40)}" is none of {", ".join(FORMATS)}')
     return cast("list[Format]", wanted)
+
+
+def _printed(text: str | None, wanted: list[Format]) -> Printed:
+    """Return the one format in which tables are printed: Markdown, unless --format names another."""
+    if text is None:
+        return "md"
+    if len(wanted) > 1 or wanted[0] == "html":
+        raise UsageError("USAGE", f"--format: tables are printed as one of md, tex, csv, json, not {text}")
+    return wanted[0]
 
 
 def _make(
@@ -134,6 +151,7 @@ def _make(
     published: Path | None,
     views: list[str],
     allow_mixed: bool,
+    with_paper: bool,
     pictures: bool,
     output: Output,
 ) -> Report:
@@ -147,21 +165,14 @@ def _make(
         found = read_results(*folders, allow_mixed=allow_mixed)
         numbers = None if published is None else published_numbers(published)
     with output.progress(f"making tables and figures of {len(found)} results"):
-        return build_report(found, published=numbers, chosen=views, pictures=pictures)
+        return build_report(found, published=numbers, chosen=views, pictures=pictures, with_paper=with_paper)
 
 
-def _table(made: Report, label: str) -> Any:
+def _table(made: Report, label: str) -> Table:
     if label not in made.tables:
         labels = ", ".join(made.tables)
         raise UsageError("TABLE_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
     return made.tables[label]
-
-
-def _print(made: Report, label: str, output: Output) -> None:
-    from msb.report.writers import markdown
-
-    if output.prints_text:
-        echo(markdown(_table(made, label)))
 
 
 def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:

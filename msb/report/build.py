@@ -12,10 +12,11 @@ from msb.report import tables
 from msb.report.collect import collect
 from msb.report.figures import figures
 from msb.report.findings import find
-from msb.report.numbers import dataset_title
+from msb.report.numbers import Numbers, dataset_title
 from msb.report.paper import PAPER_TABLES, paper_numbers
 from msb.report.pictures import view_names, views
 from msb.report.results import Place
+from msb.report.tables.reproducibility import SOURCES
 from msb.report.verdict import judge
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from msb.report.figures import Figure
     from msb.report.findings import Finding
-    from msb.report.numbers import Key, Number, Numbers
+    from msb.report.numbers import Key, Number
     from msb.report.pictures import View
     from msb.report.results import ResultSet
     from msb.report.table import Table
@@ -71,6 +72,8 @@ class Report:
     results : ResultSet, optional
         The records that the numbers are made of; None for the paper's own tables.
     verdicts : tuple of Verdict
+    with_paper : bool
+        Whether the paper's numbers stand beside ours, where it has them.
     """
 
     title: str
@@ -81,11 +84,17 @@ class Report:
     numbers: Numbers
     results: ResultSet | None = None
     verdicts: tuple[Verdict, ...] = field(default=())
+    with_paper: bool = True
 
     @property
     def tables(self) -> dict[str, Table]:
         """Label -> table, in the order of the sections."""
         return {table.label: table for section in self.sections for table in section.tables}
+
+    @property
+    def mixes(self) -> bool:
+        """Whether some table holds rows of the paper among ours."""
+        return self.results is not None and any(row.paper for one in self.tables.values() for row in one.rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON data (schema msb.report/1), numbers as full doubles."""
@@ -110,6 +119,7 @@ def build_report(
     published: Mapping[Key, Number] | None = None,
     chosen: Sequence[str] = (),
     pictures: bool = True,
+    with_paper: bool = True,
 ) -> Report:
     """Return the report on `results`, with the paper's numbers beside ours.
 
@@ -122,6 +132,8 @@ def build_report(
         Views to show, "SCENE/IMAGE", besides those with the largest and a typical loss.
     pictures : bool
         Whether charts and renderings are wanted.
+    with_paper : bool
+        Whether the paper's numbers are wanted beside ours; those in `published` are in any case.
 
     Raises
     ------
@@ -129,7 +141,8 @@ def build_report(
         USAGE: there is no view of a name in `chosen`.
     """
     _check_chosen(results, chosen)
-    numbers, paper = collect(results), paper_numbers()
+    numbers = collect(results)
+    paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
     if published:
         paper = replace(paper, values={**paper.values, **published})
     others = [dataset for dataset in numbers.datasets() if _has_other_scenes(numbers, dataset)]
@@ -154,13 +167,14 @@ def build_report(
         tuple(find(numbers)),
         (
             *results.notes,
-            *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others else []),
+            *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []),
             *_failures(results),
             *_other_renderings(results, shown),
         ),
         numbers,
         results,
         verdicts,
+        with_paper,
     )
 
 
@@ -221,6 +235,7 @@ def _sections(
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
+    sources = tuple(one for one in SOURCES if not one or any(key.source == one for key in paper.values))
     known = any(key.source for key in paper.values if key.dataset in datasets)
     charts = tuple(charts)
 
@@ -238,7 +253,7 @@ def _sections(
     published: list[Table] = []
     if known:
         published = [
-            tables.reproducibility(numbers, paper),
+            tables.reproducibility(numbers, paper, sources=sources),
             tables.reproducibility_statistics(numbers, paper),
         ]
     sections = (

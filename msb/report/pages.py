@@ -124,13 +124,16 @@ def _verdict_page(
     own = report.results.places[place]
     picture = topology.get(place)
     records = {name: loaded.result for name, loaded in own.items()}
+    tables = asset_tables(place, records, report.numbers)
+    if not report.with_paper:
+        tables = {name: table.without_paper() for name, table in tables.items()}
     asset = next((result.asset for result in records.values() if result.asset is not None), None)
     return _template(
         "verdict.html",
         report=report,
         verdict=verdict,
         views=views(report.results, [place]),
-        tables=asset_tables(place, records, report.numbers),
+        tables=tables,
         provenance=provenance(records),
         topology=None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}",
         asset=asset,

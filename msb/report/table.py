@@ -177,6 +177,10 @@ class Table:
         rows = tuple(replace(row, cells=tuple(map(lighter, row.cells))) for row in self.rows)
         return replace(self, rows=rows, notes=(*self.notes, *common.values()))
 
+    def without_paper(self) -> Table:
+        """Return the table without the paper's rows."""
+        return replace(self, rows=tuple(row for row in self.rows if not row.paper))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the table as JSON data (schema msb.table/1), numbers as full doubles."""
         return {

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from msb.report.table import Cell, Row, Table
 
-Format = Literal["md", "tex", "csv", "json", "html"]
+Printed = Literal["md", "tex", "csv", "json"]
+Format = Printed | Literal["html"]
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -111,7 +112,7 @@ def json_table(table: Table) -> str:
     return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-WRITERS: dict[Literal["md", "tex", "csv", "json"], Callable[[Table], str]] = {
+WRITERS: dict[Printed, Callable[[Table], str]] = {
     "md": markdown,
     "tex": latex,
     "csv": csv_table,

@@ -61,6 +61,11 @@ def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
     assert "| Standard | PSNR ↑ |" in done.out
     data = msb("report", "--table", "slowdown", "--json", "-", folder).json
     assert data["schema"] == "msb.table/1"
+    as_csv = msb("report", "--table", "slowdown", "--format", "csv", folder).out
+    assert as_csv.splitlines()[0].endswith(",Source")
+    assert as_csv.count("\n") == as_csv.rstrip().count("\n") + 1  # a file of its own, if it is sent to one
+    for formats in ("tex,csv", "html"):
+        assert msb("report", "--table", "slowdown", "--format", formats, folder).err.startswith("USAGE: ")
     wrong = msb("report", "--table", "nonsense", folder)
     assert (wrong.status, wrong.out) == (2, "")
     view = msb("report", "--table", "slowdown", "--view", "train/none.png", folder)
@@ -96,6 +101,7 @@ def test_papers_tables_are_printed_or_written(msb: Msb, tmp_path: Path) -> None:
     ("args", "code"),
     [
         (["--paper", "x"], "USAGE"),
+        (["--paper", "--no-paper"], "USAGE"),
         ([], "USAGE"),
         (["--format", "pdf", "--paper"], "USAGE"),
         (["nowhere"], "FILE_NOT_FOUND"),

@@ -13,13 +13,12 @@ from PIL import Image
 
 from msb.bench.records import Cell as Place_
 from msb.report.build import Report, build_report, paper_report
-from msb.report.figures import deployment_gap, differences, figures
+from msb.report.figures import figures
 from msb.report.findings import find
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.paper import paper_numbers
 from msb.report.results import Place, load, read_results, result_set
-from msb.report.tables.reproducibility import pairs
 from tests.report.factory import AUDIT, make_result, quality, write, write_results
 from tests.report.test_writers import HOSTILE
 
@@ -107,53 +106,6 @@ def test_no_numbers_give_no_findings_and_no_charts() -> None:
 
 
 @pytest.mark.slow
-def test_charts_are_well_formed_and_take_the_colours_of_the_page(report: Report) -> None:
-    charts = [figure for section in report.sections for figure in section.figures]
-    names = {figure.name for figure in charts}
-    assert {"deployment_gap-tanksandtemples", "quality_speed-tanksandtemples"} <= names
-    assert "reproducibility-tanksandtemples" in names
-    identifiers: list[str] = []
-    for figure in charts:
-        root = ET.fromstring(figure.alone)
-        identifiers += [value for node in root.iter() if (value := node.get("id"))]
-        assert "currentColor" in figure.inline
-        assert "#010203" not in figure.inline + figure.alone
-        assert "<script" not in figure.svg
-    assert len(identifiers) == len(set(identifiers))
-
-
-@pytest.mark.slow
-def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
-    first, second = (deployment_gap(numbers, "mipnerf360") for _ in range(2))
-    assert first is not None
-    assert second is not None
-    assert first == second
-    assert first.pdf() == second.pdf()
-
-
-@pytest.mark.slow
-def test_latex_gets_charts_as_pdf_without_date_and_type_3_fonts(report: Report) -> None:
-    made = report_files(report, formats=["tex"])
-    charts = [name for name in made if name.startswith("figures/")]
-    assert charts == [f"figures/{one.name}.pdf" for section in report.sections for one in section.figures]
-    for name in charts:
-        assert made[name].startswith(b"%PDF-")
-        assert not re.search(rb"/(CreationDate|Producer|Creator|Type3)\b", made[name])
-        assert b"/TrueType" in made[name] or b"/CIDFontType2" in made[name]
-
-
-@pytest.mark.slow
-def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
-    scene = Key("tanksandtemples", "train", "two_dts", "non_engine", "psnr", "paper")
-    found = pairs(numbers, Numbers({scene: Number(23.0)}))
-    figure = differences(found, "tanksandtemples")
-    assert figure is not None
-    assert "per scene" in figure.caption
-    assert ">train<" in figure.svg
-    assert differences(found, "dtu") is None
-
-
-@pytest.mark.slow
 def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     made = build_report(read_results(small), chosen=["truck/a/0002.png"])
     (section,) = [section for section in made.sections if section.name == "looks"]
@@ -234,6 +186,25 @@ def test_identifiers_in_a_page_are_unique(files: dict[str, bytes]) -> None:
     for name in ("index.html", "verdict-tanksandtemples-train-two_dts.html"):
         found = Page(files[name].decode()).values("id")
         assert len(found) == len(set(found)), name
+
+
+@pytest.mark.slow
+def test_without_the_paper_nothing_of_it_is_shown(small: Path, report: Report) -> None:
+    found = read_results(small)
+    made = build_report(found, with_paper=False)
+    assert report.mixes
+    assert not made.mixes
+    assert set(report.tables) - set(made.tables) == {"reproducibility", "reproducibility_statistics"}
+    assert not [one.name for section in made.sections for one in section.figures if "reprod" in one.name]
+    files = report_files(made)
+    for name in (name for name in files if name.endswith((".html", ".md", ".csv", ".tex"))):
+        text = files[name].decode()
+        assert "in the paper" not in text, name
+        assert 'class="paper"' not in text, name
+    key = Key("tanksandtemples", MEAN, "two_dts", "non_engine", "psnr", "public")
+    own = build_report(found, published={key: Number(23.0)}, pictures=False, with_paper=False)
+    heads = {column.groups for column in own.tables["reproducibility"].columns}
+    assert heads == {("Public",), ("This run",)}
 
 
 def test_index_shows_every_table_with_its_numbers(files: dict[str, bytes], report: Report) -> None:
