@@ -91,7 +91,7 @@ def print_verdict(audit: Audit, console: Console) -> None:
     verdict = judge(audit)
     style = _STYLES[verdict.level]
     path = _escape(one_line(audit.path or "mesh"))
-    soup = audit.topology == "triangle_soup" and audit.welded is None
+    soup = audit.topology == "triangle_soup" and audit.welded is None and not audit.closed_once_merged
     hint = " (--weld exact shows what merging coincident vertices would give)" if soup else ""
     _print_line(f"[bold]{path}[/bold]: [{style}]{verdict.word}[/{style}] {verdict.sentence}{hint}.", console)
 

@@ -13,13 +13,20 @@ Level = Literal["ok", "limited", "bad"]
 TOPOLOGY_TOOLS = "subdivision, collision or UV unwrapping"
 """Uses that need manifold neighbourhoods (paper, "Mesh Structural Results": Local structure)."""
 
+MERGED = "closed once coincident vertices are merged"
+"""What is said of a mesh that is open only at seams of UVs or normals (`msb.topology.seams`)."""
+
 
 @dataclass(frozen=True)
 class Verdict:
-    """`level` grades it, `sentence` says it; meaning is never carried by the level's colour alone."""
+    """`level` grades it, `sentence` says it; meaning is never carried by the level's colour alone.
+
+    `reason` is the first thing that stands in the way, in a few words, or "" where nothing does.
+    """
 
     level: Level
     sentence: str
+    reason: str = ""
 
     @property
     def word(self) -> str:
@@ -38,26 +45,31 @@ def judge(audit: Audit) -> Verdict:
     """
     counts, metrics = audit.counts, audit.metrics
     if counts.faces == counts.repeated_index_faces:
-        return Verdict("bad", "does not render: it has no proper face")
+        return Verdict("bad", "does not render: it has no proper face", "no proper face")
+    merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
         return Verdict(
             "bad",
             f"renders; not usable for {TOPOLOGY_TOOLS} because it is a triangle soup: no two faces share a "
             f"vertex{_welded(audit)}",
+            f"triangle soup{merged}",
         )
     if counts.nonmanifold_vertices:
+        vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
         edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
         return Verdict(
             "bad",
             f"renders; not usable for {TOPOLOGY_TOOLS} because {edges if counts.nonmanifold_edges else ''}"
-            f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
-            + _pieces(audit),
+            f"{vertices}{_pieces(audit)}{merged}",
+            vertices + merged,
         )
     if flips := counts.inconsistent_winding_edges:
+        where = f"across {flips:,} edge{'' if flips == 1 else 's'}"
         return Verdict(
             "limited",
             "renders and is manifold; make the winding consistent before computing normals or collision: it "
-            f"flips across {flips:,} edge{'' if flips == 1 else 's'}",
+            f"flips {where}",
+            f"winding flips {where}",
         )
     if counts.duplicate_faces:
         share = percent(counts.duplicate_faces, counts.faces)
@@ -65,14 +77,16 @@ def judge(audit: Audit) -> Verdict:
             "limited",
             f"renders and is manifold, but only because faces are stored twice: {share} of them repeat "
             "another; they flicker where both are drawn, and the surface is open without them",
+            f"{share} of its faces repeat another",
         )
     if counts.boundary_edges:
+        edges = f"{counts.boundary_edges:,} boundary edges"
         holes = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
         return Verdict(
             "limited",
             "renders; usable for subdivision and UV unwrapping; not usable as a solid for collision or "
-            f"printing because it is open: {counts.boundary_edges:,} boundary edges in {holes}"
-            + _pieces(audit),
+            f"printing because it is open: {edges} in {holes}{_pieces(audit)}{merged}",
+            f"open: {edges}{merged}",
         )
     what = "closed, manifold and consistently wound"
     if metrics.components > 1:
@@ -104,7 +118,7 @@ def _pieces(audit: Audit) -> str:
 
 def _welded(audit: Audit) -> str:
     if audit.welded is None:
-        return ""
+        return f"; {MERGED}" if audit.closed_once_merged else ""
     counts = audit.welded.counts
     if counts.vertices == audit.counts.vertices:
         return ", and welding merges nothing"

@@ -16,6 +16,10 @@ TWO_TETRAHEDRA = (
 )
 
 
+def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return points[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+
+
 @pytest.mark.parametrize(
     ("mesh", "level", "reason"),
     [
@@ -36,12 +40,14 @@ def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, reason: str) -
     verdict = judge(audit(*mesh))
     assert verdict.level == level
     assert reason in verdict.sentence
+    assert bool(verdict.reason) is (level != "ok")
 
 
 def test_a_welded_soup_says_what_it_would_be() -> None:
     points, faces = TETRAHEDRON
-    soup = points[faces].reshape(-1, 3), np.arange(12).reshape(-1, 3)
-    assert judge(audit(*soup)).sentence.endswith("no two faces share a vertex")
+    soup = exploded(points, faces)
+    assert judge(audit(*soup)).sentence.endswith("closed once coincident vertices are merged")
+    assert judge(audit(*exploded(points, faces[1:]))).sentence.endswith("no two faces share a vertex")
     assert judge(audit(*soup, weld="exact")).sentence.endswith("welded, it is manifold, in one piece")
     apart = soup[0] + np.repeat(np.arange(4), 3)[:, None] * 10, soup[1]
     assert judge(audit(*apart, weld="exact")).sentence.endswith("welding merges nothing")
