@@ -25,7 +25,7 @@ from msb.cli.output import Output, echo, failure
 from msb.errors import GateFailed, MsbError, UsageError
 
 if TYPE_CHECKING:
-    from msb.cli.gates import Gate, Profile
+    from msb.cli.gates import FailingLevel, Gate, Profile, VerdictGate
     from msb.opening import StoredMesh
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
@@ -36,6 +36,7 @@ EPILOG = epilog(
     "msb-audit data_stubs/splat_like.triasset",
     "msb-audit --json - data_stubs/splat_like.triasset",
     "msb-audit --cross-check --fail-on 'components>999' data_stubs/checkpoint",
+    "msb-audit -q --fail-on-verdict bad data_stubs/models/pebble/mesh_splatting",
     "msb-audit --explain nonmanifold_vertex_ratio",
 )
 
@@ -70,6 +71,10 @@ def audit(
         list[str] | None,
         typer.Option(metavar="COND", help="Fail if e.g. 'components>1' holds. May be given again."),
     ] = None,
+    fail_on_verdict: Annotated[
+        Literal["bad", "limited"] | None,
+        typer.Option(help="Fail if the verdict is this or worse."),
+    ] = None,
     profile: Annotated[
         Literal["game", "print", "research"] | None,
         typer.Option(help="Fail unless the mesh is fit for this; docs/cli.md has the conditions."),
@@ -90,7 +95,7 @@ def audit(
     """Audit the structure of meshes exactly as they are stored.
 
     The audit says how vertices are shared, where the surface is open, non-manifold or in pieces, and whether
-    a technical artist can use it. Nothing is merged or repaired first.
+    a technical artist can use it. Nothing is merged or repaired first. Several meshes end with one table.
     """
     output = Output(json_file, quiet, verbose, force, json_lines, csv_file)
     if explain is not None:
@@ -100,17 +105,21 @@ def audit(
         raise UsageError(
             "USAGE", "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these"
         )
-    task = _Task(output, weld, cross_check, elements, _gates(fail_on or [], profile), paper, view, fail_fast)
+    gates = _gates(fail_on or [], profile, fail_on_verdict)
+    task = _Task(output, weld, cross_check, elements, gates, paper, view, fail_fast)
     raise typer.Exit(task.run(paths))
 
 
-def _gates(fail_on: list[str], profile: Profile | None) -> list[Gate]:
-    """Return the gates of --fail-on and of the profile; without either nothing is loaded."""
-    if not fail_on and profile is None:
+def _gates(
+    fail_on: list[str], profile: Profile | None, level: FailingLevel | None
+) -> list[Gate | VerdictGate]:
+    """Return the gates of --fail-on, of the profile and of the verdict; without any nothing is loaded."""
+    if not fail_on and profile is None and level is None:
         return []
-    from msb.cli.gates import PROFILES, parse_gate
+    from msb.cli.gates import PROFILES, VerdictGate, parse_gate
 
-    return [parse_gate(text) for text in (*fail_on, *(PROFILES[profile] if profile else ()))]
+    gates = [parse_gate(text) for text in (*fail_on, *(PROFILES[profile] if profile else ()))]
+    return [*gates, *([VerdictGate(level)] if level else [])]
 
 
 def _explain(key: str, output: Output) -> None:
@@ -131,7 +140,7 @@ class _Task:
         weld: str | None,
         cross_check: bool,
         elements: Path | None,
-        gates: list[Gate],
+        gates: list[Gate | VerdictGate],
         paper: bool,
         view: bool,
         fail_fast: bool,
@@ -164,18 +173,16 @@ class _Task:
     def run(self, paths: list[Path]) -> int:
         """Audit everything below `paths`; return the highest exit status of all."""
         from msb.cli.inputs import expand
-        from msb.topology.audit import SCHEMA
 
-        status = 0
+        status = failed_gates = 0
         inputs: list[Path] = []
-        results: list[dict[str, Any]] = []
-        audits: list[Audit] = []
+        done: list[tuple[Path, Audit | MsbError]] = []
         for path in paths:
             try:
                 inputs += expand(path)
             except MsbError as error:
                 status = max(status, report_error(error))
-                results.append(failure(SCHEMA, path, error))
+                done.append((path, error))
         if self.elements is not None and len(inputs) > 1:
             raise UsageError("USAGE", f"--elements takes one mesh; there are {len(inputs)}")
         if self.view and len(inputs) > 1:
@@ -187,15 +194,18 @@ class _Task:
                 found = self.audit_one(path)
             except MsbError as error:
                 status = max(status, report_error(error))
-                results.append(failure(SCHEMA, path, error))
+                done.append((path, error))
                 continue
-            audits.append(found)
-            results.append(found.to_dict())
             if self.output.prints_text:
-                self.print_one(found, first=len(audits) == 1)
-            for failed in self.failures(found, path):
+                self.print_one(found, first=all(isinstance(one, MsbError) for _, one in done))
+            done.append((path, found))
+            failures = self.failures(found, path)
+            failed_gates += any(failed.code == "GATE_FAILED" for failed in failures)
+            for failed in failures:
                 status = max(status, report_error(failed))
-        self.write_files(results, audits)
+        if len(done) > 1 and self.output.prints_text:
+            self.print_all(done, failed_gates)
+        self.write_files(done)
         if self.view and self.seen is not None:
             self.open_window(*self.seen)
         return status
@@ -261,6 +271,16 @@ class _Task:
             console.print()
         print_audit(found, console, paper=self.paper, verbose=self.output.verbose > 0)
 
+    def print_all(self, done: list[tuple[Path, Audit | MsbError]], failed_gates: int) -> None:
+        """Print a row for each mesh and a line of totals; with --quiet the totals alone."""
+        from msb.cli.audit_text import print_summary, totals
+
+        if not self.output.quiet:
+            echo()
+            print_summary(done, self.output.console())
+            echo()
+        echo(totals([one for _, one in done], failed_gates if self.gates else None))
+
     def failures(self, found: Audit, path: Path) -> list[MsbError]:
         """Return the gates that failed."""
         failed: list[MsbError] = [e for gate in self.gates if (e := gate.check(found, path))]
@@ -270,12 +290,17 @@ class _Task:
                 failed.append(GateFailed("CROSS_CHECK_DISAGREES", text, file=path))
         return failed
 
-    def write_files(self, results: list[dict[str, Any]], audits: list[Audit]) -> None:
+    def write_files(self, done: list[tuple[Path, Audit | MsbError]]) -> None:
         """Write what --json, --jsonl and --csv asked for."""
-        if len(results) == 1 and not audits:
+        from msb.topology.audit import SCHEMA
+
+        if len(done) == 1 and isinstance(done[0][1], MsbError):
             return  # the one input failed; its line on standard error says it all
+        results = [
+            failure(SCHEMA, path, one) if isinstance(one, MsbError) else one.to_dict() for path, one in done
+        ]
         self.output.write_documents(results)
-        rows = [_row(found.to_dict()) for found in audits]
+        rows = [_row(data) for data in results if "counts" in data]
         self.output.write_csv(list(rows[0]) if rows else ["path"], rows)
 
 

@@ -1,18 +1,22 @@
-"""Print an audit for people: the verdict, the paper's eight columns, the defects, and the verdict again."""
+"""Print an audit for people: verdict, the paper's eight columns, defects, verdict; of several one table."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from msb.cli.output import plain_table
-from msb.errors import one_line
+from msb.errors import MsbError, one_line
 from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
     from rich.console import Console
 
     from msb.topology.audit import Audit, Sample
+    from msb.topology.verdict import Level
 
 _COLUMNS = (
     ("V/F", "vf_ratio"),
@@ -38,7 +42,7 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
 )
-_STYLES = {"ok": "green", "limited": "yellow", "bad": "red"}
+_STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 """Verdict level -> colour. The word on the terminal says the same without the colour."""
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 _LABELS = {
@@ -94,6 +98,34 @@ def print_verdict(audit: Audit, console: Console) -> None:
     soup = audit.topology == "triangle_soup" and audit.welded is None and not audit.closed_once_merged
     hint = " (--weld exact shows what merging coincident vertices would give)" if soup else ""
     _print_line(f"[bold]{path}[/bold]: [{style}]{verdict.word}[/{style}] {verdict.sentence}{hint}.", console)
+
+
+def print_summary(done: Sequence[tuple[Path, Audit | MsbError]], console: Console) -> None:
+    """Print a row for each mesh, of a failed one with its error; in a pipe every row is one line."""
+    table = plain_table("File", "Verdict", "Faces", "First reason", right=(2,))
+    for path, one in done:
+        file = _escape(one_line(str(path)))
+        if isinstance(one, MsbError):
+            table.add_row(file, "-", "-", one.code)
+            continue
+        verdict = judge(one)
+        style = _STYLES[verdict.level]
+        table.add_row(
+            file, f"[{style}]{verdict.word}[/{style}]", f"{one.counts.faces:,}", verdict.reason or "-"
+        )
+    if not console.is_terminal:
+        console.width = 10_000  # no table is as wide
+    console.print(table)
+
+
+def totals(found: Sequence[Audit | MsbError], failed_gates: int | None = None) -> str:
+    """Return how many meshes have each verdict, and how many failed a gate if there were gates."""
+    levels = [one.verdict for one in found if not isinstance(one, MsbError)]
+    parts = [f"{levels.count(level)} {level}" for level in _STYLES]
+    unread = len(found) - len(levels)
+    more = [] if failed_gates is None else [f"{failed_gates} failed a gate"]
+    more += [f"{unread} not read"] if unread else []
+    return "; ".join([f"{len(found)} meshes: {', '.join(parts)}", *more])
 
 
 def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:

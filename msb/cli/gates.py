@@ -1,4 +1,4 @@
-"""`--fail-on` and `--profile`: conditions on the audit's JSON keys that make the command fail."""
+"""`--fail-on`, `--profile` and `--fail-on-verdict`: conditions on an audit that make the command fail."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Literal
 from msb.errors import GateFailed, UsageError, shorten
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
+from msb.topology.verdict import judge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from msb.topology.audit import Audit
+    from msb.topology.verdict import Level
 
 _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     ">=": operator.ge,
@@ -29,6 +31,8 @@ _OPERATORS: dict[str, Callable[[float, float], bool]] = {
 }
 _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<)\s*(\S+)\s*")
 
+FailingLevel = Literal["limited", "bad"]
+_FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
 PROFILES: dict[Profile, tuple[str, ...]] = {
     # What runs in an engine: real-time simplification, UV unwrapping and collision meshes walk from face to
@@ -88,6 +92,21 @@ class Gate:
             return None
         text = f"{self.key} is {value:g}, gate: {condition}"
         return GateFailed("GATE_FAILED", text, file=path, value=value, limit=self.limit)
+
+
+@dataclass(frozen=True)
+class VerdictGate:
+    """The command fails if the verdict is `level` or worse."""
+
+    level: FailingLevel
+
+    def check(self, audit: Audit, path: Path) -> GateFailed | None:
+        """Return the failure if the verdict on `audit` is this bad, with its first reason."""
+        verdict = judge(audit)
+        if verdict.level not in _FAILING[self.level]:
+            return None
+        text = f"verdict is {verdict.word} ({verdict.reason}), gate: {' or '.join(_FAILING[self.level])}"
+        return GateFailed("GATE_FAILED", text, file=path, value=verdict.level, limit=self.level)
 
 
 def parse_gate(text: str) -> Gate:

@@ -14,6 +14,7 @@ from msb.asset import build_asset
 from msb.cli.gates import PROFILES, parse_gate
 from msb.meshes import Mesh, write_mesh
 from msb.report import paper_row
+from msb.topology.verdict import MERGED
 from tests.conftest import BOOK, TETRAHEDRON
 
 if TYPE_CHECKING:
@@ -118,6 +119,40 @@ def test_several_paths_give_a_list_and_the_worst_status(msb: Msb, book: Path, de
     assert [item["path"] for item in result.json] == ["missing.ply", str(demo_asset), str(book)]
     assert result.json[0]["error"]["code"] == "FILE_NOT_FOUND"
     assert result.err.splitlines() == ["FILE_NOT_FOUND: missing.ply: there is no such file or folder"]
+
+
+@pytest.mark.slow
+def test_several_meshes_end_with_one_table_and_totals(msb: Msb, book: Path, tmp_path: Path) -> None:
+    write(tmp_path, "closed.ply", TETRAHEDRON)
+    write(tmp_path, "seams.stl", TETRAHEDRON)
+    (tmp_path / "torn.ply").write_text("ply\n")
+    shown = msb("audit", "--fail-on-verdict", "limited", tmp_path)
+    table = [line.rstrip().split(maxsplit=3) for line in shown.out.splitlines()[-7:-2]]
+    assert table == [
+        ["File", "Verdict", "Faces", "First reason"],
+        [str(book), "BAD", "3", "40 % of its vertices are non-manifold"],
+        [str(tmp_path / "closed.ply"), "OK", "4", "-"],
+        [str(tmp_path / "seams.stl"), "BAD", "4", f"triangle soup; {MERGED}"],
+        [str(tmp_path / "torn.ply"), "-", "-", "MESH_FILE_TRUNCATED"],
+    ]
+    assert shown.out.splitlines()[-1] == "4 meshes: 1 ok, 0 limited, 2 bad; 2 failed a gate; 1 not read"
+    quiet = msb("audit", "-q", book, tmp_path / "closed.ply").out.splitlines()
+    assert (len(quiet), quiet[-1]) == (3, "2 meshes: 1 ok, 0 limited, 1 bad")
+    assert "First reason" not in msb("audit", book).out
+
+
+@pytest.mark.slow
+def test_the_verdict_gates_at_a_level_and_worse(msb: Msb, book: Path, tmp_path: Path) -> None:
+    holed = write(tmp_path, "holed.ply", (TETRAHEDRON[0], TETRAHEDRON[1][:3]))
+    gate = "GATE_FAILED: {}: verdict is {}, gate: {}\n"
+    bad = gate.format(book, "BAD (40 % of its vertices are non-manifold)", "bad")
+    assert msb("audit", "--fail-on-verdict", "bad", book, holed).err == bad
+    limited = msb("audit", "--fail-on-verdict", "limited", holed)
+    assert limited.status == 1
+    assert limited.err == gate.format(holed, "LIMITED (open: 3 boundary edges)", "limited or bad")
+    closed = write(tmp_path, "closed.ply", TETRAHEDRON)
+    assert msb("audit", "--fail-on-verdict", "limited", closed).status == 0
+    assert msb("audit", "--fail-on-verdict", "ok", closed).status == 2
 
 
 def test_folders_are_searched(msb: Msb, tmp_path: Path) -> None:
