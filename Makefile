@@ -40,7 +40,7 @@ demo: $(FOR_DEMO)
 	@$(BIN)/msb convert --force data_stubs/splat_like.triasset out/demo/splat_like.glb
 	@echo
 	@echo "== Four methods on four scenes, on every path: msb run"
-	@$(BIN)/msb run --jobs 2 data_stubs/protocol.toml
+	@$(BIN)/msb run --jobs 2 -o out/demo/results data_stubs/protocol.toml
 	@echo
 	@echo "== What that says: msb report"
 	@$(BIN)/msb report --force -o out/demo/report out/demo/results

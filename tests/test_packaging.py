@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from msb.demo import CONTENTS
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
@@ -22,11 +23,14 @@ VIEW = ("--cameras", "data/views.json", "--camera", "0", "--scale", "0.2")
 
 
 def package_files() -> set[str]:
-    """Return every file of the packages by its name in a wheel, whatever kind it is of."""
+    """Return every file of the packages, and the demo's data, by its name in a wheel."""
+    stubs = ROOT / "data_stubs"
+    roots = [(name, folder, folder) for name, folder in PACKAGES.items()]
+    roots += [("msb/demo_data", stubs, stubs / name) for name in CONTENTS]
     return {
         f"{name}/{path.relative_to(folder).as_posix()}"
-        for name, folder in PACKAGES.items()
-        for path in folder.rglob("*")
+        for name, folder, root in roots
+        for path in (root, *root.rglob("*"))
         if path.is_file() and "__pycache__" not in path.parts
     }
 
@@ -82,7 +86,6 @@ def test_wheel_works_away_from_its_source(wheel: Path, tmp_path: Path) -> None:
     work.mkdir()
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
-    (work / "data").symlink_to(ROOT / "data_stubs")
     done = subprocess.run(
         [sys.executable, "-c", DRIVER, str(ROOT), str(site), json.dumps(COMMANDS)],
         capture_output=True,
@@ -112,6 +115,8 @@ for words in json.loads(commands):
         assert not end.code, (words, end.code)
 """
 COMMANDS = [
+    ["demo-data", "data"],  # all that the others read
+    ["run", "--dry-run", "data/protocol.toml"],
     ["export", "data/checkpoint", "a.triasset"],
     ["validate", "a.triasset"],  # the schema
     ["audit", "data/splat_like.triasset"],

@@ -13,6 +13,7 @@ from msb.cli import (
     completion,
     config,
     convert,
+    demo_data,
     devices,
     eval,
     export,
@@ -65,6 +66,7 @@ app.command(epilog=bench.EPILOG)(with_shared(bench.bench))
 app.command(epilog=run.EPILOG)(with_shared(run.run))
 app.command(epilog=report.EPILOG)(with_shared(report.report))
 app.command(epilog=track.EPILOG, context_settings={**_SETTINGS, **track.CONTEXT})(with_shared(track.track))
+app.command(epilog=demo_data.EPILOG)(with_shared(demo_data.demo_data))
 app.command(epilog=completion.EPILOG)(with_shared(completion.completion))
 
 config_app = _Typer(

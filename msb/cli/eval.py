@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     Color = tuple[float, float, float]
 
 EPILOG = epilog(
-    "msb eval tests/golden/metrics/pred tests/golden/metrics/gt",
-    "msb eval --json - tests/golden/metrics/pred tests/golden/metrics/gt",
+    "msb eval data_stubs/scenes/tanksandtemples/pebble/images/000001.jpg \\\n"
+    "      data_stubs/scenes/tanksandtemples/pebble/images/000002.jpg",
+    "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_2 \\\n"
+    "      data_stubs/scenes/mipnerf360/pebble/images_2",
 )
 SCHEMA = "msb.eval/1"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"

@@ -261,8 +261,11 @@ _EXIT_TABLE = (
     "missing or not valid, 4 not supported, 5 no OpenCL device, 130 interrupted."
 )
 
+_DEMO_DATA = "The examples' files are there after: msb demo-data data_stubs"
+
 
 def epilog(*examples: str) -> str:
-    """Return the end of a help page: examples, kept as they are, and the exit statuses."""
+    """Return the end of a help page: examples as they are, the exit statuses, and where data is from."""
     lines = "\n".join(f"  {example}" for example in examples)
-    return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}"
+    data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
+    return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

@@ -26,6 +26,7 @@ COMMANDS = (
     "config",
     "config show",
     "convert",
+    "demo-data",
     "devices",
     "eval",
     "export",

@@ -1,0 +1,49 @@
+"""`msb demo-data`: the scenes and models that the examples use."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
+from msb.cli.output import Output, echo
+from msb.errors import UsageError
+
+EPILOG = epilog("msb demo-data out/demo-data")
+
+
+def demo_data(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to write."), WRITTEN],
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Write tiny scenes, trained models and a protocol to try every command on: 2 MB, no network.
+
+    There is a scene in the layout of each dataset, a model of each method for it, a checkpoint, an asset with
+    the faults of trained ones, cameras, and a protocol with all of them. --force replaces demo data in DIR,
+    results in it included, and nothing else.
+    """
+    from msb.atomic import check_place
+    from msb.demo import PROTOCOL, is_demo, write_demo
+
+    output = Output(None, quiet, verbose, force)
+    if folder.is_dir() and not any(folder.iterdir()):
+        check_place(folder, folder=True)
+    else:
+        output.check_free(folder, folder=True)
+        if folder.exists() and not is_demo(folder):
+            text = "it is no demo data, and --force would replace all of it; name another folder"
+            raise UsageError("OUTPUT_EXISTS", text, file=folder)
+    with output.progress(f"writing {folder.name}"):
+        size = write_demo(folder)
+    echo(f"{folder}: 4 scenes, 8 models, a checkpoint, an asset, cameras, a protocol; {size / 1e6:.1f} MB")
+    if not quiet:
+        names = ("splat_like.triasset", PROTOCOL, "results")
+        asset, protocol, results = (shlex.quote(str(folder / name)) for name in names)
+        echo(f"next: msb audit {asset}")
+        echo(f"      msb run {protocol}")
+        echo(f"      msb report {results}")

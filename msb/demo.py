@@ -1,0 +1,50 @@
+"""The demo's data: stub scenes and models, which a wheel carries along and a checkout has in `data_stubs`."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msb.atomic import new_folder
+
+if TYPE_CHECKING:
+    import os
+
+CONTENTS = ("checkpoint", "models", "protocol.toml", "scenes", "splat_like.triasset", "views.json")
+"""The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel."""
+PROTOCOL = "protocol.toml"
+_IN_WHEEL = Path(__file__).parent / "demo_data"
+_IN_CHECKOUT = Path(__file__).parents[1] / "data_stubs"
+
+
+def demo_folder() -> Path:
+    """Return the folder that holds the demo's data."""
+    return _IN_WHEEL if _IN_WHEEL.is_dir() else _IN_CHECKOUT
+
+
+def is_demo(folder: Path) -> bool:
+    """Return whether a folder holds what `write_demo` writes, whatever else is in it."""
+    return all((folder / name).exists() for name in CONTENTS)
+
+
+def write_demo(folder: str | os.PathLike[str]) -> int:
+    """Write the demo's data as `folder`, in place of what is there, and return its size in bytes.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`.
+    UsageError
+        `OUTPUT_EXISTS`, as `msb.atomic.new_folder`.
+    """
+    source = demo_folder()
+    found = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
+    with new_folder(folder) as target:
+        for path in sorted(found):
+            place = target / path.relative_to(source)
+            if path.is_dir():
+                place.mkdir()
+            else:
+                shutil.copyfile(path, place)  # without its mode: an installation may be read-only
+    return sum(path.stat().st_size for path in found if path.is_file())
