@@ -43,6 +43,7 @@ ALLOWED: dict[str, set[str]] = {
     "methods": {"errors", "scenes"},
     "extras": {"errors"},
     "atomic": {"errors"},
+    "demo": {"atomic"},
     "files": {"errors", "paths"},
     "bounded_parsing": set(),
     "paths": {"errors"},

@@ -16,7 +16,7 @@ EPILOG = epilog("msb demo-data out/demo-data")
 
 
 def demo_data(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to write."), WRITTEN],
+    target: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to write."), WRITTEN],
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -31,19 +31,19 @@ def demo_data(
     from msb.demo import PROTOCOL, is_demo, write_demo
 
     output = Output(None, quiet, verbose, force)
-    if folder.is_dir() and not any(folder.iterdir()):
-        check_place(folder, folder=True)
+    if target.is_dir() and not any(target.iterdir()):
+        check_place(target, folder=True)
     else:
-        output.check_free(folder, folder=True)
-        if folder.exists() and not is_demo(folder):
+        output.check_free(target, folder=True)
+        if target.exists() and not is_demo(target):
             text = "it is no demo data, and --force would replace all of it; name another folder"
-            raise UsageError("OUTPUT_EXISTS", text, file=folder)
-    with output.progress(f"writing {folder.name}"):
-        size = write_demo(folder)
-    echo(f"{folder}: 4 scenes, 8 models, a checkpoint, an asset, cameras, a protocol; {size / 1e6:.1f} MB")
+            raise UsageError("OUTPUT_EXISTS", text, file=target)
+    with output.progress(f"writing {target.name}"):
+        size = write_demo(target)
+    echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, a protocol; {size / 1e6:.1f} MB")
     if not quiet:
         names = ("splat_like.triasset", PROTOCOL, "results")
-        asset, protocol, results = (shlex.quote(str(folder / name)) for name in names)
+        asset, protocol, results = (shlex.quote(str(target / name)) for name in names)
         echo(f"next: msb audit {asset}")
         echo(f"      msb run {protocol}")
         echo(f"      msb report {results}")
