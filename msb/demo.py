@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 CONTENTS = ("checkpoint", "models", "protocol.toml", "scenes", "splat_like.triasset", "views.json")
 """The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel."""
-PROTOCOL = "protocol.toml"
+PROTOCOL, RESULTS = "protocol.toml", "results"
 _IN_WHEEL = Path(__file__).parent / "demo_data"
 _IN_CHECKOUT = Path(__file__).parents[1] / "data_stubs"
 
@@ -24,8 +24,8 @@ def demo_folder() -> Path:
 
 
 def is_demo(folder: Path) -> bool:
-    """Return whether a folder holds what `write_demo` writes, whatever else is in it."""
-    return all((folder / name).exists() for name in CONTENTS)
+    """Return whether a folder holds what `write_demo` writes and its results, and nothing else."""
+    return folder.is_dir() and {path.name for path in folder.iterdir()} - {RESULTS} == set(CONTENTS)
 
 
 def write_demo(folder: str | os.PathLike[str]) -> int:

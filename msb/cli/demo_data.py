@@ -28,7 +28,7 @@ def demo_data(
     results in it included, and nothing else.
     """
     from msb.atomic import check_place
-    from msb.demo import PROTOCOL, is_demo, write_demo
+    from msb.demo import PROTOCOL, RESULTS, is_demo, write_demo
 
     output = Output(None, quiet, verbose, force)
     if target.is_dir() and not any(target.iterdir()):
@@ -36,13 +36,13 @@ def demo_data(
     else:
         output.check_free(target, folder=True)
         if target.exists() and not is_demo(target):
-            text = "it is no demo data, and --force would replace all of it; name another folder"
+            text = "it holds more than demo data, and --force would replace all of it; name another folder"
             raise UsageError("OUTPUT_EXISTS", text, file=target)
     with output.progress(f"writing {target.name}"):
         size = write_demo(target)
     echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, a protocol; {size / 1e6:.1f} MB")
     if not quiet:
-        names = ("splat_like.triasset", PROTOCOL, "results")
+        names = ("splat_like.triasset", PROTOCOL, RESULTS)
         asset, protocol, results = (shlex.quote(str(target / name)) for name in names)
         echo(f"next: msb audit {asset}")
         echo(f"      msb run {protocol}")

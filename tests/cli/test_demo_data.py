@@ -55,14 +55,14 @@ def test_an_empty_folder_is_filled_and_another_is_left_alone(msb: Msb, tmp_path:
     assert (again.status, again.out) == (2, "")
     assert again.err.startswith(f"OUTPUT_EXISTS: {tmp_path / 'empty'}: it exists; --force replaces it")
     (tmp_path / "empty" / "views.json").write_text("{}")
+    (tmp_path / "empty" / "results").mkdir()
     assert msb("demo-data", "-q", "--force", tmp_path / "empty").status == 0
     assert files(tmp_path / "empty") == shipped()
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.tex").write_text("all of it")
-    for force in ((), ("--force",)):
-        result = msb("demo-data", *force, tmp_path / "mine")
-        assert (result.status, result.err.partition(":")[0]) == (2, "OUTPUT_EXISTS")
-    assert files(tmp_path / "mine") == {"thesis.tex": b"all of it"}
+    (tmp_path / "empty" / "thesis.tex").write_text("all of it")
+    result = msb("demo-data", "--force", tmp_path / "empty")
+    assert result.status == 2
+    assert result.err.startswith(f"OUTPUT_EXISTS: {tmp_path / 'empty'}: it holds more than demo data")
+    assert files(tmp_path / "empty") == {**shipped(), "thesis.tex": b"all of it"}
 
 
 def test_help_pages_say_where_the_files_of_their_examples_come_from(msb: Msb) -> None:
