@@ -68,6 +68,7 @@ ALLOWED: dict[str, set[str]] = {
     "bench": GROUND
     | {
         "auditing",
+        "demo",
         "meshes",
         "adapters",
         "topology",

@@ -13,6 +13,7 @@ from msb.bench.folder import check_names
 from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTable, Protocol, VariantTable
 from msb.bench.records import CONDITIONS
 from msb.bounded_parsing import parse_toml
+from msb.demo import PROTOCOL, demo_folder
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.methods import METHODS
 from msb.paths import given_path
@@ -80,6 +81,12 @@ def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
     protocol = checked(Protocol, data, file=path, code="PROTOCOL_INVALID")
     _check(protocol, path)
     return ProtocolFile(Path(path), text, protocol)
+
+
+def example(name: str) -> bytes:
+    """Return the text of a protocol file: "paper", the paper's experiment, or "demo", for the demo's data."""
+    place = demo_folder() / PROTOCOL if name == "demo" else Path(__file__).with_name(f"{name}.toml")
+    return place.read_bytes()
 
 
 def single_protocol(

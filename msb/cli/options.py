@@ -157,6 +157,22 @@ def refuse(given: Mapping[str, object], why: str) -> None:
             raise UsageError("USAGE", f"--{name} {why}")
 
 
+def alone(context: typer.Context, name: str) -> None:
+    """Refuse whatever else is given on the command line beside the option `name`, but how to print and log.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`.
+    """
+    harmless = {name, "quiet", "verbose", *_EVERYWHERE}
+    for param in context.command.params:
+        source = context.get_parameter_source(param.name or "")
+        if param.name not in harmless and getattr(source, "name", "") == "COMMANDLINE":
+            text = f"{_label(param)} does not go with --{name.replace('_', '-')}, which stands alone"
+            raise UsageError("USAGE", text)
+
+
 def _paths(command: TyperCommand) -> dict[str, bool]:
     """Return the parameters that name a file or folder, as `with_shared` found them, and which is written."""
     return getattr(command.callback, "paths", {})

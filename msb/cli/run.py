@@ -6,12 +6,12 @@ import contextlib
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.options import JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table, say
+from msb.cli.options import JsonFile, Quiet, Verbose, alone, epilog
+from msb.cli.output import Output, echo, plain_table, say
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from msb.bench.run import Report, Row
 
 EPILOG = epilog(
+    "msb run --example paper",
     "msb run --dry-run data_stubs/protocol.toml",
     "msb run -o out/run --only two_dts/nerf_synthetic data_stubs/protocol.toml",
     "msb run --scene data_stubs/scenes/nerf_synthetic/pebble -o out/one \\\n"
@@ -30,9 +31,10 @@ SCHEMA = "msb.run/1"
 
 
 def run(
+    context: typer.Context,
     path: Annotated[
-        Path, typer.Argument(metavar="PROTOCOL", help="A protocol.toml; or an asset, with --scene.")
-    ],
+        Path | None, typer.Argument(metavar="PROTOCOL", help="A protocol.toml; or an asset, with --scene.")
+    ] = None,
     scene: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Evaluate the asset PROTOCOL on this scene.")
     ] = None,
@@ -64,6 +66,12 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", "-n", help="Only show which cells are done and which are not.")
     ] = False,
+    example: Annotated[
+        Literal["paper", "demo"] | None,
+        typer.Option(
+            help="Print a protocol to begin with, and nothing else: the paper's, or that of msb demo-data."
+        ),
+    ] = None,
     json_file: JsonFile = None,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -74,6 +82,12 @@ def run(
     the command can be started again after an interruption or when models were added. A failed cell does not
     stop the others; the exit status is the highest of theirs. msb report makes the tables.
     """
+    if example is not None:
+        alone(context, "example")
+        _print_example(example)
+        return
+    if path is None:
+        context.fail("Missing argument 'PROTOCOL'; --example paper prints one to begin with")
     from msb.bench.run import run_protocol
 
     output = Output(json_file, quiet, verbose, force=True)
@@ -99,6 +113,12 @@ def run(
     if output.prints_text:
         _print(file, found, output, dry=dry_run)
     raise typer.Exit(found.exit_status)
+
+
+def _print_example(name: str) -> None:
+    from msb.bench.protocol import example
+
+    echo(example(name).decode().removesuffix("\n"))
 
 
 def _protocol(path: Path, scene: Path | None, non_engine: str | None, out: Path | None) -> ProtocolFile:

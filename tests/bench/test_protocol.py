@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from msb.bench.protocol import overrides, parse_protocol, read_protocol, single_protocol
+from msb.bench.protocol import example, overrides, parse_protocol, read_protocol, single_protocol
 from msb.errors import MsbError
+from msb.methods import METHODS
+from msb.scenes.datasets import DATASETS
 from tests.bench.protocols import PEBBLE, STUBS
 
 MINIMAL = """
@@ -56,6 +58,26 @@ def test_settings_none_switches_off() -> None:
     text = MINIMAL + 'settings = { ste_threshold = "none", gamma = 20 }\n'
     method = parse_protocol(text.encode(), "p.toml").protocol.methods[0]
     assert overrides(method) == {"ste_threshold": None, "gamma": 20}
+
+
+def test_the_paper_example_has_the_papers_scenes_rows_and_sizes() -> None:
+    found = parse_protocol(example("paper"), "paper.toml").protocol
+    assert {one.name: set(one.scenes) for one in found.datasets} == {
+        name: set(dataset.scenes) for name, dataset in DATASETS.items()
+    }
+    own = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
+    assert {method.name for method in found.methods} == set(own.values())
+    assert {one.name: one.resolution for one in found.datasets}["tanksandtemples"] == 2
+    diffsoup = {
+        name: (one.image_folder, one.resolution)
+        for one in found.methods
+        if one.name == "diffsoup"
+        for name in one.datasets
+    }
+    assert diffsoup == {
+        "mipnerf360": ("images_4", None),
+        **dict.fromkeys(("tanksandtemples", "nerf_synthetic", "dtu"), (None, 4)),
+    }
 
 
 OURS = '[[methods]]\nname = "mesh"\nmodel = "x"\nlabel = "Ours"\n'

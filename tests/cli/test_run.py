@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from msb.bench.protocol import example, parse_protocol
+from msb.scenes.datasets import DATASETS
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -93,6 +95,8 @@ conditions = ["exported_mesh"]
         (["--non-engine", "reference", "p.toml"], "USAGE: "),
         (["--only", "nobody", str(STUBS / "protocol.toml")], "USAGE: --only nobody selects no cell"),
         (["--jobs", "0", "p.toml"], "USAGE: "),
+        ([], "USAGE: Missing argument 'PROTOCOL'; --example paper prints one"),
+        (["--example", "paper"], "USAGE: --out does not go with --example"),
     ],
 )
 def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], said: str) -> None:
@@ -101,3 +105,24 @@ def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], said: 
     assert result.err.startswith(said)
     assert len(result.err.splitlines()) == 1
     assert result.out == ""
+
+
+@pytest.mark.parametrize("name", ["paper", "demo"])
+def test_an_example_is_a_protocol_on_standard_output(msb: Msb, name: str) -> None:
+    result = msb("run", "--example", name, "-q")
+    assert (result.status, result.err) == (0, "")
+    assert result.out.encode() == example(name)
+    protocol = parse_protocol(result.out.encode(), "p.toml").protocol
+    assert [dataset.name for dataset in protocol.datasets] == list(DATASETS)
+    assert {method.name for method in protocol.methods} >= {
+        "two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"
+    }  # fmt: skip
+    assert protocol.chamfer is not None
+
+
+@pytest.mark.parametrize("other", [["p.toml"], ["--dry-run"], ["--only", "x"], ["--json", "-"], ["-j", "2"]])
+def test_an_example_goes_with_nothing_else(msb: Msb, other: list[str]) -> None:
+    result = msb("run", "--example", "paper", *other)
+    assert (result.status, result.out) == (2, "")
+    assert len(result.err.splitlines()) == 1
+    assert "does not go with --example" in result.err
