@@ -142,6 +142,18 @@ def _device(record: Mapping[str, Any] | None) -> str:
     return " ".join(str(record[key]) for key in ("platform", "name", "driver"))
 
 
+def scan_files(data: Path, scene: str) -> list[Path]:
+    """Return the files of the official evaluation data that the Chamfer distance on a DTU scene needs.
+
+    Raises
+    ------
+    MetricError
+        METRIC_ARGUMENT: the scene's name is none of DTU's.
+    """
+    scan = scan_number(scene)
+    return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
+
+
 def _chamfer(job: Job, known: Known) -> Inputs:
     from msb.metrics import identity
 
@@ -150,8 +162,7 @@ def _chamfer(job: Job, known: Known) -> Inputs:
     data: list[Path] = []
     masks: list[Path] = []
     with contextlib.suppress(MsbError):  # the part will say it again, and in full
-        scan = scan_number(job.cell.scene)
-        data = [job.chamfer_data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
+        data = scan_files(job.chamfer_data, job.cell.scene)
         masks = mask_files(scene)
     about = identity("chamfer_dtu", seed=job.chamfer_seed).to_dict()
     return {

@@ -84,8 +84,13 @@ class Planned:
     reason: Reason | None = None
 
 
-def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
+def pairs_of(
+    file: ProtocolFile, only: Sequence[str] = (), lost: dict[str, MsbError] | None = None
+) -> list[Pair]:
     """Return the pairs of method and scene that have a cell which `only` selects (`selected`).
+
+    If `lost` is given, it gets the datasets whose scenes are not listed and cannot be found, by their names,
+    with the error about each; else the first such error is raised.
 
     Raises
     ------
@@ -100,7 +105,13 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
     names_there: dict[str, None] = {}
     for dataset in file.protocol.datasets:
         root = file.resolve(dataset.path)
-        paths = [root / name for name in dataset.scenes] or find_scenes(root)
+        try:
+            paths = [root / name for name in dataset.scenes] or find_scenes(root)
+        except MsbError as error:
+            if lost is None:
+                raise
+            lost[dataset.name] = error
+            continue
         for path in paths:
             for method in file.protocol.methods:
                 if method.datasets and dataset.name not in method.datasets:
@@ -113,7 +124,7 @@ def pairs_of(file: ProtocolFile, only: Sequence[str] = ()) -> list[Pair]:
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
                     found.append(Pair(dataset, method, path.name, path, model))
-    if only and not found:
+    if only and not found and not lost:
         raise _nothing(only, (*names_there, *conditions))
     return found
 
@@ -144,9 +155,10 @@ class Planner:
     ) -> None:
         self.file, self.run, self.known, self.only, self.redo = file, run, known, tuple(only), redo
         self.results = Results(file.results)
+        self.pairs: dict[tuple[str, ...], Pair] = {}
 
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, Model | Exception]) -> list[Planned]:
-        """Return all cells that are selected, in the order of the protocol.
+        """Return all cells that are selected, in the order of the protocol; `pairs` says what each is of.
 
         Parameters
         ----------
@@ -161,23 +173,22 @@ class Planner:
         UsageError
             USAGE: nothing is selected.
         """
-        cells: dict[tuple[str, ...], Pair] = {}
         found = []
         for pair in pairs:
             for planned in self._cells(pair, models.get(pair)):
                 cell = planned.cell
                 key = cell.names
-                if key in cells:
+                if key in self.pairs:
                     text = (
                         f"/methods: two models of {cell.model_name} on {cell.scene}; give one a label of its "
                         'own: label = "ours"'
                     )
                     raise InputError("PROTOCOL_INVALID", text, file=self.file.path, pointer="/methods")
-                cells[key] = pair
+                self.pairs[key] = pair
                 if selected(cell, self.only):
                     found.append(planned)
         if self.only and not found:
-            raise _nothing(self.only, list(dict.fromkeys(part for key in cells for part in key)))
+            raise _nothing(self.only, list(dict.fromkeys(part for key in self.pairs for part in key)))
         return found
 
     def _cells(self, pair: Pair, model: Model | Exception | None) -> Iterator[Planned]:
@@ -260,7 +271,7 @@ class Planner:
         def path(template: str | None) -> Path | None:
             return None if template is None else self.file.resolve(template, **names)
 
-        scene = self._scene(pair, model, cell.method)
+        scene = self.scene_at(pair, model, cell.method)
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
         variant = self._variant(cell)
         chamfer = protocol.chamfer
@@ -286,7 +297,7 @@ class Planner:
             chamfer_seed=0 if chamfer is None else chamfer.seed,
         )
 
-    def _scene(self, pair: Pair, model: Model | None, method: str) -> SceneAt:
+    def scene_at(self, pair: Pair, model: Model | None, method: str) -> SceneAt:
         """Return how the method is evaluated on the scene: what it says, else its dataset, else the rules."""
 
         def option(name: str) -> Any:

@@ -17,6 +17,7 @@ from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
 from msb.bench.job import MAIN, Done
 from msb.bench.machine import machine
+from msb.bench.missing import Missing, find_missing, find_unknown
 from msb.bench.models import Model, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
@@ -91,17 +92,21 @@ class Report:
     models : mapping of str to Reason
         The models that could not be read and whose method is unknown, and why.
     seconds : float
+    missing : tuple of Missing
+        In a dry run, all that must be there before the cells that need it can be computed.
     """
 
     rows: tuple[Row, ...]
     models: Mapping[str, Reason]
     seconds: float
+    missing: tuple[Missing, ...] = ()
 
     @property
     def exit_status(self) -> int:
         """The highest exit status among the failures; a condition that is not supported is no failure."""
         codes = [reason.code for reason in self.models.values()]
         codes += [reason.code for row in self.rows for reason in row.reasons.values()]
+        codes += [one.code for one in self.missing]
         return max((status_of(code) for code in codes), default=0)
 
 
@@ -151,14 +156,9 @@ def run_protocol(
     """
     start = time.perf_counter()
     watch = watch or _Nobody()
-    weights = file.protocol.metrics.vgg_weights
-    if weights is not None:
-        for warning in image_measures(file.resolve(weights)).warnings:
-            watch.note(f"{warning.code}: {warning.message}")
     if dry:
-        with contextlib.suppress(MsbError):
-            return _dry(file, only, redo, start, machine(file.protocol.device)["device"])
-        return _dry(file, only, redo, start, None)
+        return _dry(file, only, redo, start, watch)
+    _load_weights(file, watch)
     need_extra("bench", "filelock", *modules_needed(), what="a run")
     if file.protocol.videos is not None:
         need_extra("video", "av", what="[videos]")
@@ -172,19 +172,36 @@ def _workers(jobs: int, scheduler: str | None) -> Workers:
     return LocalWorkers(jobs) if scheduler is None else DaskWorkers(scheduler)
 
 
-def _dry(
-    file: ProtocolFile, only: Sequence[str], redo: bool, start: float, device: Mapping[str, Any] | None
-) -> Report:
+def _load_weights(file: ProtocolFile, watch: Watch) -> None:
+    weights = file.protocol.metrics.vgg_weights
+    if weights is not None:
+        for warning in image_measures(file.resolve(weights)).warnings:
+            watch.note(f"{warning.code}: {warning.message}")
+
+
+def _dry(file: ProtocolFile, only: Sequence[str], redo: bool, start: float, watch: Watch) -> Report:
+    weights: MsbError | None = None
+    device: Mapping[str, Any] | None = None
+    try:
+        _load_weights(file, watch)
+    except MsbError as error:
+        weights = error
+    with contextlib.suppress(MsbError):
+        device = machine(file.protocol.device)["device"]
     results = Results(file.results)
-    pairs = pairs_of(file, only)
+    lost: dict[str, MsbError] = {}
+    pairs = pairs_of(file, only, lost)
     models: dict[Pair, Model | Exception] = {}
     for pair in pairs:
         task = pair.task(file.results, "")
         known = None if task is None else known_model(results, task)
         if known is not None:
             models[pair] = known
-    planned = Planner(file, "", Known(device), only, redo=redo).plan(pairs, models)
-    return Report(tuple(_row(results, one, 0.0) for one in planned), {}, time.perf_counter() - start)
+    planner = Planner(file, "", Known(device), only, redo=redo)
+    planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], weights)
+    rows = tuple(_row(results, one, 0.0) for one in planned)
+    missing += find_unknown(lost, pairs)
+    return Report(rows, {}, time.perf_counter() - start, tuple(missing))
 
 
 class _Run:
@@ -323,6 +340,8 @@ def _row(results: Results, planned: Planned, seconds: float) -> Row:
         result: Result | None = results.read(planned.cell)
     except MsbError:
         result = None
+    if planned.status == "failed" and planned.reason is not None:
+        return Row(planned, result, seconds, {"cell": planned.reason})
     reasons: dict[str, Reason] = {}
     if result is not None:
         reasons = dict(result.reasons)

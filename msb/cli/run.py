@@ -64,7 +64,10 @@ def run(
     ] = None,
     redo: Annotated[bool, typer.Option("--redo", help="Compute finished cells again.")] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", "-n", help="Only show which cells are done and which are not.")
+        bool,
+        typer.Option(
+            "--dry-run", "-n", help="Only show what is done, what is not, and all that is missing for it."
+        ),
     ] = False,
     example: Annotated[
         Literal["paper", "demo"] | None,
@@ -106,12 +109,16 @@ def run(
     for name, reason in found.models.items():
         say(f"{reason.code}: {name}: {reason.message}")
     for row in found.rows:
+        if dry_run and row.planned.status == "failed":  # said once for all cells, after the table
+            continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
                 what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
                 say(f"{reason.code}: {what}: {reason.message}")
     if output.prints_text:
         _print(file, found, output, dry=dry_run)
+    for missing in found.missing:
+        say(f"{missing.code}: {missing.message}")
     raise typer.Exit(found.exit_status)
 
 
@@ -186,6 +193,7 @@ def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
         "protocol": str(file.path),
         "results": str(file.results),
         "seconds": found.seconds,
+        "missing": [vars(one) for one in found.missing],
         "models": {name: reason.model_dump() for name, reason in found.models.items()},
         "cells": rows,
     }
@@ -217,7 +225,7 @@ def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> N
         console.print(table)
         console.print()
     kinds = [state.partition(":")[0] for state in states]
-    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
     console.print(f"{len(kinds)} cells: {counts}; {found.seconds:.0f} s", soft_wrap=True)
     console.print(escape(str(file.results)), soft_wrap=True)
 
@@ -233,7 +241,7 @@ def _state(row: Row, *, dry: bool) -> str:
         return "N/A"
     failed = row.reasons.get("cell") or planned.reason
     if failed is not None and not (dry and planned.status == "pending"):
-        return f"failed: {failed.code}"
+        return "blocked" if dry else f"failed: {failed.code}"  # by what is said below, once for all
     if planned.status == "done":
         return "as before"
     why = dict.fromkeys(planned.why.values())

@@ -59,6 +59,25 @@ def test_what_is_to_do_is_shown_and_not_done(msb: Msb, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_dry_run_says_last_and_once_what_is_missing_and_ends_with_3(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "paper.toml").write_bytes(example("paper"))
+    result = msb("run", "--dry-run", "paper.toml", cwd=tmp_path)
+    assert result.status == 3
+    assert "bicycle   two_dts             dedicated" in result.out
+    assert "770 cells: 682 blocked, 88 N/A" in result.out
+    lines = result.err.splitlines()
+    assert len(lines) == 17
+    place = tmp_path / "output" / "mesh_splatting"
+    text = f"{place}: there is no such file or folder; models of mesh_splatting on 34 scenes: 136 cells"
+    assert f"FILE_NOT_FOUND: {text} cannot be computed" in lines
+    data = msb("run", "--dry-run", "--json", "-", "paper.toml", cwd=tmp_path).json
+    assert [f"{one['code']}: {one['message']}" for one in data["missing"]] == lines
+    assert {cell["reasons"]["cell"]["code"] for cell in data["cells"] if cell["plan"] == "failed"} >= {
+        "FILE_NOT_FOUND"
+    }
+
+
+@pytest.mark.slow
 def test_failures_are_lines_and_the_highest_status(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "model.ckpt").write_bytes(b"nothing")
     text = f"""

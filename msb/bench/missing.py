@@ -1,0 +1,210 @@
+"""What a dry run finds missing: each thing once, with the number of cells that need it."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+from msb.adapters.locate import locate
+from msb.asset import ASSET_SUFFIX
+from msb.bench.inputs import scan_files
+from msb.bench.models import method_of
+from msb.bench.protocol_tables import AUTO, PLACE, REFERENCE
+from msb.bench.records import Reason
+from msb.errors import InputError, MsbError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from msb.bench.photographs import SceneAt
+    from msb.bench.plan import Pair, Planned, Planner
+    from msb.bench.protocol import ProtocolFile
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Something that cells need and that is not there or cannot be used.
+
+    Attributes
+    ----------
+    code : str
+    message : str
+        Which file, what is wrong with it, what it is for, and how many cells need it.
+    cells : int
+        How many cells need it; 0 if that is not known before it is there.
+    blocks : bool
+        Whether these cells cannot be computed; else they only lack a part.
+    """
+
+    code: str
+    message: str
+    cells: int
+    blocks: bool
+
+
+class _Need(NamedTuple):
+    """What one cell needs in vain: the error, what it is about, and whether the cell cannot do without."""
+
+    code: str
+    error: str
+    what: str
+    blocks: bool
+
+
+def find_missing(
+    planner: Planner, planned: Sequence[Planned], weights: MsbError | None = None
+) -> tuple[list[Planned], list[Missing]]:
+    """Return the plan, in which cells that lack something have failed, and all that is missing.
+
+    Each cell that is to be computed is asked for everything it needs, so one missing thing hides no other.
+    Scenes are read without their pixels, models are only looked for.
+
+    Parameters
+    ----------
+    planner : Planner
+    planned : sequence of Planned
+        What the planner planned.
+    weights : MsbError, optional
+        What is wrong with the weights of LPIPS, without which a run does not start.
+    """
+    search = _Search(planner, weights)
+    scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
+    found: list[Planned] = []
+    for one in planned:
+        needs = list(search.needs(one)) if one.status in ("pending", "failed") else []
+        for need in needs:
+            scenes[need][one.cell.scene] += 1
+        blocking = next((need for need in needs if need.blocks), None)
+        if blocking is None:
+            found.append(one)
+        else:
+            reason = Reason(code=blocking.code, message=blocking.error)
+            found.append(replace(one, job=None, status="failed", reason=reason))
+    return found, [_told(need, there) for need, there in scenes.items()]
+
+
+def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
+    """Return what must be there before one can tell which cells there are.
+
+    Parameters
+    ----------
+    lost : mapping of str to MsbError
+        The datasets whose scenes could not be listed, and why.
+    pairs : sequence of Pair
+    """
+    found = [(error, f"the scenes of {name}") for name, error in lost.items()]
+    for pair in pairs:
+        if pair.method.name == AUTO and pair.model is not None:
+            try:
+                method_of(pair.model)
+            except MsbError as error:
+                found.append((error, f"the method of a model on {pair.scene}"))
+    return [
+        Missing(error.code, f"{_text(error)}; {what}, and so the number of cells, cannot be told", 0, True)
+        for error, what in found
+    ]
+
+
+class _Search:
+    """Looks for what cells need, for each thing once."""
+
+    def __init__(self, planner: Planner, weights: MsbError | None) -> None:
+        self.planner, self.file, self.weights = planner, planner.file, weights
+        self.scene = cache(_wrong_with_scene)
+        self.model = cache(_wrong_with_model)
+
+    def needs(self, planned: Planned) -> Iterator[_Need]:
+        """Yield what the cell needs in vain."""
+        cell, protocol = planned.cell, self.file.protocol
+        pair = self.planner.pairs[cell.names]
+        method, names = pair.method, {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
+        looked = [
+            (
+                _absent(pair.path, self.file.resolve(pair.dataset.path))
+                or self.scene(self.planner.scene_at(pair, None, cell.method)),
+                f"photographs and cameras of {cell.dataset}",
+                True,
+            )
+        ]
+
+        def look(template: str | None, what: str, *, blocks: bool) -> None:
+            if template is not None:
+                looked.append((_absent_template(self.file, template, names), what, blocks))
+
+        if cell.condition == "non_engine" and method.non_engine != REFERENCE:
+            look(method.non_engine, f"renderings of {cell.model_name}", blocks=True)
+        elif method.model is not None and pair.model is not None:
+            absent = _absent_template(self.file, method.model, names)
+            looked.append((absent or self.model(pair.model), f"models of {cell.model_name}", True))
+        if self.weights is not None and cell.condition != "exported_mesh":
+            looked.append((self.weights, "weights of LPIPS", True))
+        if cell.condition_key == cell.condition:
+            look(method.training, f"training records of {cell.model_name}", blocks=False)
+        if cell.condition == "exported_mesh" and cell.dataset == "dtu" and protocol.chamfer is not None:
+            look(method.mesh, f"meshes of {cell.model_name} for the Chamfer distance", blocks=False)
+            data = self.file.resolve(protocol.chamfer.data)
+            looked.append((_wrong_with_scan(data, cell.scene), "data of the Chamfer distance", False))
+        said = False
+        for error, what, blocks in looked:
+            if error is not None:
+                said = said or blocks
+                yield _Need(error.code, _text(error), what, blocks)
+        if not said and planned.reason is not None:  # what only the planner knows
+            yield _Need(planned.reason.code, planned.reason.message, cell.model_name, True)
+
+
+def _told(need: _Need, scenes: Mapping[str, int]) -> Missing:
+    cells = sum(scenes.values())
+    where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"
+    count = "1 cell" if cells == 1 else f"{cells} cells"
+    costs = "cannot be computed" if need.blocks else "will lack a part"
+    return Missing(need.code, f"{need.error}; {need.what} on {where}: {count} {costs}", cells, need.blocks)
+
+
+def _text(error: MsbError) -> str:
+    return str(error).removeprefix(f"{error.code}: ")
+
+
+def _absent_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> MsbError | None:
+    """Return that the path does not exist, where {dataset} and {scene} begin or below."""
+    places = (found for found in PLACE.finditer(template) if found[1] in ("dataset", "scene"))
+    place = next(places, None)
+    fixed = template if place is None else template[: place.start()].rpartition("/")[0]
+    return _absent(file.resolve(template, **names), file.resolve(fixed or ".", **names))
+
+
+def _absent(path: Path, above: Path) -> MsbError | None:
+    """Return that `path` does not exist, said of the first folder from `above` on that does not."""
+    if path.exists():
+        return None
+    below = [place for place in path.parents if place.is_relative_to(above)]
+    first = next((place for place in reversed(below) if not place.exists()), path)
+    return InputError("FILE_NOT_FOUND", "there is no such file or folder", file=first)
+
+
+def _wrong_with_scene(at: SceneAt) -> MsbError | None:
+    try:
+        at.read()
+    except MsbError as error:
+        return error
+    return None
+
+
+def _wrong_with_model(path: Path) -> MsbError | None:
+    try:
+        if path.suffix.lower() != ASSET_SUFFIX:
+            locate(path)
+    except MsbError as error:
+        return error
+    return None
+
+
+def _wrong_with_scan(data: Path, scene: str) -> MsbError | None:
+    try:
+        absent = (_absent(path, data) for path in scan_files(data, scene))
+        return next((error for error in absent if error is not None), None)
+    except MsbError as error:  # the scene's name is none of DTU's
+        return error
