@@ -44,8 +44,8 @@ def test_it_is_small_enough_for_a_wheel_and_all_of_the_stubs_that_is_data() -> N
 
 def test_the_wheel_gets_what_the_command_writes() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    assert included == {f"data_stubs/{name}": f"msb/demo_data/{name}" for name in CONTENTS}
+    included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"]
+    assert included == ["msb", "viewers/msb_viewers", *(f"data_stubs/{name}" for name in CONTENTS)]
 
 
 def test_an_empty_folder_is_filled_and_another_is_left_alone(msb: Msb, tmp_path: Path) -> None:
