@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS
 from msb.bench.intervals import excludes_zero, interval
 from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import SHOWN, text
-from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method_title
+from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title
 from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
 
@@ -59,6 +60,8 @@ def find(numbers: Numbers) -> list[Finding]:
         *_gap_findings(numbers),
         *_monotone_findings(numbers),
         *_ranking_findings(numbers),
+        *_leader_findings(numbers),
+        *_training_findings(numbers),
         *_speed_findings(numbers),
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
@@ -224,6 +227,65 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
     if same:
         sentence = f"On {', '.join(same)} the ranking by PSNR is the same under every condition."
         yield Finding("same_ranking", sentence, label)
+
+
+def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield the datasets on which another method leads by another metric: images against the surface, say."""
+    for dataset in numbers.datasets():
+        for condition in ("non_engine", "dedicated"):
+            leaders: dict[str, dict[str, str]] = {}
+            for metric in (*QUALITY, "chamfer"):
+                # The Chamfer distance is of the model, and stands with the Non-Engine results.
+                place = "non_engine" if metric == "chamfer" else condition
+                best = _leader(numbers, dataset, place, metric)
+                if best is not None:
+                    unit = f" {SHOWN[metric].unit}" if SHOWN[metric].unit in ("dB", "mm") else ""
+                    said = f"{SHOWN[metric].title} ({text(metric, best[1])}{unit})"
+                    leaders.setdefault(best[0], {})[metric] = said
+            if len(leaders) > 1:
+                each = "; ".join(
+                    f"{method_title(method)} by {' and '.join(said.values())}"
+                    for method, said in leaders.items()
+                )
+                where = dataset_title(dataset), condition_title(condition)
+                sentence = "On {} there is no best method under {}: first are {}.".format(*where, each)
+                own = condition == "non_engine"
+                table = "native_summary" if own else f"renderer_comparison-{slug(dataset)}"
+                yield Finding("leaders", sentence, table)
+                break
+
+
+def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tuple[str, float] | None:
+    """Return the best of at least two methods with whole means, and its value; None where two are equal."""
+    found = {
+        method: number.value
+        for method in numbers.methods(dataset, condition)
+        if (number := numbers.number(Key(dataset, MEAN, method, condition, metric))).value is not None
+        and number.present == number.expected
+    }
+    ranked = sorted(found.items(), key=lambda one: one[1], reverse=METRICS[metric].better == "higher")
+    if len(ranked) < 2 or abs(ranked[0][1] - ranked[1][1]) < SHOWN[metric].last_digit:
+        return None
+    return ranked[0]
+
+
+def _training_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield how long the trainings took, from the quickest to the longest method of each dataset."""
+    for dataset in numbers.datasets():
+        own = sorted(
+            (number.value, method)
+            for method in numbers.methods(dataset, "non_engine")
+            if (number := numbers.number(Key(dataset, MEAN, method, "non_engine", "train_seconds"))).value
+            is not None
+        )
+        if len(own) > 1 and own[-1][0] - own[0][0] >= SHOWN["train_seconds"].last_digit:
+            first, last = (
+                f"{text('train_seconds', one[0])} min ({method_title(one[1])})" for one in (own[0], own[-1])
+            )
+            sentence = (
+                f"On {dataset_title(dataset)} a training takes from {first} to {last}, means over scenes."
+            )
+            yield Finding("training", sentence, "native_summary")
 
 
 def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list[tuple[str, float]]:
