@@ -90,7 +90,11 @@ def example(name: str) -> bytes:
 
 
 def single_protocol(
-    model: str | os.PathLike[str], scene: str | os.PathLike[str], *, non_engine: str | None = None
+    model: str | os.PathLike[str],
+    scene: str | os.PathLike[str],
+    *,
+    non_engine: str | None = None,
+    image_folder: str | None = None,
 ) -> ProtocolFile:
     """Return the protocol that evaluates one model on one scene, as if it stood in the current folder.
 
@@ -100,6 +104,13 @@ def single_protocol(
         A checkpoint, .triasset or mesh; the scene's folder.
     non_engine : str, optional
         A folder of official renderings, or "reference".
+    image_folder : str, optional
+        The folder of the photographs below the scene's.
+
+    Returns
+    -------
+    ProtocolFile
+        Its results are in a folder of their own, named by the model and the scene.
 
     Raises
     ------
@@ -111,7 +122,10 @@ def single_protocol(
     from msb.scenes.datasets import read_scene
 
     check_names(Path(scene).absolute(), Path(model).absolute())
+    folder = f"{Path(model).absolute().stem}-{Path(scene).absolute().name}-results"
     lines = [
+        f"results = {_quoted(folder.replace('{', '{{').replace('}', '}}'))}",
+        "",
         "[[datasets]]",
         f"name = {_quoted(read_scene(scene).dataset)}",
         f"path = {_path(scene)}",
@@ -119,6 +133,8 @@ def single_protocol(
         "[[methods]]",
         f"model = {_path(model)}",
     ]
+    if image_folder is not None:
+        lines.append(f"image_folder = {_quoted(image_folder)}")
     if non_engine is not None:
         lines.append(f"non_engine = {_quoted(REFERENCE) if non_engine == REFERENCE else _path(non_engine)}")
     return parse_protocol("\n".join(lines).encode() + b"\n", PROTOCOL_NAME)

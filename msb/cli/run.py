@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.cli.options import JsonFile, Quiet, Verbose, alone, epilog
+from msb.cli.options import DeviceName, JsonFile, Quiet, Verbose, alone, epilog
 from msb.cli.output import Output, echo, plain_table, say
 from msb.errors import UsageError
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from msb.bench.protocol import ProtocolFile
+    from msb.bench.records import Reason
     from msb.bench.run import Report, Row
 
 EPILOG = epilog(
@@ -44,6 +46,10 @@ def run(
             metavar="DIR|reference", help="With --scene: official renderings, or our NumPy renderer."
         ),
     ] = None,
+    image_folder: Annotated[
+        str | None, typer.Option(metavar="NAME", help="With --scene: the photographs' folder, e.g. images_2.")
+    ] = None,
+    device: DeviceName = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Results folder, instead of the protocol's."),
@@ -95,31 +101,46 @@ def run(
 
     output = Output(json_file, quiet, verbose, force=True)
     output.check_outputs()
-    file = _protocol(path, scene, non_engine, out)
-    found = run_protocol(
-        file,
-        jobs=jobs,
-        scheduler=scheduler,
-        only=only or (),
-        redo=redo,
-        dry=dry_run,
-        watch=_Watch(output),
-    )
+    file = _protocol(path, scene, non_engine, image_folder)
+    # A default that a file sets counts less than what the protocol says.
+    default = getattr(context.get_parameter_source("device"), "name", "") == "DEFAULT_MAP"
+    if device is not None and not (default and file.protocol.device):
+        file = replace(file, protocol=file.protocol.model_copy(update={"device": device}))
+    if out is not None:
+        file = replace(file, results_instead=out)
+    watch = _Watch(output)
+    try:
+        found = run_protocol(
+            file, jobs=jobs, scheduler=scheduler, only=only or (), redo=redo, dry=dry_run, watch=watch
+        )
+    except KeyboardInterrupt:
+        if not dry_run:
+            output.note(f"interrupted: {watch.cells} cells were done now; the same command goes on")
+        raise
     output.write_json(_document(file, found))
     for name, reason in found.models.items():
         say(f"{reason.code}: {name}: {reason.message}")
-    for row in found.rows:
-        if dry_run and row.planned.status == "failed":  # said once for all cells, after the table
-            continue
-        for part, reason in row.reasons.items():
-            if not reason.code.startswith("UNSUPPORTED_"):
-                what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
-                say(f"{reason.code}: {what}: {reason.message}")
+    for reason, names in _failures(found, dry=dry_run).items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        say(f"{reason.code}: {names[0]}{more}: {reason.message}")
     if output.prints_text:
         _print(file, found, output, dry=dry_run)
     for missing in found.missing:
         say(f"{missing.code}: {missing.message}")
     raise typer.Exit(found.exit_status)
+
+
+def _failures(found: Report, *, dry: bool) -> dict[Reason, list[str]]:
+    """Return every reason for which something is not there -> the cells, or their parts, that it costs."""
+    failures: dict[Reason, list[str]] = {}
+    for row in found.rows:
+        if dry and row.planned.status == "failed":  # said once for all cells, after the table
+            continue
+        for part, reason in row.reasons.items():
+            if not reason.code.startswith("UNSUPPORTED_"):
+                what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
+                failures.setdefault(reason, []).append(what)
+    return failures
 
 
 def _print_example(name: str) -> None:
@@ -128,19 +149,22 @@ def _print_example(name: str) -> None:
     echo(example(name).decode().removesuffix("\n"))
 
 
-def _protocol(path: Path, scene: Path | None, non_engine: str | None, out: Path | None) -> ProtocolFile:
+def _protocol(
+    path: Path, scene: Path | None, non_engine: str | None, image_folder: str | None
+) -> ProtocolFile:
     from msb.bench.protocol import read_protocol, single_protocol
 
+    only_with_scene = {"--non-engine": non_engine, "--image-folder": image_folder}
     if scene is not None:
-        file = single_protocol(path, scene, non_engine=non_engine)
-    elif non_engine is not None:
-        raise UsageError("USAGE", "--non-engine goes with --scene; a protocol has a key of that name")
+        file = single_protocol(path, scene, non_engine=non_engine, image_folder=image_folder)
+    elif given := [option for option, value in only_with_scene.items() if value is not None]:
+        raise UsageError("USAGE", f"{given[0]} goes with --scene; a protocol has a key of that name")
     elif path.suffix.lower() != ".toml" and path.exists():
         text = f'"{path.name}" is no .toml; to evaluate an asset, say on which scene: --scene DIR'
         raise UsageError("USAGE", text)
     else:
         file = read_protocol(path)
-    return file if out is None else replace(file, results_instead=out)
+    return file
 
 
 class _Watch:
@@ -148,6 +172,7 @@ class _Watch:
 
     def __init__(self, output: Output) -> None:
         self.output = output
+        self.cells = 0
 
     @contextlib.contextmanager
     def stage(self, title: str, total: int) -> Iterator[Callable[[str], None]]:
@@ -155,6 +180,7 @@ class _Watch:
 
             def step(name: str) -> None:
                 advance()
+                self.cells += title == "cells"
                 self.output.note(f"{title}: {name}", level=1)
 
             yield step
@@ -228,6 +254,8 @@ def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> N
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
     console.print(f"{len(kinds)} cells: {counts}; {found.seconds:.0f} s", soft_wrap=True)
     console.print(escape(str(file.results)), soft_wrap=True)
+    if not dry and not output.quiet:
+        console.print(escape(f"next: msb report {shlex.quote(str(file.results))}"), soft_wrap=True)
 
 
 def _cell(value: float | None, decimals: int) -> str:

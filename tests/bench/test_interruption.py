@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -102,7 +103,9 @@ def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: S
     assert process.stderr is not None
     rest = process.stderr.read().decode()
     assert process.wait(30) == 130
-    assert all(line.startswith("cells: ") for line in rest.splitlines()), rest
+    *lines, last = rest.splitlines()
+    assert all(line.startswith("cells: ") for line in lines), rest
+    assert re.fullmatch(r"interrupted: [1-9]\d* cells were done now; the same command goes on", last)
     found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"), dry=True)
     left = [dict(row.planned.why) for row in found.rows if row.planned.status == "pending"]
     assert {"timing": "new"} in left, "the images that were done stay"

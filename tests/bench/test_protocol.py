@@ -146,7 +146,7 @@ def test_a_file_that_is_not_there_or_too_long(tmp_path: Path) -> None:
 def test_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     file = single_protocol(PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference")
-    assert file.results == tmp_path / "results"
+    assert file.results == tmp_path / "two_dts-scan1-results"
     assert file.protocol.datasets[0].name == "dtu"
     assert file.protocol.methods[0].non_engine == "reference"
     assert parse_protocol(file.text, file.path) == file
