@@ -10,6 +10,7 @@ from msb.bench.aggregate import SCENES
 from msb.errors import UsageError, shorten
 from msb.report import tables
 from msb.report.collect import collect
+from msb.report.contradictions import with_contradictions
 from msb.report.figures import figures
 from msb.report.findings import find
 from msb.report.numbers import Numbers, dataset_title
@@ -208,13 +209,13 @@ def paper_report(*, pictures: bool = True) -> Report:
             "tables",
             "The paper's tables",
             "Printed from the paper's numbers by the writer of ours.",
-            tuple(own),
+            tuple(map(with_contradictions, own)),
         ),
         Section(
             "derived",
             "What follows from them",
             "Gaps and ratios the paper states in prose, from the means it prints.",
-            (*derived, tables.slowdown_table(numbers)),
+            tuple(map(with_contradictions, (*derived, tables.slowdown_table(numbers)))),
             tuple(figures(numbers)) if pictures else (),
         ),
     )

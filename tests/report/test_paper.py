@@ -11,9 +11,10 @@ import pytest
 from msb.bench.aggregate import scene_groups
 from msb.methods import METHODS
 from msb.report.build import paper_report
+from msb.report.contradictions import CONTRADICTIONS
 from msb.report.layout import number_cell
 from msb.report.metric_format import SHOWN
-from msb.report.numbers import MEAN, MEANS, GapKey, Key
+from msb.report.numbers import MEAN, MEANS, GapKey, Key, RatioKey
 from msb.report.paper import PAPER_TABLES, paper_numbers, paper_row, published_numbers
 from tests.conftest import ROOT
 
@@ -240,3 +241,37 @@ def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> Non
     path.write_text(json.dumps({"schema": "msb-paper-table/1", "cells": [{**cell, "value": "27.5"}]}))
     with pytest.raises(InputError, match=r"RECORD_INVALID: .*published.json: /cells/0/value"):
         published_numbers(path)
+
+
+def test_contradictions_stand_under_the_tables_they_are_about() -> None:
+    made = paper_report(pictures=False).tables
+    assert CONTRADICTIONS.keys() <= made.keys()
+    for label, notes in CONTRADICTIONS.items():
+        assert set(notes) <= set(made[label].notes)
+
+
+def test_contradictions_have_the_papers_numbers() -> None:
+    """What a note says of a table can be looked up in it."""
+    numbers = paper_numbers()
+    minutes = {
+        method: numbers.value(Key("dtu", MEAN, method, "non_engine", "train_seconds"))
+        for method in ("mesh_splatting", "triangle_splatting", "diffsoup")
+    }
+    assert {name: round((value or 0) / 60, 1) for name, value in minutes.items()} == {
+        "mesh_splatting": 10.7, "triangle_splatting": 13.1, "diffsoup": 14.5,
+    }  # fmt: skip
+    dedicated = {
+        method: numbers.value(Key("mipnerf360", MEAN, method, "dedicated", "psnr"))
+        for method in ("two_dts", "diffsoup", "triangle_splatting")
+    }
+    assert list(dedicated.values()) == [23.28, 23.15, 22.96]
+    assert numbers.value(Key("mipnerf360", MEAN, "two_dts", "dedicated", "fps")) == 545
+    assert numbers.value(Key("mipnerf360", MEAN, "two_dts", "dedicated", "p50_ms")) == 2.1
+    p50, p95 = (
+        numbers.value(Key("mipnerf360", "counter", "triangle_splatting", "dedicated", metric)) or 0
+        for metric in ("p50_ms", "p95_ms")
+    )
+    assert p95 - p50 == pytest.approx(0.5)
+    ratio = numbers.ratios[RatioKey("tanksandtemples", "mesh_splatting", "standard", "dedicated")].value
+    assert ratio == pytest.approx(5.09, abs=0.05)
+    assert numbers.gaps[GapKey("mipnerf360", MEAN, "two_dts", "psnr")].deploy.value == pytest.approx(15.64)
