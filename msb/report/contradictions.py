@@ -1,4 +1,4 @@
-"""Where the paper contradicts itself, in its prose or between its tables: notes that stand under its tables."""
+"""Where the paper contradicts itself, in its prose or between its tables: notes under its tables."""
 
 from __future__ import annotations
 
