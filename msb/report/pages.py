@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from msb.report.writers import Format
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
-_START = f'{{\n "schema": "{SCHEMA}",'.encode()
+_START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(SCHEMA).encode())
 """How every ``report.json`` begins."""
 _OURS = re.compile(r"report\.(md|json)|tables|figures|images|index\.html|verdict-.*\.html")
 SMALL_VIDEO = 4 << 20
@@ -91,7 +91,7 @@ def is_report(folder: Path) -> bool:
     """Return whether `folder` is a report by its ``report.json``, whatever else lies in it."""
     try:
         with (folder / "report.json").open("rb") as file:
-            return file.read(len(_START)) == _START
+            return _START.match(file.read(100)) is not None
     except OSError:
         return False
 

@@ -74,6 +74,8 @@ def test_a_folder_that_was_there_stays(
     target = disk.folder / name
     target.mkdir()
     (target / "report.md").write_bytes(b"the old one")
+    if name == "report":  # by which msb report knows what it may replace
+        (target / "report.json").write_bytes(b'{\n  "schema": "msb.report/1"}')
     disk.fill()
     before = sorted(disk.folder.rglob("*"))
     result = here(*line(target))
