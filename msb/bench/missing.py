@@ -141,6 +141,8 @@ class _Search:
             looked.append((absent or self.model(pair.model), f"models of {cell.model_name}", True))
         if self.weights is not None and cell.condition != "exported_mesh":
             looked.append((self.weights, "weights of LPIPS", True))
+        if cell.condition == "non_engine":
+            look(method.non_engine_timing, f"timings of {cell.model_name}'s own renderer", blocks=False)
         if cell.condition_key == cell.condition:
             look(method.training, f"training records of {cell.model_name}", blocks=False)
         if cell.condition == "exported_mesh" and cell.dataset == "dtu" and protocol.chamfer is not None:
