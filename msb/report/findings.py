@@ -26,8 +26,8 @@ _NOTHING = 0.005
 _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
 _MOST = 10
 """Findings; more are not read."""
-_MINOR = ("monotone", "same_ranking", "unsupported")
-"""Kinds of what is as one expects."""
+_MINOR = ("monotone", "same_ranking", "training", "unsupported")
+"""Kinds of what is as one expects, or is no finding on deployment."""
 
 
 @dataclass(frozen=True)
@@ -230,29 +230,34 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the datasets on which another method leads by another metric: images against the surface, say."""
+    """Yield on which datasets another method leads by another metric: images against the surface, say."""
+    found: list[str] = []
+    table = ""
     for dataset in numbers.datasets():
         for condition in ("non_engine", "dedicated"):
-            leaders: dict[str, dict[str, str]] = {}
-            for metric in (*QUALITY, "chamfer"):
-                # The Chamfer distance is of the model, and stands with the Non-Engine results.
-                place = "non_engine" if metric == "chamfer" else condition
-                best = _leader(numbers, dataset, place, metric)
-                if best is not None:
-                    unit = f" {SHOWN[metric].unit}" if SHOWN[metric].unit in ("dB", "mm") else ""
-                    said = f"{SHOWN[metric].title} ({text(metric, best[1])}{unit})"
-                    leaders.setdefault(best[0], {})[metric] = said
-            if len(leaders) > 1:
-                each = "; ".join(
-                    f"{method_title(method)} by {' and '.join(said.values())}"
-                    for method, said in leaders.items()
-                )
-                where = dataset_title(dataset), condition_title(condition)
-                sentence = "On {} there is no best method under {}: first are {}.".format(*where, each)
-                own = condition == "non_engine"
-                table = "native_summary" if own else f"renderer_comparison-{slug(dataset)}"
-                yield Finding("leaders", sentence, table)
-                break
+            leaders = _leaders(numbers, dataset, condition)
+            if len(leaders) < 2:
+                continue
+            each = ", ".join(
+                f"{method_title(method)} by {' and '.join(by)}" for method, by in leaders.items()
+            )
+            found.append(f"on {dataset_title(dataset)} ({condition_title(condition)}) {each}")
+            own = condition == "non_engine"
+            table = table or ("native_summary" if own else f"renderer_comparison-{slug(dataset)}")
+            break
+    if found:
+        yield Finding("leaders", f"No method leads by every metric: {'; '.join(found)}.", table)
+
+
+def _leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
+    """Return method -> by what it leads; the Chamfer distance stands with the Non-Engine results."""
+    leaders: dict[str, list[str]] = {}
+    for metric in (*QUALITY, "chamfer"):
+        best = _leader(numbers, dataset, "non_engine" if metric == "chamfer" else condition, metric)
+        if best is not None:
+            unit = f" {SHOWN[metric].unit}" if SHOWN[metric].unit in ("dB", "mm") else ""
+            leaders.setdefault(best[0], []).append(f"{SHOWN[metric].title} {text(metric, best[1])}{unit}")
+    return leaders
 
 
 def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tuple[str, float] | None:
@@ -270,22 +275,18 @@ def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tupl
 
 
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield how long the trainings took, from the quickest to the longest method of each dataset."""
-    for dataset in numbers.datasets():
-        own = sorted(
-            (number.value, method)
-            for method in numbers.methods(dataset, "non_engine")
-            if (number := numbers.number(Key(dataset, MEAN, method, "non_engine", "train_seconds"))).value
-            is not None
-        )
-        if len(own) > 1 and own[-1][0] - own[0][0] >= SHOWN["train_seconds"].last_digit:
-            first, last = (
-                f"{text('train_seconds', one[0])} min ({method_title(one[1])})" for one in (own[0], own[-1])
-            )
-            sentence = (
-                f"On {dataset_title(dataset)} a training takes from {first} to {last}, means over scenes."
-            )
-            yield Finding("training", sentence, "native_summary")
+    """Yield how long the trainings took, the quickest and the longest of all means."""
+    cases = [
+        _Case(number.value, key.dataset, key.method, f"{text('train_seconds', number.value)} min")
+        for key, number in numbers.values.items()
+        if (key.scene, key.metric, key.source) == (MEAN, "train_seconds", "") and number.value is not None
+    ]
+    if not cases:
+        return
+    first, last = min(cases), max(cases)
+    if last.value - first.value >= SHOWN["train_seconds"].last_digit:
+        sentence = f"A training takes from {first.detail} ({first.name}) to {last.detail} ({last.name})."
+        yield Finding("training", sentence, "native_summary")
 
 
 def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list[tuple[str, float]]:

@@ -31,11 +31,11 @@ def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:
             write(tmp_path, made.model_copy(update=changes))
     found = {one.kind: one.sentence for one in find(collect(read_results(tmp_path)))}
     assert found["leaders"] == (
-        "On capture there is no best method under Non-Engine: first are 2DTS by PSNR (31.00 dB) and SSIM "
-        "(0.900); MeshSplatting by CD (0.50 mm)."
+        "No method leads by every metric: on capture (Non-Engine) 2DTS by PSNR 31.00 dB and SSIM 0.900, "
+        "MeshSplatting by CD 0.50 mm."
     )
     assert found["training"] == (
-        "On capture a training takes from 20.0 min (2DTS) to 40.0 min (MeshSplatting), means over scenes."
+        "A training takes from 20.0 min (2DTS on capture) to 40.0 min (MeshSplatting on capture)."
     )
 
 
