@@ -28,7 +28,9 @@ def test_commands_count_to_their_stage(device: Device) -> None:
     assert list(found) == ["other", "clear", "inner", "readback"]
     assert len(timing) == 6
     assert all(value >= 0 for value in found.values())
-    assert timing.span() >= max(found.values())
+    assert 0 < timing.span() <= timing.since_queued()
+    if not device.record.selector.startswith("rusticl"):  # 22.3 gives every fill the same nanosecond
+        assert timing.span() >= max(found.values())
 
 
 def test_nothing_is_collected_when_nobody_asks(device: Device) -> None:
