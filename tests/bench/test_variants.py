@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     from msb.bench.protocol import ProtocolFile
 
+pytestmark = pytest.mark.slow
+
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 TAIL = f"""
 [[methods]]
@@ -61,7 +63,6 @@ def record(file: ProtocolFile, name: str) -> Path:
     return file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json"
 
 
-@pytest.mark.slow
 def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
     found = read_result(record(varied, "two_dts/engine"))
     assert found.schema_ == "msb.result/2"
@@ -80,7 +81,6 @@ def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
     np.testing.assert_array_equal(image, to_bytes(frame.image))
 
 
-@pytest.mark.slow
 def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: ProtocolFile) -> None:
     found = read_result(record(varied, "diffsoup/soft"))
     assert found.status == "unsupported"
@@ -88,7 +88,6 @@ def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: Prot
     assert found.reason.message == "diffsoup has no setting gamma, which the variant changes"
 
 
-@pytest.mark.slow
 def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: ProtocolFile) -> None:
     assert set(planned(run_protocol(varied, dry=True)).values()) == {"done", "unsupported"}
     text = varied.text.replace(b"gamma = 2.0", b"gamma = 3.0")
@@ -102,7 +101,6 @@ def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: Protocol
     assert [row.planned.cell.names[2:] for row in one.rows] == [("ours", "engine")]
 
 
-@pytest.mark.slow
 def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile, tmp_path: Path) -> None:
     first, second = (read_result(record(varied, f"{name}/dedicated")) for name in ("two_dts", "ours"))
     assert first.quality is not None
@@ -116,7 +114,6 @@ def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile, tmp_pa
         run_protocol(twice)
 
 
-@pytest.mark.slow
 def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> None:
     numbers = collect(read_results(varied.results))
     own, variant = (
@@ -143,7 +140,6 @@ def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> No
     assert condition_title("standard/wgpu") == "Standard, wgpu"
 
 
-@pytest.mark.slow
 def test_findings_say_that_non_engine_is_our_own_reference_and_are_ten_at_most(varied: ProtocolFile) -> None:
     numbers = collect(read_results(varied.results))
     assert REFERENCE in numbers.number(Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "psnr")).notes
@@ -155,7 +151,6 @@ def test_findings_say_that_non_engine_is_our_own_reference_and_are_ten_at_most(v
     assert not any("-0.00" in one.sentence for one in found)
 
 
-@pytest.mark.slow
 def test_records_of_the_first_version_are_read(varied: ProtocolFile, tmp_path: Path) -> None:
     data = json.loads(record(varied, "two_dts/dedicated").read_bytes())
     data["schema"] = "msb.result/1"
@@ -165,7 +160,6 @@ def test_records_of_the_first_version_are_read(varied: ProtocolFile, tmp_path: P
     assert read_result(tmp_path / "result.json").cell.condition_key == "dedicated"
 
 
-@pytest.mark.slow
 def test_processes_do_not_show_in_variants(varied: ProtocolFile, tmp_path: Path) -> None:
     alone = replace(varied, path=tmp_path / "protocol.toml")
     assert run_protocol(alone, jobs=1, only=["engine"]).exit_status == 0
