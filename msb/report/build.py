@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
@@ -72,7 +74,6 @@ class Report:
         The numbers that the tables are made of.
     results : ResultSet, optional
         The records that the numbers are made of; None for the paper's own tables.
-    verdicts : tuple of Verdict
     with_paper : bool
         Whether the paper's numbers stand beside ours, where it has them.
     """
@@ -84,8 +85,15 @@ class Report:
     notes: tuple[str, ...]
     numbers: Numbers
     results: ResultSet | None = None
-    verdicts: tuple[Verdict, ...] = field(default=())
     with_paper: bool = True
+
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """The verdict on each asset; made when it is asked for, because renderings are compared for it."""
+        if self.results is None:
+            return ()
+        held = self.results.places
+        return tuple(judge(place, held[place], self.numbers) for place in _places(self.results, self.numbers))
 
     @property
     def tables(self) -> dict[str, Table]:
@@ -148,19 +156,13 @@ def build_report(
         paper = replace(paper, values={**paper.values, **published})
     others = [dataset for dataset in numbers.datasets() if _has_other_scenes(numbers, dataset)]
     paper = _without(paper, others)
-    places: dict[str, list[Place]] = {dataset: [] for dataset in numbers.datasets()}
-    for dataset, own in places.items():
-        own += [
-            place
-            for method in numbers.methods(dataset)
-            for scene in numbers.scenes(dataset)
-            if (place := Place(dataset, scene, method)) in results.places
-        ]
     charts = figures(numbers, paper) if pictures else []
+    places = _places(results, numbers) if pictures else []
     shown = tuple(
-        view for own in places.values() for view in (views(results, own, chosen) if pictures else ())
+        view
+        for _, own in groupby(places, key=lambda place: place.dataset)
+        for view in views(results, list(own), chosen)
     )
-    verdicts = tuple(judge(place, results.places[place], numbers) for own in places.values() for place in own)
     return Report(
         "MeshSplatBench report",
         _summary(results, numbers),
@@ -174,9 +176,19 @@ def build_report(
         ),
         numbers,
         results,
-        verdicts,
         with_paper,
     )
+
+
+def _places(results: ResultSet, numbers: Numbers) -> list[Place]:
+    """Return the assets and scenes there are, by dataset, method and scene in the order of the numbers."""
+    return [
+        place
+        for dataset in numbers.datasets()
+        for method in numbers.methods(dataset)
+        for scene in numbers.scenes(dataset)
+        if (place := Place(dataset, scene, method)) in results.places
+    ]
 
 
 def paper_report(*, pictures: bool = True) -> Report:
@@ -361,7 +373,7 @@ def _other_renderings(results: ResultSet, shown: Iterable[View]) -> Iterator[str
     gone = [
         loaded.path.parent / image.file
         for loaded in results
-        for image in (loaded.result.quality.images if loaded.result.quality is not None else ())
+        for image in loaded.images
         if image.file is not None and loaded.file(image.file) is None
     ]
     if gone:

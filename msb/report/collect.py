@@ -12,7 +12,18 @@ from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import ONE_VIEW, interval, view_values
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
-from msb.report.numbers import MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey, condition_order
+from msb.report.numbers import (
+    MEAN,
+    QUALITY,
+    GapKey,
+    Key,
+    Number,
+    Numbers,
+    RatioKey,
+    condition_order,
+    gap_tiers,
+    in_place_of,
+)
 from msb.report.results import Place
 from msb.report.setups import with_setups
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
@@ -104,7 +115,7 @@ def _conditions(records: Mapping[Place, Mapping[str, Result]], dataset: str, met
 
 def _ratios(conditions: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Yield the pairs of conditions whose frame rates are held against each other."""
-    for dedicated in ("dedicated", *(name for name in conditions if name.startswith("dedicated/"))):
+    for dedicated in ("dedicated", *in_place_of(conditions, "dedicated")):
         yield "standard", dedicated
         yield dedicated, "non_engine"
 
@@ -238,11 +249,8 @@ def _add_gaps(
     conditions: Sequence[str],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    tiers = [("standard", "dedicated")]
-    tiers += [(name, "dedicated") for name in conditions if name.startswith("standard/")]
-    tiers += [("standard", name) for name in conditions if name.startswith("dedicated/")]
     expected = expected_scenes(dataset, of_scenes)
-    for pair in tiers:
+    for pair in gap_tiers(conditions):
         named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
             scene: {name: own[condition] for name, condition in named.items() if condition in own}

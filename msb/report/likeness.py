@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from msb import metrics
 from msb.errors import MsbError
-from msb.files import file_sha256
 from msb.metrics.images import PSNR_CAP
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.bench.records import ImageQuality
     from msb.report.results import Loaded
 
@@ -34,8 +31,8 @@ def likeness(first: Loaded, second: Loaded) -> Likeness | None:
 
     The PSNR of a pair is capped at 100 dB, which equal images have.
     """
-    others = {image.name: image for image in _images(second)}
-    pairs = [(image, others[image.name]) for image in _images(first) if image.name in others]
+    others = {image.name: image for image in second.images}
+    pairs = [(image, others[image.name]) for image in first.images if image.name in others]
     count = min(_MOST, len(pairs))
     chosen = [pairs[number * len(pairs) // count] for number in range(count)]
     with ThreadPoolExecutor() as pool:
@@ -46,26 +43,13 @@ def likeness(first: Loaded, second: Loaded) -> Likeness | None:
     return Likeness(math.fsum(known) / count, count, len(pairs))
 
 
-def _images(loaded: Loaded) -> tuple[ImageQuality, ...]:
-    return () if loaded.result.quality is None else loaded.result.quality.images
-
-
 def _between(first: Loaded, second: Loaded, one: ImageQuality, other: ImageQuality) -> float | None:
     if one.sha256 is not None and one.sha256 == other.sha256:
         return PSNR_CAP
-    files = _unchanged(first, one), _unchanged(second, other)
-    if files[0] is None or files[1] is None:
+    files = first.file(one.file), second.file(other.file)
+    if files[0] is None or files[1] is None or first.changed(one) or second.changed(other):
         return None
     try:
-        return min(PSNR_CAP, metrics.psnr(*map(metrics.read_image, files)))  # type: ignore[arg-type]
-    except MsbError:
-        return None
-
-
-def _unchanged(loaded: Loaded, image: ImageQuality) -> Path | None:
-    """Return the file of a rendering, None where it is not there or not the one that was compared."""
-    path = loaded.file(image.file)
-    try:
-        return path if path is not None and image.sha256 in (None, file_sha256(path)) else None
+        return min(PSNR_CAP, metrics.psnr(metrics.read_image(files[0]), metrics.read_image(files[1])))
     except MsbError:
         return None

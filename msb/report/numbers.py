@@ -17,7 +17,7 @@ from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from msb.bench.gaps import Gaps, Ratio
 
@@ -166,7 +166,7 @@ class Numbers:
 
     def in_place_of(self, dataset: str, condition: str) -> list[str]:
         """Return the variants or engines of a condition in a dataset."""
-        return [name for name in self.conditions(dataset) if name.startswith(f"{condition}/")]
+        return in_place_of(self.conditions(dataset), condition)
 
     def _of(self, dataset: str) -> Iterable[Key]:
         return (key for key in self.values if key.dataset == dataset)
@@ -185,6 +185,20 @@ def scene_title(scene: str) -> str:
 def method_title(method: str) -> str:
     """Return a method's heading."""
     return METHODS[method].title if method in METHODS else plain_text(method)
+
+
+def in_place_of(conditions: Iterable[str], condition: str) -> list[str]:
+    """Return those of `conditions` that are variants or engines of one."""
+    return [name for name in conditions if name.startswith(f"{condition}/")]
+
+
+def gap_tiers(conditions: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the pairs (standard, dedicated) that gaps go through: the tiers, each variant, each engine."""
+    return [
+        ("standard", "dedicated"),
+        *(("standard", variant) for variant in in_place_of(conditions, "dedicated")),
+        *((engine, "dedicated") for engine in in_place_of(conditions, "standard")),
+    ]
 
 
 def condition_order(condition: str) -> tuple[int, bool]:

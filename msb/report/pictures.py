@@ -8,8 +8,6 @@ import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from msb.errors import MsbError
-from msb.files import file_sha256
 from msb.metrics.images import PSNR_CAP
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
@@ -115,7 +113,7 @@ def views(results: ResultSet, places: Sequence[Place], chosen: Sequence[str] = (
 
 def view_names(results: ResultSet, place: Place) -> set[str]:
     """Return the names of the test views an asset was compared on."""
-    return {image.name for loaded in results.places[place].values() for image in _images(loaded)}
+    return {image.name for loaded in results.places[place].values() for image in loaded.images}
 
 
 def _gaps(results: ResultSet, place: Place) -> dict[str, float]:
@@ -125,17 +123,10 @@ def _gaps(results: ResultSet, place: Place) -> dict[str, float]:
     if len(own) < 2:
         return {}
     first, last = (
-        {
-            image.name: PSNR_CAP if (psnr := image.values["psnr"]) is None else psnr
-            for image in _images(loaded)
-        }
+        {image.name: PSNR_CAP if (psnr := image.values["psnr"]) is None else psnr for image in loaded.images}
         for loaded in (own[0], own[-1])
     )
     return {name: first[name] - psnr for name, psnr in last.items() if name in first}
-
-
-def _images(loaded: Loaded) -> tuple[ImageQuality, ...]:
-    return () if loaded.result.quality is None else loaded.result.quality.images
 
 
 def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> View:
@@ -148,7 +139,7 @@ def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> 
         for condition, loaded in sorted(
             results.places[place].items(), key=lambda one: condition_order(one[0])
         ):
-            found = next((one for one in _images(loaded) if one.name == image), None)
+            found = next((one for one in loaded.images if one.name == image), None)
             if found is None:
                 continue
             if gt is None:
@@ -161,17 +152,9 @@ def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> 
 
 def _shot(loaded: Loaded, condition: str, image: ImageQuality, name: str) -> Shot:
     """Return a rendering, without its picture where the file is not the one whose PSNR it is."""
-    path = loaded.file(image.file)
-    changed = path is not None and image.sha256 not in (None, _sha256(path))
-    picture = None if changed else _picture(path, image, name)
-    return Shot(condition_title(condition), image.values["psnr"], picture, path if changed else None)
-
-
-def _sha256(path: Path) -> str:
-    try:
-        return file_sha256(path)
-    except MsbError as error:
-        return error.code
+    changed = loaded.changed(image)
+    picture = None if changed else _picture(loaded.file(image.file), image, name)
+    return Shot(condition_title(condition), image.values["psnr"], picture, changed)
 
 
 def _picture(path: Path | None, image: ImageQuality, name: str) -> Picture | None:

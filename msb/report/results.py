@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.folder import Results
 from msb.bench.records import CONDITIONS, Result, read_result
-from msb.errors import InputError, UsageError
+from msb.errors import InputError, MsbError, UsageError
+from msb.files import file_sha256
 from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
+
+    from msb.bench.records import ImageQuality
 
 
 class Place(NamedTuple):
@@ -39,6 +42,21 @@ class Loaded:
         """The asset and scene it is of."""
         dataset, scene, model, _ = self.result.cell.names
         return Place(dataset, scene, f"{model}, {self.folder}" if self.folder else model)
+
+    @property
+    def images(self) -> tuple[ImageQuality, ...]:
+        """The images that were compared, none where there were none."""
+        return () if self.result.quality is None else self.result.quality.images
+
+    def changed(self, image: ImageQuality) -> Path | None:
+        """Return the file of a rendering if it is there and not the one that was compared."""
+        path = self.file(image.file)
+        if path is None or image.sha256 is None:
+            return None
+        try:
+            return None if file_sha256(path) == image.sha256 else path
+        except MsbError:
+            return path
 
     def file(self, name: str | None) -> Path | None:
         """Return a file the record names relative to itself, if it is there and inside the results folder."""

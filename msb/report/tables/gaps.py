@@ -17,6 +17,7 @@ from msb.report.numbers import (
     RatioKey,
     condition_title,
     dataset_title,
+    gap_tiers,
     method_title,
 )
 from msb.report.safe_names import plain_text, slug
@@ -61,12 +62,9 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
 
     Engines take the place of Standard, variants that of Dedicated.
     """
-    tiers = [("standard", "dedicated")]
-    tiers += [("standard", variant) for variant in numbers.in_place_of(dataset, "dedicated")]
-    tiers += [(engine, "dedicated") for engine in numbers.in_place_of(dataset, "standard")]
     rows: list[Row] = []
     for metric in QUALITY:
-        for standard, dedicated in tiers:
+        for standard, dedicated in gap_tiers(numbers.conditions(dataset)):
             for method in numbers.methods(dataset, dedicated, standard):
                 key = GapKey(dataset, MEAN, method, metric, standard, dedicated)
                 if not key.own_tiers and key not in numbers.gaps:
