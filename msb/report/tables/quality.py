@@ -64,7 +64,7 @@ def renderer_comparison(
             label or f"renderer_comparison-{slug(dataset)}",
             f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
             "scenes. Bold: a method's best condition.",
-            ("Path", "Metric"),
+            ("Condition", "Metric"),
             tuple(Column(method_title(method)) for method in methods),
             tuple(lines),
             best_of=lambda key: key.method,
@@ -100,7 +100,7 @@ def scene_comparison(
             label or f"scene_comparison-{slug(dataset)}",
             f"{dataset_title(dataset)}: Dedicated and Standard deployment per scene. Bold: the better of a "
             "method's deployments.",
-            ("Path", "Method"),
+            ("Condition", "Method"),
             tuple(Column(title(metric), (scene_title(scene),)) for scene in scenes for metric in _DEPLOYED),
             tuple(lines),
             best_of=rival,

@@ -140,7 +140,7 @@ def runtime_resources(
         Layout(
             label or f"runtime_resources-{slug(dataset)}",
             f"{dataset_title(dataset)}: device time (ms), memory while drawing and size of the asset (MiB).",
-            ("Path", "Method"),
+            ("Condition", "Method"),
             tuple(
                 Column(names.get(metric, SHOWN[metric].title), (heading, scene_title(scene)))
                 for heading, metrics, names in blocks
