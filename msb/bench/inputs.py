@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.job import Inputs, Job, Part
-    from msb.bench.photographs import SceneAt
+    from msb.scenes.datasets import SceneAt
 
 _SHORT = 16
 _CLOCK = "from the first start"

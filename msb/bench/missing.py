@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from msb.bench.photographs import SceneAt
     from msb.bench.plan import Pair, Planned, Planner
     from msb.bench.protocol import ProtocolFile
+    from msb.scenes.datasets import SceneAt
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import typer
 
 from msb.cli.options import DeviceName, JsonFile, Quiet, Verbose, alone, epilog
 from msb.cli.output import Output, echo, plain_table, say
+from msb.cli.scene_options import ImageFolder
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
@@ -46,9 +47,7 @@ def run(
             metavar="DIR|reference", help="With --scene: official renderings, or our NumPy renderer."
         ),
     ] = None,
-    image_folder: Annotated[
-        str | None, typer.Option(metavar="NAME", help="With --scene: the photographs' folder, e.g. images_2.")
-    ] = None,
+    image_folder: ImageFolder = None,
     device: DeviceName = None,
     out: Annotated[
         Path | None,
