@@ -24,12 +24,10 @@ from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.bench.protocol import PROTOCOL_NAME
 from msb.bench.protocol_tables import AUTO
-from msb.bench.quality import image_measures
 from msb.bench.records import Reason, Result
+from msb.bench.start import check_start, wrong_at_start
 from msb.bench.videos import video_tasks, write_video
-from msb.errors import CODES, EXIT_STATUS, MsbError
-from msb.extras import need_extra
-from msb.metrics.registry import modules_needed
+from msb.errors import CODES, EXIT_STATUS, InputError, MsbError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -103,10 +101,14 @@ class Report:
 
     @property
     def exit_status(self) -> int:
-        """The highest exit status among the failures; a condition that is not supported is no failure."""
+        """The highest exit status among the failures; a condition that is not supported is no failure.
+
+        Of a dry run it is 3 if anything is missing, whatever that is.
+        """
+        if self.missing:
+            return EXIT_STATUS[InputError]
         codes = [reason.code for reason in self.models.values()]
         codes += [reason.code for row in self.rows for reason in row.reasons.values()]
-        codes += [one.code for one in self.missing]
         return max((status_of(code) for code in codes), default=0)
 
 
@@ -157,11 +159,8 @@ def run_protocol(
     start = time.perf_counter()
     watch = watch or _Nobody()
     if dry:
-        return _dry(file, only, redo, start, watch)
-    _load_weights(file, watch)
-    need_extra("bench", "filelock", *modules_needed(), what="a run")
-    if file.protocol.videos is not None:
-        need_extra("video", "av", what="[videos]")
+        return _dry(file, scheduler, only, redo, start, watch)
+    check_start(file, watch.note)
     with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:
         with new_file(file.results / PROTOCOL_NAME) as copy:
             copy.write(file.text)
@@ -172,22 +171,30 @@ def _workers(jobs: int, scheduler: str | None) -> Workers:
     return LocalWorkers(jobs) if scheduler is None else DaskWorkers(scheduler)
 
 
-def _load_weights(file: ProtocolFile, watch: Watch) -> None:
-    weights = file.protocol.metrics.vgg_weights
-    if weights is not None:
-        for warning in image_measures(file.resolve(weights)).warnings:
-            watch.note(f"{warning.code}: {warning.message}")
+def _device(workers: Workers, selector: str | None) -> Mapping[str, Any]:
+    """Return the OpenCL device of the workers."""
+    found: Mapping[str, Any] = workers.executor().submit(machine, selector).result()["device"]
+    return found
 
 
-def _dry(file: ProtocolFile, only: Sequence[str], redo: bool, start: float, watch: Watch) -> Report:
-    weights: MsbError | None = None
+def _dry(
+    file: ProtocolFile,
+    scheduler: str | None,
+    only: Sequence[str],
+    redo: bool,
+    start: float,
+    watch: Watch,
+) -> Report:
+    wrong = wrong_at_start(file, watch.note)
     device: Mapping[str, Any] | None = None
     try:
-        _load_weights(file, watch)
+        if scheduler is None:
+            device = machine(file.protocol.device)["device"]
+        else:
+            with DaskWorkers(scheduler) as workers:
+                device = _device(workers, file.protocol.device)
     except MsbError as error:
-        weights = error
-    with contextlib.suppress(MsbError):
-        device = machine(file.protocol.device)["device"]
+        wrong.append(error)
     results = Results(file.results)
     lost: dict[str, MsbError] = {}
     pairs = pairs_of(file, only, lost)
@@ -198,7 +205,7 @@ def _dry(file: ProtocolFile, only: Sequence[str], redo: bool, start: float, watc
         if known is not None:
             models[pair] = known
     planner = Planner(file, "", Known(device), only, redo=redo)
-    planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], weights)
+    planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], wrong)
     rows = tuple(_row(results, one, 0.0) for one in planned)
     missing += find_unknown(lost, pairs)
     return Report(rows, {}, time.perf_counter() - start, tuple(missing))
@@ -216,7 +223,7 @@ class _Run:
         """Go through all stages."""
         pairs = pairs_of(self.file, only)
         models = self.models(pairs)
-        known = Known(self.device())
+        known = Known(_device(self.workers, self.file.protocol.device))
         planned = Planner(self.file, self.run, known, only, redo=redo).plan(pairs, models)
         made = [model for model in models.values() if isinstance(model, Model)]
         for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.warnings]):
@@ -245,12 +252,6 @@ class _Run:
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         found = dict(self.each("models", prepare_model, unique))
         return {pair: found[task] for pair, task in tasks.items() if task is not None}
-
-    def device(self) -> Mapping[str, Any]:
-        """Return the OpenCL device of the workers."""
-        found = self.workers.executor().submit(machine, self.file.protocol.device).result()
-        device: Mapping[str, Any] = found["device"]
-        return device
 
     def photographs(self, planned: list[Planned]) -> list[Planned]:
         """Write missing or changed ground truth; if that fails, the cells that need it have failed."""
