@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from msb.bench.quality import image_measures
 from msb.errors import MsbError
 from msb.extras import need_extra
+from msb.files import regular_file
 from msb.metrics.registry import modules_needed
 
 if TYPE_CHECKING:
@@ -37,16 +38,16 @@ def check_start(file: ProtocolFile, note: Callable[[str], None]) -> None:
 
 def wrong_at_start(file: ProtocolFile, note: Callable[[str], None]) -> list[MsbError]:
     """Return all for which `check_start` would refuse."""
-    found = []
+    found: dict[str, MsbError] = {}
     for check in _checks(file, note):
         try:
             check()
         except MsbError as error:
-            found.append(error)
-    return found
+            found.setdefault(str(error), error)
+    return list(found.values())
 
 
-def _checks(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[Callable[[], None]]:
+def _checks(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[Callable[[], object]]:
     weights = file.protocol.metrics.vgg_weights
     yield lambda: need_extra("bench", "filelock", *modules_needed(), what="a run")
     if file.protocol.videos is not None:
@@ -59,3 +60,4 @@ def _checks(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[Callabl
                 note(f"{warning.code}: {warning.message}")
 
         yield load
+        yield lambda: regular_file(place)  # without the extra, loading does not come to look for the file

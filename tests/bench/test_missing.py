@@ -137,7 +137,6 @@ def test_extras_without_which_no_run_starts_are_named_with_all_else(
 ) -> None:
     for module in ("torch", "lpips", "av", "skimage"):
         monkeypatch.setitem(sys.modules, module, None)
-    (tmp_path / "vgg.pth").write_bytes(b"weights")
     tail = '[metrics]\nvgg_weights = "vgg.pth"\n[videos]\n'
     file = protocol(tmp_path, ("two_dts",), each='training = "t.json"', tail=tail)
     report = run_protocol(file, dry=True)
@@ -149,10 +148,11 @@ def test_extras_without_which_no_run_starts_are_named_with_all_else(
         )
         assert (one.code, one.cells, one.blocks) == ("EXTRA_MISSING", 3, True)
     assert not told(report, "training records").blocks
-    assert len(report.missing) == 4
+    assert told(report, f"{tmp_path / 'vgg.pth'}: ").code == "FILE_NOT_FOUND"
+    assert len(report.missing) == 5
     with pytest.raises(UsageError, match="EXTRA_MISSING"):
         run_protocol(file)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["vgg.pth"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_device_that_is_not_there_blocks_every_cell(tmp_path: Path) -> None:
