@@ -15,13 +15,14 @@ from msb.atomic import new_file
 from msb.bench.cell import INTERNAL, compute, reason_of, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
-from msb.bench.job import MAIN, Done
+from msb.bench.job import MAIN, Done, Job
 from msb.bench.machine import machine
 from msb.bench.missing import Missing, find_missing, find_unknown
-from msb.bench.models import Model, known_model, prepare_model
+from msb.bench.models import Model, ModelTask, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
+from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Reason, Result
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
 
-    from msb.bench.job import Job
     from msb.bench.plan import Pair
     from msb.bench.pool import Workers
     from msb.bench.protocol import ProtocolFile
@@ -44,15 +44,15 @@ _INTERNAL_STATUS = 70
 class Watch(Protocol):
     """The interface by which a run reports its progress."""
 
-    def stage(self, title: str, total: int) -> AbstractContextManager[Callable[[str], None]]:
-        """Begin a stage of `total` tasks; call the returned function with the name of each finished task."""
+    def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
+        """Begin a stage, which says how far it is; call the function with the name of each ended task."""
 
     def note(self, text: str) -> None:
         """Report a line of text."""
 
 
 class _Nobody:
-    def stage(self, _title: str, _total: int) -> AbstractContextManager[Callable[[str], None]]:
+    def stage(self, _stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, _text: str) -> None:
@@ -235,8 +235,11 @@ class _Run:
         pending = [one.job for one in planned if one.job is not None and one.status == "pending"]
         first = [_only(job, timing=False) for job in pending]
         second = [_only(job, timing=True) for job in pending]
-        failed = self.cells("cells", [job for job in first if job.parts])
-        self.cells("timing", [job for job in second if job.parts and job.name not in failed], alone=True)
+        later = ["videos"] if self.file.protocol.videos is not None else []
+        then = ["timing", *later] if any(job.parts for job in second) else later
+        failed = self.cells("cells", [job for job in first if job.parts], then)
+        timed = [job for job in second if job.parts and job.name not in failed]
+        self.cells("timing", timed, later, alone=True)
         self.videos(planned)
         rows = tuple(_row(self.results, one, self.spent.get(_name(one), 0.0)) for one in planned)
         unknown = {
@@ -273,10 +276,10 @@ class _Run:
             for one in planned
         ]
 
-    def cells(self, stage: str, jobs: list[Job], *, alone: bool = False) -> set[str]:
+    def cells(self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False) -> set[str]:
         """Compute jobs; return the names of those whose cell failed."""
         failed = set()
-        for job, answer in self.each(stage, compute, jobs, alone=alone):
+        for job, answer in self.each(stage, compute, jobs, then, alone=alone):
             if isinstance(answer, Done):
                 self.spent[job.name] = self.spent.get(job.name, 0.0) + answer.seconds
                 if answer.status == "failed":
@@ -314,17 +317,36 @@ class _Run:
                 self.watch.note(f"{task.name}: no film: {answer}")
 
     def each(
-        self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], *, alone: bool = False
+        self,
+        title: str,
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
+        then: Sequence[str] = (),
+        *,
+        alone: bool = False,
     ) -> Iterator[tuple[Any, Any]]:
         """Compute tasks and yield them with their answers; raise errors that concern the whole run."""
         if not tasks:
             return
-        with self.watch.stage(stage, len(tasks)) as step:
+        kinds, at_once = list(map(_kind, tasks)), 1 if alone else self.workers.jobs
+        stage = Stage(title, [task.name for task in tasks], kinds, at_once=at_once, then=then)
+        numbers = {id(task): number for number, task in enumerate(tasks)}
+        with self.watch.stage(stage) as step:
             for task, answer in run_all(self.workers, function, tasks, alone=alone):
                 if isinstance(answer, MsbError) and answer.code == "RUN_WORKER_PATHS":
                     raise answer
+                done = answer if isinstance(answer, Done) else None
+                failed = isinstance(answer, Exception) or (done is not None and done.status == "failed")
+                stage.end(numbers[id(task)], None if done is None else done.seconds, failed=failed)
                 step(task.name)
                 yield task, answer
+
+
+def _kind(task: Any) -> str:
+    """Return what tasks have in common that take about the same time."""
+    if isinstance(task, Job):
+        return " ".join((task.cell.condition_key, *task.parts))
+    return task.method if isinstance(task, ModelTask) else ""
 
 
 def _only(job: Job, *, timing: bool) -> Job:

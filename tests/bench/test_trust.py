@@ -53,7 +53,7 @@ class Notes:
     def __init__(self) -> None:
         self.said: list[str] = []
 
-    def stage(self, _title: str, _total: int) -> Any:
+    def stage(self, _stage: Any) -> Any:
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:
