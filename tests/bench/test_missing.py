@@ -33,7 +33,8 @@ def test_of_the_paper_in_an_empty_folder_each_dataset_and_method_is_named_once(t
     report = run_protocol(parse_protocol(example("paper"), tmp_path / "paper.toml"), dry=True)
     assert report.exit_status == 3
     assert list(tmp_path.iterdir()) == []
-    assert len(report.missing) == 17
+    # What is installed here is another matter.
+    assert len([one for one in report.missing if one.code != "EXTRA_MISSING"]) == 17
     for name, scenes in (("360_v2", 9), ("tandt", 2), ("nerf_synthetic", 8), ("data/dtu", 15)):
         one = told(report, f"{tmp_path / 'data' / name.split('/')[-1]}: ")
         assert f" on {scenes} scenes: {one.cells} cells cannot be computed" in one.message
