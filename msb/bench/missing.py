@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import SceneAt
 
 
+_ANY = "needed before any cell"
+"""What that is for without which no run starts; it is told first, and a cell's own lack as its reason."""
+
+
 @dataclass(frozen=True)
 class Missing:
     """Something that cells need and that is not there or cannot be used.
@@ -85,7 +89,8 @@ def find_missing(
         else:
             reason = Reason(code=blocking.code, message=blocking.error)
             found.append(replace(one, job=None, status="failed", reason=reason))
-    return found, [_told(need, there) for need, there in scenes.items()]
+    told = sorted(scenes.items(), key=lambda one: one[0].what != _ANY)
+    return found, [_told(need, there) for need, there in told]
 
 
 def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
@@ -128,7 +133,6 @@ class _Search:
         at = self.planner.scene_at(pair, None, cell.method)
         no_scene = _absent(pair.path, self.file.resolve(pair.dataset.path)) or self.scene(at)
         looked: list[tuple[MsbError | None, str, bool]] = [
-            *((error, "needed before any cell", True) for error in self.wrong),
             (no_scene, f"photographs and cameras of {cell.dataset}", True),
         ]
 
@@ -153,6 +157,7 @@ class _Search:
             look(method.mesh, f"meshes of {cell.model_name} for the Chamfer distance", blocks=False)
             data = self.file.resolve(protocol.chamfer.data)
             looked.append((_wrong_with_scan(data, cell.scene), "data of the Chamfer distance", False))
+        looked += [(error, _ANY, True) for error in self.wrong]
         said = False
         for error, what, blocks in looked:
             if error is not None:
