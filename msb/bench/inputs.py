@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.job import Inputs, Job, Part
-    from msb.bench.photographs import SceneAt
+    from msb.bench.renders import Renders
+    from msb.scenes.datasets import SceneAt
 
 _SHORT = 16
 _CLOCK = "from the first start"
@@ -53,6 +54,7 @@ class Known:
         self.device = device
         self.warnings: dict[str, None] = {}
         self.views = cache(self._views)
+        self.renders = cache(_renders)
         self.hash = cache(_hash)
         self.metrics = cache(_metrics)
         self.renderer = cache(_renderer)
@@ -70,6 +72,10 @@ def _hash(path: Path) -> str:
         return file_sha256(path)[:_SHORT]
     except MsbError as error:
         return error.code
+
+
+def _renders(folder: Path, at: SceneAt) -> Renders:
+    return find_renders(folder, at.read().test)
 
 
 def _metrics(weights: Path | None) -> str:
@@ -119,7 +125,7 @@ def _images(job: Job, known: Known) -> Inputs:
     """Return what decides the cell's images, besides cameras and background."""
     if job.renders is not None:
         try:
-            return {"renders": str(find_renders(job.renders, job.scene.read().test).folder.sha256)[:_SHORT]}
+            return {"renders": str(known.renders(job.renders, job.scene).folder.sha256)[:_SHORT]}
         except MsbError as error:  # the cell will say it again, and in full
             return {"renders": error.code}
     renderer = known.renderer(job.cell.renderer or job.tier)

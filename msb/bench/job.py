@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.models import Model
-    from msb.bench.photographs import SceneAt, Views
+    from msb.bench.photographs import Views
     from msb.bench.records import Cell, Reason, Status
     from msb.methods import Tier
+    from msb.scenes.datasets import SceneAt
 
 Part = Literal["quality", "audit", "timing", "chamfer", "training", "renderer_timing"]
 MAIN: tuple[Part, ...] = ("quality", "audit")

@@ -13,15 +13,21 @@ from msb.bench.inputs import scan_files
 from msb.bench.models import method_of
 from msb.bench.protocol_tables import AUTO, PLACE, REFERENCE
 from msb.bench.records import Reason
-from msb.errors import InputError, MsbError
+from msb.bench.renders import check_size, stored_size
+from msb.errors import InputError, MsbError, UsageError
+from msb.render.backend import what_is_missing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from msb.bench.photographs import SceneAt
     from msb.bench.plan import Pair, Planned, Planner
     from msb.bench.protocol import ProtocolFile
+    from msb.scenes.datasets import SceneAt
+
+
+_ANY = "needed before any cell"
+"""What that is for without which no run starts; it is told first, and a cell's own lack as its reason."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class _Need(NamedTuple):
 
 
 def find_missing(
-    planner: Planner, planned: Sequence[Planned], weights: MsbError | None = None
+    planner: Planner, planned: Sequence[Planned], wrong: Sequence[MsbError] = ()
 ) -> tuple[list[Planned], list[Missing]]:
     """Return the plan, in which cells that lack something have failed, and all that is missing.
 
@@ -67,10 +73,10 @@ def find_missing(
     planner : Planner
     planned : sequence of Planned
         What the planner planned.
-    weights : MsbError, optional
-        What is wrong with the weights of LPIPS, without which a run does not start.
+    wrong : sequence of MsbError
+        That for which a run would not start, such as an extra or the device.
     """
-    search = _Search(planner, weights)
+    search = _Search(planner, wrong)
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
     found: list[Planned] = []
     for one in planned:
@@ -83,7 +89,8 @@ def find_missing(
         else:
             reason = Reason(code=blocking.code, message=blocking.error)
             found.append(replace(one, job=None, status="failed", reason=reason))
-    return found, [_told(need, there) for need, there in scenes.items()]
+    told = sorted(scenes.items(), key=lambda one: one[0].what != _ANY)
+    return found, [_told(need, there) for need, there in told]
 
 
 def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
@@ -111,23 +118,22 @@ def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Mi
 class _Search:
     """Looks for what cells need, for each thing once."""
 
-    def __init__(self, planner: Planner, weights: MsbError | None) -> None:
-        self.planner, self.file, self.weights = planner, planner.file, weights
+    def __init__(self, planner: Planner, wrong: Sequence[MsbError]) -> None:
+        self.planner, self.file, self.wrong = planner, planner.file, wrong
         self.scene = cache(_wrong_with_scene)
         self.model = cache(_wrong_with_model)
+        self.renders = cache(self._wrong_with_renders)
+        self.renderer = cache(_wrong_with_renderer)
 
     def needs(self, planned: Planned) -> Iterator[_Need]:
         """Yield what the cell needs in vain."""
         cell, protocol = planned.cell, self.file.protocol
         pair = self.planner.pairs[cell.names]
         method, names = pair.method, {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
-        looked = [
-            (
-                _absent(pair.path, self.file.resolve(pair.dataset.path))
-                or self.scene(self.planner.scene_at(pair, None, cell.method)),
-                f"photographs and cameras of {cell.dataset}",
-                True,
-            )
+        at = self.planner.scene_at(pair, None, cell.method)
+        no_scene = _absent(pair.path, self.file.resolve(pair.dataset.path)) or self.scene(at)
+        looked: list[tuple[MsbError | None, str, bool]] = [
+            (no_scene, f"photographs and cameras of {cell.dataset}", True),
         ]
 
         def look(template: str | None, what: str, *, blocks: bool) -> None:
@@ -135,12 +141,14 @@ class _Search:
                 looked.append((_absent_template(self.file, template, names), what, blocks))
 
         if cell.condition == "non_engine" and method.non_engine != REFERENCE:
-            look(method.non_engine, f"renderings of {cell.model_name}", blocks=True)
+            look(method.non_engine, what := f"renderings of {cell.model_name}", blocks=True)
+            if no_scene is None and method.non_engine is not None and looked[-1][0] is None:
+                looked.append((self.renders(self.file.resolve(method.non_engine, **names), at), what, True))
         elif method.model is not None and pair.model is not None:
             absent = _absent_template(self.file, method.model, names)
             looked.append((absent or self.model(pair.model), f"models of {cell.model_name}", True))
-        if self.weights is not None and cell.condition != "exported_mesh":
-            looked.append((self.weights, "weights of LPIPS", True))
+        if cell.renderer is not None:
+            looked.append((self.renderer(cell.renderer), f"pictures of {cell.condition_key}", True))
         if cell.condition == "non_engine":
             look(method.non_engine_timing, f"timings of {cell.model_name}'s own renderer", blocks=False)
         if cell.condition_key == cell.condition:
@@ -149,6 +157,7 @@ class _Search:
             look(method.mesh, f"meshes of {cell.model_name} for the Chamfer distance", blocks=False)
             data = self.file.resolve(protocol.chamfer.data)
             looked.append((_wrong_with_scan(data, cell.scene), "data of the Chamfer distance", False))
+        looked += [(error, _ANY, True) for error in self.wrong]
         said = False
         for error, what, blocks in looked:
             if error is not None:
@@ -156,6 +165,16 @@ class _Search:
                 yield _Need(error.code, _text(error), what, blocks)
         if not said and planned.reason is not None:  # what only the planner knows
             yield _Need(planned.reason.code, planned.reason.message, cell.model_name, True)
+
+    def _wrong_with_renders(self, folder: Path, at: SceneAt) -> MsbError | None:
+        """Return what a comparison with the photographs would refuse; pixels are not decoded for it."""
+        try:
+            found = self.planner.known.renders(folder, at)
+            for path, camera in zip(found.files, at.read().test, strict=True):
+                check_size(path, stored_size(path), camera)
+        except MsbError as error:
+            return error
+        return None
 
 
 def _told(need: _Need, scenes: Mapping[str, int]) -> Missing:
@@ -202,6 +221,11 @@ def _wrong_with_model(path: Path) -> MsbError | None:
     except MsbError as error:
         return error
     return None
+
+
+def _wrong_with_renderer(name: str) -> MsbError | None:
+    missing = what_is_missing(name)
+    return None if missing is None else UsageError("ENGINE_MISSING", f"renderer {name}: {missing}")
 
 
 def _wrong_with_scan(data: Path, scene: str) -> MsbError | None:

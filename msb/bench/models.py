@@ -18,9 +18,9 @@ from msb.bench.folder import Results, check_run
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import File, Record
 from msb.errors import CheckpointError, MsbError
+from msb.scenes.colors import parse_color
 
 _MAX_BYTES = 1 << 20
-_BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 
 
 class Model(Record):
@@ -127,7 +127,7 @@ def prepare_model(task: ModelTask) -> Model:
         method=asset.manifest.method,
         checkpoint=_checkpoint(asset, source),
         asset=held.model_copy(update={"bytes": sum(size for _, size in inside)}),
-        background=_BACKGROUNDS.get(str(asset.manifest.appearance.get("background"))),
+        background=parse_color("official", asset.manifest.appearance.get("background")),
         stamps=tuple(stamp(file) for file in (*files, *_files(path))),
         asked=_asked(task),
         warnings=tuple(f"{warning.code}: {source}: {warning.message}" for warning in asset.warnings),

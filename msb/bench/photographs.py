@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from msb.atomic import new_file, new_folder
 from msb.bench.checked import read_json
@@ -22,51 +21,17 @@ from msb.bench.records import Setup
 from msb.errors import MsbError, UsageError
 from msb.files import file_sha256
 from msb.render.images import image_names, write_image
-from msb.scenes.datasets import Scene, read_scene
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from msb.scenes import Camera
+    from msb.scenes.datasets import Scene, SceneAt
 
 HASHES = "hashes.json"
 """The file in every folder of ground truth that says what it was made from, and the SHA-256 of each file."""
 SCHEMA = "msb.ground_truth/1"
 _MAX_BYTES = 64 << 20
-
-
-@dataclass(frozen=True)
-class SceneAt:
-    """A scene on which a method is evaluated: the arguments of `read_scene`, and its name in the results."""
-
-    dataset: str
-    name: str
-    path: Path
-    image_folder: str | None
-    resolution: int | None
-    background: tuple[float, float, float]
-    camera_convention: Literal["gs_fov", "full_K"]
-
-    def read(self) -> Scene:
-        """Return the scene; the last few are kept.
-
-        Raises
-        ------
-        InputError, SceneError
-        """
-        return _read(self)
-
-
-@lru_cache(maxsize=8)
-def _read(scene: SceneAt) -> Scene:
-    return read_scene(
-        scene.path,
-        dataset=scene.dataset,
-        image_folder=scene.image_folder,
-        resolution=scene.resolution,
-        camera_convention=scene.camera_convention,
-        background=scene.background,
-    )
 
 
 @dataclass(frozen=True)

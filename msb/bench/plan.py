@@ -12,7 +12,6 @@ from msb.bench.folder import Results, check_names
 from msb.bench.inputs import Known, inputs_of
 from msb.bench.job import MAIN, Job
 from msb.bench.models import Model, ModelTask, method_of
-from msb.bench.photographs import SceneAt
 from msb.bench.protocol import overrides
 from msb.bench.protocol_tables import AUTO, REFERENCE
 from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
@@ -20,7 +19,7 @@ from msb.errors import InputError, MsbError, UsageError
 from msb.files import file_sha256
 from msb.methods import METHODS, TIERS, lookup
 from msb.render.backend import find_renderer
-from msb.scenes.datasets import DATASETS, OURS, RULES, evaluation_background, find_scenes
+from msb.scenes.datasets import find_scenes, scene_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from msb.bench.protocol import ProtocolFile
     from msb.bench.protocol_tables import DatasetTable, MethodTable, VariantTable
     from msb.bench.records import Result
+    from msb.scenes.datasets import SceneAt
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,17 +304,13 @@ class Planner:
             own = getattr(pair.method, name)
             return getattr(pair.dataset, name) if own is None else own
 
-        dataset = pair.dataset.name
-        fixed = DATASETS[dataset].background if dataset in DATASETS else None
-        own = None if model is None else model.background
-        return SceneAt(
-            dataset=dataset,
-            name=pair.scene,
-            path=pair.path,
-            image_folder=option("image_folder"),
-            resolution=option("resolution"),
-            background=option("background") or fixed or own or evaluation_background(dataset, method),
-            camera_convention=option("camera_convention") or RULES.get(method, RULES[OURS]).convention,
+        names = ("image_folder", "resolution", "background", "camera_convention")
+        return scene_at(
+            pair.path,
+            pair.dataset.name,
+            method,
+            own_background=None if model is None else model.background,
+            **{name: option(name) for name in names},
         )
 
     def _todo(self, job: Job, wanted: Mapping[Part, Inputs]) -> dict[Part, str]:

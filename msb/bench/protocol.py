@@ -119,7 +119,7 @@ def single_protocol(
     UsageError
         RUN_PATH_NAME.
     """
-    from msb.scenes.datasets import read_scene
+    from msb.scenes.datasets import dataset_of
 
     check_names(Path(scene).absolute(), Path(model).absolute())
     folder = f"{Path(model).absolute().stem}-{Path(scene).absolute().name}-results"
@@ -127,7 +127,7 @@ def single_protocol(
         f"results = {_quoted(folder.replace('{', '{{').replace('}', '}}'))}",
         "",
         "[[datasets]]",
-        f"name = {_quoted(read_scene(scene).dataset)}",
+        f"name = {_quoted(dataset_of(scene))}",
         f"path = {_path(scene)}",
         "",
         "[[methods]]",

@@ -15,8 +15,7 @@ from msb.atomic import new_folder
 from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
 from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
-from msb.bench.renders import find_renders
-from msb.errors import MetricError
+from msb.bench.renders import check_size, find_renders
 from msb.files import file_sha256
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
@@ -82,10 +81,7 @@ class _Imported:
     def images(self) -> Iterator[NDArray[np.float32]]:
         for path, camera in zip(self.found.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
-            if image.shape[:2] != (camera.height, camera.width):
-                height, width = image.shape[:2]
-                text = f"it is {width} x {height}, the photograph {camera.width} x {camera.height}"
-                raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
+            check_size(path, (image.shape[1], image.shape[0]), camera)
             scale = np.float32(255 if image.dtype == np.uint8 else 1)
             yield np.asarray(image, np.float32) / scale
 

@@ -11,9 +11,12 @@ from msb.bench.digest import list_sha256
 from msb.bench.records import File
 from msb.errors import InputError, MetricError, shorten
 from msb.files import file_sha256
+from msb.metrics.image_files import read_image
 from msb.metrics.pairs import images_below
 from msb.paths import normal_form
 from msb.render.images import image_names
+from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
+from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,6 +75,33 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
     size = sum(file.stat().st_size for file in files)
     about = File(path=str(folder), bytes=size, sha256=list_sha256(hashes))
     return Renders(files, "number" if by_number else "name", about)
+
+
+def stored_size(path: Path) -> tuple[int, int]:
+    """Return width and height of a rendering, of a PNG or JPEG from its header alone.
+
+    Raises
+    ------
+    MsbError
+        It is no image.
+    """
+    if path.suffix.lower() in PHOTOGRAPHS:
+        return image_size(path)
+    height, width = read_image(path).shape[:2]
+    return width, height
+
+
+def check_size(path: Path, size: tuple[int, int], camera: Camera) -> None:
+    """Refuse a rendering that has not the size of the photograph of its camera.
+
+    Raises
+    ------
+    MetricError
+        METRIC_SIZES_DIFFER.
+    """
+    if size != (camera.width, camera.height):
+        text = f"it is {size[0]} x {size[1]}, the photograph {camera.width} x {camera.height}"
+        raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
 
 
 def _check_names(folder: Path, found: set[str], wanted: set[str]) -> None:

@@ -15,27 +15,25 @@ from msb.atomic import new_file
 from msb.bench.cell import INTERNAL, compute, reason_of, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
-from msb.bench.job import MAIN, Done
+from msb.bench.job import MAIN, Done, Job
 from msb.bench.machine import machine
 from msb.bench.missing import Missing, find_missing, find_unknown
-from msb.bench.models import Model, known_model, prepare_model
+from msb.bench.models import Model, ModelTask, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
+from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME
 from msb.bench.protocol_tables import AUTO
-from msb.bench.quality import image_measures
 from msb.bench.records import Reason, Result
+from msb.bench.start import check_start, wrong_at_start
 from msb.bench.videos import video_tasks, write_video
-from msb.errors import CODES, EXIT_STATUS, MsbError
-from msb.extras import need_extra
-from msb.metrics.registry import modules_needed
+from msb.errors import CODES, EXIT_STATUS, InputError, MsbError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
 
-    from msb.bench.job import Job
     from msb.bench.plan import Pair
     from msb.bench.pool import Workers
     from msb.bench.protocol import ProtocolFile
@@ -46,15 +44,15 @@ _INTERNAL_STATUS = 70
 class Watch(Protocol):
     """The interface by which a run reports its progress."""
 
-    def stage(self, title: str, total: int) -> AbstractContextManager[Callable[[str], None]]:
-        """Begin a stage of `total` tasks; call the returned function with the name of each finished task."""
+    def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
+        """Begin a stage, which says how far it is; call the function with the name of each ended task."""
 
     def note(self, text: str) -> None:
         """Report a line of text."""
 
 
 class _Nobody:
-    def stage(self, _title: str, _total: int) -> AbstractContextManager[Callable[[str], None]]:
+    def stage(self, _stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, _text: str) -> None:
@@ -103,10 +101,14 @@ class Report:
 
     @property
     def exit_status(self) -> int:
-        """The highest exit status among the failures; a condition that is not supported is no failure."""
+        """The highest exit status among the failures; a condition that is not supported is no failure.
+
+        Of a dry run it is 3 if anything is missing, whatever that is.
+        """
+        if self.missing:
+            return EXIT_STATUS[InputError]
         codes = [reason.code for reason in self.models.values()]
         codes += [reason.code for row in self.rows for reason in row.reasons.values()]
-        codes += [one.code for one in self.missing]
         return max((status_of(code) for code in codes), default=0)
 
 
@@ -157,11 +159,8 @@ def run_protocol(
     start = time.perf_counter()
     watch = watch or _Nobody()
     if dry:
-        return _dry(file, only, redo, start, watch)
-    _load_weights(file, watch)
-    need_extra("bench", "filelock", *modules_needed(), what="a run")
-    if file.protocol.videos is not None:
-        need_extra("video", "av", what="[videos]")
+        return _dry(file, scheduler, only, redo, start, watch)
+    check_start(file, watch.note)
     with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:
         with new_file(file.results / PROTOCOL_NAME) as copy:
             copy.write(file.text)
@@ -172,22 +171,30 @@ def _workers(jobs: int, scheduler: str | None) -> Workers:
     return LocalWorkers(jobs) if scheduler is None else DaskWorkers(scheduler)
 
 
-def _load_weights(file: ProtocolFile, watch: Watch) -> None:
-    weights = file.protocol.metrics.vgg_weights
-    if weights is not None:
-        for warning in image_measures(file.resolve(weights)).warnings:
-            watch.note(f"{warning.code}: {warning.message}")
+def _device(workers: Workers, selector: str | None) -> Mapping[str, Any]:
+    """Return the OpenCL device of the workers."""
+    found: Mapping[str, Any] = workers.executor().submit(machine, selector).result()["device"]
+    return found
 
 
-def _dry(file: ProtocolFile, only: Sequence[str], redo: bool, start: float, watch: Watch) -> Report:
-    weights: MsbError | None = None
+def _dry(
+    file: ProtocolFile,
+    scheduler: str | None,
+    only: Sequence[str],
+    redo: bool,
+    start: float,
+    watch: Watch,
+) -> Report:
+    wrong = wrong_at_start(file, watch.note)
     device: Mapping[str, Any] | None = None
     try:
-        _load_weights(file, watch)
+        if scheduler is None:
+            device = machine(file.protocol.device)["device"]
+        else:
+            with DaskWorkers(scheduler) as workers:
+                device = _device(workers, file.protocol.device)
     except MsbError as error:
-        weights = error
-    with contextlib.suppress(MsbError):
-        device = machine(file.protocol.device)["device"]
+        wrong.append(error)
     results = Results(file.results)
     lost: dict[str, MsbError] = {}
     pairs = pairs_of(file, only, lost)
@@ -198,7 +205,7 @@ def _dry(file: ProtocolFile, only: Sequence[str], redo: bool, start: float, watc
         if known is not None:
             models[pair] = known
     planner = Planner(file, "", Known(device), only, redo=redo)
-    planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], weights)
+    planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], wrong)
     rows = tuple(_row(results, one, 0.0) for one in planned)
     missing += find_unknown(lost, pairs)
     return Report(rows, {}, time.perf_counter() - start, tuple(missing))
@@ -216,7 +223,7 @@ class _Run:
         """Go through all stages."""
         pairs = pairs_of(self.file, only)
         models = self.models(pairs)
-        known = Known(self.device())
+        known = Known(_device(self.workers, self.file.protocol.device))
         planned = Planner(self.file, self.run, known, only, redo=redo).plan(pairs, models)
         made = [model for model in models.values() if isinstance(model, Model)]
         for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.warnings]):
@@ -228,8 +235,11 @@ class _Run:
         pending = [one.job for one in planned if one.job is not None and one.status == "pending"]
         first = [_only(job, timing=False) for job in pending]
         second = [_only(job, timing=True) for job in pending]
-        failed = self.cells("cells", [job for job in first if job.parts])
-        self.cells("timing", [job for job in second if job.parts and job.name not in failed], alone=True)
+        later = ["videos"] if self.file.protocol.videos is not None else []
+        then = ["timing", *later] if any(job.parts for job in second) else later
+        failed = self.cells("cells", [job for job in first if job.parts], then)
+        timed = [job for job in second if job.parts and job.name not in failed]
+        self.cells("timing", timed, later, alone=True)
         self.videos(planned)
         rows = tuple(_row(self.results, one, self.spent.get(_name(one), 0.0)) for one in planned)
         unknown = {
@@ -245,12 +255,6 @@ class _Run:
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         found = dict(self.each("models", prepare_model, unique))
         return {pair: found[task] for pair, task in tasks.items() if task is not None}
-
-    def device(self) -> Mapping[str, Any]:
-        """Return the OpenCL device of the workers."""
-        found = self.workers.executor().submit(machine, self.file.protocol.device).result()
-        device: Mapping[str, Any] = found["device"]
-        return device
 
     def photographs(self, planned: list[Planned]) -> list[Planned]:
         """Write missing or changed ground truth; if that fails, the cells that need it have failed."""
@@ -272,10 +276,10 @@ class _Run:
             for one in planned
         ]
 
-    def cells(self, stage: str, jobs: list[Job], *, alone: bool = False) -> set[str]:
+    def cells(self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False) -> set[str]:
         """Compute jobs; return the names of those whose cell failed."""
         failed = set()
-        for job, answer in self.each(stage, compute, jobs, alone=alone):
+        for job, answer in self.each(stage, compute, jobs, then, alone=alone):
             if isinstance(answer, Done):
                 self.spent[job.name] = self.spent.get(job.name, 0.0) + answer.seconds
                 if answer.status == "failed":
@@ -313,17 +317,36 @@ class _Run:
                 self.watch.note(f"{task.name}: no film: {answer}")
 
     def each(
-        self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], *, alone: bool = False
+        self,
+        title: str,
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
+        then: Sequence[str] = (),
+        *,
+        alone: bool = False,
     ) -> Iterator[tuple[Any, Any]]:
         """Compute tasks and yield them with their answers; raise errors that concern the whole run."""
         if not tasks:
             return
-        with self.watch.stage(stage, len(tasks)) as step:
+        kinds, at_once = list(map(_kind, tasks)), 1 if alone else self.workers.jobs
+        stage = Stage(title, [task.name for task in tasks], kinds, at_once=at_once, then=then)
+        numbers = {id(task): number for number, task in enumerate(tasks)}
+        with self.watch.stage(stage) as step:
             for task, answer in run_all(self.workers, function, tasks, alone=alone):
                 if isinstance(answer, MsbError) and answer.code == "RUN_WORKER_PATHS":
                     raise answer
+                done = answer if isinstance(answer, Done) else None
+                failed = isinstance(answer, Exception) or (done is not None and done.status == "failed")
+                stage.end(numbers[id(task)], None if done is None else done.seconds, failed=failed)
                 step(task.name)
                 yield task, answer
+
+
+def _kind(task: Any) -> str:
+    """Return what tasks have in common that take about the same time."""
+    if isinstance(task, Job):
+        return " ".join((task.cell.condition_key, *task.parts))
+    return task.method if isinstance(task, ModelTask) else ""
 
 
 def _only(job: Job, *, timing: bool) -> Job:

@@ -157,6 +157,11 @@ def refuse(given: Mapping[str, object], why: str) -> None:
             raise UsageError("USAGE", f"--{name} {why}")
 
 
+def is_given(context: typer.Context, name: str) -> bool:
+    """Return whether the option `name` is on the command line, and not a default or set by a file."""
+    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
 def alone(context: typer.Context, name: str) -> None:
     """Refuse whatever else is given on the command line beside the option `name`, but how to print and log.
 
@@ -167,8 +172,7 @@ def alone(context: typer.Context, name: str) -> None:
     """
     harmless = {name, "quiet", "verbose", *_EVERYWHERE}
     for param in context.command.params:
-        source = context.get_parameter_source(param.name or "")
-        if param.name not in harmless and getattr(source, "name", "") == "COMMANDLINE":
+        if param.name not in harmless and is_given(context, param.name or ""):
             text = f"{_label(param)} does not go with --{name.replace('_', '-')}, which stands alone"
             raise UsageError("USAGE", text)
 

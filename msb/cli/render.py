@@ -22,8 +22,16 @@ from msb.cli.camera_options import (
     Supersample,
     Tier,
 )
-from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog
+from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog, is_given
 from msb.cli.output import Output, echo
+from msb.cli.scene_options import (
+    ImageFolder,
+    Split,
+    about_scene,
+    refuse_beside_scene,
+    scene_for,
+    views_of,
+)
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -34,18 +42,22 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.render import Frame, Renderer
     from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
 
 EPILOG = epilog(
     "msb render --turntable 8 -o out/turn data_stubs/splat_like.triasset",
     "msb render --turntable 12 --film out/t.mp4 data_stubs/checkpoint",
     "msb render --cameras data_stubs/views.json -o out data_stubs/checkpoint",
     "msb render --tier both --turntable 2 -o out/both data_stubs/checkpoint",
+    "msb render --scene data_stubs/scenes/nerf_synthetic/pebble --split test -o out/test \\\n"
+    "      data_stubs/models/pebble/two_dts",
 )
 SCHEMA = "msb.render/1"
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 def render(
+    context: typer.Context,
     path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Where images go.")
@@ -55,6 +67,15 @@ def render(
         typer.Option(help="How to draw; msb methods says what each tier keeps. both: dedicated, standard."),
     ] = "standard",
     cameras: Cameras = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="A dataset's scene instead of --cameras: views, size and background as msb run has them.",
+        ),
+    ] = None,
+    split: Annotated[Split, typer.Option(help="With --scene: which of its views to draw.")] = "test",
+    image_folder: ImageFolder = None,
     chosen: Chosen = None,
     turntable: Annotated[
         int | None, typer.Option(metavar="N", help="N cameras around the asset instead of --cameras.")
@@ -103,6 +124,7 @@ def render(
     exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
     all images; it is the same on the same device with the same versions.
     """
+    from msb.cli.camera_options import choose_cameras
     from msb.cli.inputs import open_asset
 
     output = Output(json_file, quiet, verbose, force)
@@ -111,7 +133,17 @@ def render(
     output.check_free(json_file)
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
+    place: Scene | None = None
+    if scene is not None:
+        refuse_beside_scene(cameras=cameras, turntable=turntable, flight=flight, size=size, scale=scale)
+        place = scene_for(asset, scene, image_folder)
+        for warning in place.warnings:
+            output.note(f"{warning.code}: {warning.file or scene}: {warning.message}")
+        views = choose_cameras(views_of(place, split), chosen, None, None)
+    elif given := [name for name in ("split", "image_folder") if is_given(context, name)]:
+        raise UsageError("USAGE", f"--{given[0].replace('_', '-')} goes with --scene DIR")
+    else:
+        views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
     tiers: tuple[Tier, ...] = ("dedicated", "standard") if tier == "both" else (tier,)
     task = _Task(output, out, form, depth, ids, film, fps, tiers, template)
     task.check(views)
@@ -121,6 +153,8 @@ def render(
     from msb.render.backend import check_supported, lean_options
 
     color = parse_background(background, asset)
+    if place is not None and not is_given(context, "background"):
+        color = place.background  # a default that a file sets is no wish to draw what does not count
     settings = _settings(asset, assignments)
     modes = chosen_modes(order, sampling)
     for each in tiers:
@@ -139,13 +173,14 @@ def render(
         with Renderer(asset, each, device, {**settings, **extra}, name=renderer_name, **options) as renderer:
             rows = task.run(renderer, views, color)
             about = {"schema": SCHEMA, "path": str(path), "tier": each, "renderer": renderer.name, **own}
+            where = {} if place is None else {"scene": about_scene(place, split)}
             drawn = {
                 "background": list(color),
                 "machine": machine(device, opencl=each != "reference", engine=renderer.device_info),
                 "memory": dict(renderer.memory()),
                 "frames": rows,
             }
-            documents.append({**about, **drawn})
+            documents.append({**about, **where, **drawn})
     output.write_documents(documents)
 
 
@@ -173,7 +208,7 @@ def _views(
     from msb.scenes import interpolated, read_cameras
 
     if (cameras is None) == (turntable is None):
-        raise UsageError("USAGE", "give either --cameras PATH or --turntable N")
+        raise UsageError("USAGE", "give one of --cameras PATH, --scene DIR and --turntable N")
     if turntable is not None:
         if chosen or flight or scale is not None:
             raise UsageError("USAGE", "--turntable goes without --camera, --flight and --scale")

@@ -13,11 +13,14 @@ import typer
 
 from msb.cli.options import DeviceName, JsonFile, Quiet, Verbose, alone, epilog
 from msb.cli.output import Output, echo, plain_table, say
+from msb.cli.scene_options import ImageFolder
+from msb.cli.stage_bar import stage_bar
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from msb.bench.progress import Stage
     from msb.bench.protocol import ProtocolFile
     from msb.bench.records import Reason
     from msb.bench.run import Report, Row
@@ -46,9 +49,7 @@ def run(
             metavar="DIR|reference", help="With --scene: official renderings, or our NumPy renderer."
         ),
     ] = None,
-    image_folder: Annotated[
-        str | None, typer.Option(metavar="NAME", help="With --scene: the photographs' folder, e.g. images_2.")
-    ] = None,
+    image_folder: ImageFolder = None,
     device: DeviceName = None,
     out: Annotated[
         Path | None,
@@ -168,20 +169,19 @@ def _protocol(
 
 
 class _Watch:
-    """Bars for stages on a terminal; a line for each task with -v."""
+    """A bar for each stage on a terminal; a line for each task with -v."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
         self.cells = 0
 
     @contextlib.contextmanager
-    def stage(self, title: str, total: int) -> Iterator[Callable[[str], None]]:
-        with self.output.counted(title, total) as advance:
+    def stage(self, stage: Stage) -> Iterator[Callable[[str], None]]:
+        with stage_bar(stage, self.output):
 
             def step(name: str) -> None:
-                advance()
-                self.cells += title == "cells"
-                self.output.note(f"{title}: {name}", level=1)
+                self.cells += stage.title == "cells"
+                self.output.note(f"{stage.title}: {name}", level=1)
 
             yield step
 

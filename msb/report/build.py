@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from msb.report.figures import Figure
-    from msb.report.findings import Finding
+    from msb.report.finding import Finding
     from msb.report.numbers import Key, Number
     from msb.report.pictures import View
     from msb.report.results import ResultSet

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS
-from msb.bench.gaps import PAIRS
 from msb.bench.intervals import excludes_zero, interval
-from msb.report.collect import REFERENCE, SOUP
+from msb.report.collect import SOUP
+from msb.report.finding import Case, Finding, sure
+from msb.report.gap_findings import gap_findings, monotone_findings
 from msb.report.metric_format import SHOWN, text
 from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title
 from msb.report.safe_names import slug
@@ -18,47 +18,19 @@ from msb.report.table import NOT_SUPPORTED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from msb.bench.gaps import GapName, Gaps
-    from msb.report.numbers import GapKey, Numbers
+    from msb.report.numbers import Numbers
 
-_NOTHING = 0.005
-"""A difference of less than this many dB is printed as 0.00."""
-_GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
 _MOST = 10
 """Findings; more are not read."""
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 """Kinds of what is as one expects, or is no finding on deployment."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One sentence. `table` labels the table of its numbers; `kind` says what it is about."""
-
-    kind: str
-    sentence: str
-    table: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON data."""
-        return {"kind": self.kind, "sentence": self.sentence, "table": self.table}
-
-
-class _Case(NamedTuple):
-    value: float
-    dataset: str
-    method: str
-    detail: str
-
-    @property
-    def name(self) -> str:
-        return f"{method_title(self.method)} on {dataset_title(self.dataset)}"
-
-
 def find(numbers: Numbers) -> list[Finding]:
     """Return at most ten findings, most important first. Where there are no numbers there are no findings."""
     found = [
-        *_gap_findings(numbers),
-        *_monotone_findings(numbers),
+        *gap_findings(numbers),
+        *monotone_findings(numbers),
         *_ranking_findings(numbers),
         *_leader_findings(numbers),
         *_training_findings(numbers),
@@ -68,129 +40,6 @@ def find(numbers: Numbers) -> list[Finding]:
     ]
     # What did not change, and what there is not, comes last; else the order is that above.
     return sorted(found, key=lambda one: one.kind in _MINOR)[:_MOST]
-
-
-def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and the smallest of each gap in PSNR, and of the first one to each variant."""
-    variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
-    for dedicated in ("dedicated", *variants):
-        for name, word in _GAPS.items():
-            if dedicated != "dedicated" and name != "adapt":
-                continue  # the rest of the way has to do with the standard tier, not with the variant
-            cases = list(_gap_cases(numbers, name, dedicated))
-            if cases:
-                ends = (dedicated if end == "dedicated" else end for end in PAIRS[name])
-                sentence = _gap_sentence(cases, word, *map(condition_title, ends))
-                own = "" if name == "port" else _own_reference(numbers, cases)
-                yield Finding(f"{name}_gap", f"{sentence}{own}.", f"gaps-{slug(max(cases).dataset)}")
-
-
-def _gap_sentence(cases: list[_Case], word: str, start: str, end: str) -> str:
-    first, last = max(cases), min(cases)
-    if max(abs(case.value) for case in cases) < _NOTHING:
-        who = first.name if len(cases) == 1 else f"any of the {len(cases)} cases"
-        return f"{start} to {end} changes the PSNR of {who} by less than {_NOTHING} dB"
-    if first.value >= _NOTHING:
-        sentence = f"{start} to {end} costs {first.name} {first.detail}"
-    else:
-        sentence = f"{start} to {end} loses nothing: {first.name} {first.detail}"
-    if len(cases) > 1:
-        sentence += f", the largest {word} gap of {len(cases)}"
-        if first.value - last.value >= _NOTHING:
-            sentence += f"; the smallest is {last.detail}, of {last.name}"
-    return sentence
-
-
-def _own_reference(numbers: Numbers, cases: list[_Case]) -> str:
-    """Return what is to be said where Non-Engine is no official rendering."""
-    notes = [
-        numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
-    ]
-    if not any(REFERENCE in own for own in notes):
-        return ""
-    where = "Non-Engine" if all(REFERENCE in own for own in notes) else "some of Non-Engine"
-    return f"; {where} is drawn by our own reference renderer here, not by the method's own code"
-
-
-def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Case]:
-    for key, gaps in numbers.gaps.items():
-        gap = gaps[name]
-        if (key.scene, key.metric, key.standard, key.dedicated) != (MEAN, "psnr", "standard", dedicated):
-            continue
-        if gap.signed is None or gap.ends is None:
-            continue
-        values = " to ".join(f"{value:.2f}" for value in gap.ends)
-        partial = f", over {gap.scenes} of {gap.expected} scenes" if gap.partial else ""
-        gain = "a gain, " if gap.signed <= -_NOTHING else ""
-        # A loss that rounds to nothing has no sign.
-        sure = _sure(gap.significant)
-        detail = f"{round(gap.signed, 2) + 0.0:.2f} dB ({gain}{values}{partial}){sure}"
-        yield _Case(gap.signed, key.dataset, key.method, detail)
-
-
-def _sure(significant: bool | None) -> str:
-    """Return what is said of a difference's significance; nothing where nothing is known."""
-    if significant is None:
-        return ""
-    return ", significant at 95 %" if significant else ", not significant at 95 %"
-
-
-def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the cases in which Dedicated, or a variant of it, does not lie between the other two."""
-    known = [
-        (key, gaps)
-        for key, gaps in numbers.gaps.items()
-        if (key.scene, key.standard) == (MEAN, "standard") and gaps.monotone is not None
-    ]
-    broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
-    for key, gaps in known:
-        if gaps.monotone is False and (gaps.triangle_excess or 0.0) >= SHOWN[key.metric].last_digit:
-            broken.setdefault((key.dataset, key.method, key.dedicated), []).append((key, gaps))
-    if not known:
-        return
-    if not broken:
-        sentence = (
-            f"In all {len(known)} cases in which the three conditions can be compared, Dedicated lies "
-            "between Non-Engine and Standard: the adaptation and portability gaps add up to the deployment "
-            "gap."
-        )
-        yield Finding("monotone", sentence, f"gaps-{slug(known[0][0].dataset)}")
-    for dedicated in dict.fromkeys(place[2] for place in broken):
-        own = {place: cases for place, cases in broken.items() if place[2] == dedicated}
-        yield _not_monotone(own, len({key[:3] for key, _ in known if key.dedicated == dedicated}))
-
-
-def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], known: int) -> Finding:
-    """Return the finding on the largest excess through one tier or variant, and the names of the others."""
-
-    def excess(place: tuple[str, str, str]) -> float:
-        return broken[place][0][1].triangle_excess or 0.0
-
-    first, *others = sorted(broken, key=excess, reverse=True)
-    (dataset, method, dedicated), cases = first, broken[first]
-    title, (key, gaps) = condition_title(dedicated), cases[0]
-    better = (
-        f"{title} is better than Non-Engine" if (gaps.adapt.signed or 0) < 0 else f"Standard beats {title}"
-    )
-    losses = "losses" if len(cases) == 1 else f"losses in {SHOWN[key.metric].title}"
-    metrics = " and ".join(SHOWN[one.metric].title for one, _ in cases)
-    signs = ", ".join(f"{name} {text_of(key.metric, gaps[name].signed)}" for name in _GAPS)
-    sentence = (
-        f"{method_title(method)} on {dataset_title(dataset)} is not monotone in {metrics}: {better} "
-        f"({losses}: {signs}), so adapt + port exceeds deploy by "
-        f"{text(key.metric, gaps.triangle_excess or 0.0)}"
-    )
-    if others:
-        names = ", ".join(
-            f"{method_title(method)} on {dataset_title(dataset)}" for dataset, method, _ in others
-        )
-        sentence += f". {len(broken)} of {known} comparisons are not monotone; the others are {names}"
-    return Finding("not_monotone", f"{sentence}.", f"gaps-{slug(dataset)}")
-
-
-def text_of(metric: str, value: float | None) -> str:
-    """Return a signed loss as printed."""
-    return "--" if value is None else f"{'+' if value >= 0 else '-'}{text(metric, abs(value))}"
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -214,8 +63,8 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             if swapped := _swapped(before, after):
                 known = [_difference(numbers, dataset, c, *pair) for pair in swapped for c in (first, second)]
                 both = [None not in ends and all(ends) for ends in zip(known[::2], known[1::2], strict=True)]
-                sure = _sure(None if None in known else any(both))
-                names = f"{condition_title(first)} and {condition_title(second)}{sure}"
+                certain = sure(None if None in known else any(both))
+                names = f"{condition_title(first)} and {condition_title(second)}{certain}"
                 changes.setdefault(f"{_order(before)} becomes {_order(after)}", []).append(names)
         if changes:
             every = "; ".join(f"{', '.join(names)} ({order})" for order, names in changes.items())
@@ -277,7 +126,7 @@ def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tupl
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield how long the trainings took, the quickest and the longest of all means."""
     cases = [
-        _Case(number.value, key.dataset, key.method, f"{text('train_seconds', number.value)} min")
+        Case(number.value, key.dataset, key.method, f"{text('train_seconds', number.value)} min")
         for key, number in numbers.values.items()
         if (key.scene, key.metric, key.source) == (MEAN, "train_seconds", "") and number.value is not None
     ]
@@ -336,7 +185,7 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
         ),
     ):
         cases = [
-            _Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
+            Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
             for key, ratio in numbers.ratios.items()
             if (key.numerator, key.denominator) == (above, below) and ratio.value is not None
         ]
@@ -355,7 +204,7 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
     cases = [
-        _Case(number.value, key.dataset, key.method, f"{100 * number.value:.0f} %")
+        Case(number.value, key.dataset, key.method, f"{100 * number.value:.0f} %")
         for key, number in numbers.values.items()
         if (key.scene, key.metric) == (MEAN, "nonmanifold_vertex_ratio")
         and number.value is not None

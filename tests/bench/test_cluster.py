@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
+    from msb.bench.progress import Stage
     from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
@@ -89,11 +90,11 @@ class KillsOne:
     def __init__(self, cluster: Cluster) -> None:
         self.cluster, self.killed = cluster, threading.Event()
 
-    def stage(self, title: str, _total: int) -> AbstractContextManager[Callable[[str], None]]:
+    def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
         import contextlib
 
         def step(_name: str) -> None:
-            if title == "cells" and not self.killed.is_set():
+            if stage.title == "cells" and not self.killed.is_set():
                 self.killed.set()
                 self.cluster.kill_worker()
 

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from typing import TYPE_CHECKING
+
+import pytest
+from PIL import Image
 
 from msb.bench.protocol import example, parse_protocol
 from msb.bench.run import run_protocol
+from msb.errors import UsageError
+from msb.scenes import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, protocol
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.missing import Missing
+    from msb.bench.protocol import ProtocolFile
     from msb.bench.run import Report
 
 
@@ -26,7 +33,8 @@ def test_of_the_paper_in_an_empty_folder_each_dataset_and_method_is_named_once(t
     report = run_protocol(parse_protocol(example("paper"), tmp_path / "paper.toml"), dry=True)
     assert report.exit_status == 3
     assert list(tmp_path.iterdir()) == []
-    assert len(report.missing) == 17
+    # What is installed here is another matter.
+    assert len([one for one in report.missing if one.code != "EXTRA_MISSING"]) == 17
     for name, scenes in (("360_v2", 9), ("tandt", 2), ("nerf_synthetic", 8), ("data/dtu", 15)):
         one = told(report, f"{tmp_path / 'data' / name.split('/')[-1]}: ")
         assert f" on {scenes} scenes: {one.cells} cells cannot be computed" in one.message
@@ -94,3 +102,81 @@ def test_where_all_is_there_nothing_is_missing(tmp_path: Path) -> None:
     report = run_protocol(protocol(tmp_path), dry=True)
     assert report.missing == ()
     assert report.exit_status == 0
+
+
+def official(tmp_path: Path) -> tuple[ProtocolFile, list[Path]]:
+    """Return a protocol with official renderings and nothing else, and the files of these."""
+    folder = tmp_path / "renders"
+    folder.mkdir()
+    views = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test
+    for number, view in enumerate(views):
+        Image.new("RGB", (view.width, view.height)).save(folder / f"{number:05d}.png")
+    each = 'non_engine = "renders"\nconditions = ["non_engine", "exported_mesh"]'
+    return protocol(tmp_path, ("two_dts",), each=each), sorted(folder.iterdir())
+
+
+def test_a_folder_of_official_renderings_is_looked_into(tmp_path: Path) -> None:
+    file, pictures = official(tmp_path)
+    assert run_protocol(file, dry=True).missing == ()
+    Image.new("RGB", (9, 7)).save(pictures[0])
+    (wrong,) = run_protocol(file, dry=True).missing
+    assert (wrong.code, wrong.cells, wrong.blocks) == ("METRIC_SIZES_DIFFER", 1, True)
+    assert wrong.message.startswith(f"{pictures[0]}: it is 9 x 7, the photograph ")
+    assert wrong.message.endswith("; renderings of two_dts on pebble: 1 cell cannot be computed")
+    pictures[1].unlink()
+    report = run_protocol(file, dry=True)
+    (absent,) = report.missing
+    assert absent.code == "METRIC_IMAGE_NAMES"
+    assert "must be one image for each of the" in absent.message
+    states = {row.planned.cell.condition: row.planned.status for row in report.rows}
+    assert states == {"non_engine": "failed", "exported_mesh": "pending"}
+    assert report.exit_status == 3
+
+
+def test_extras_without_which_no_run_starts_are_named_with_all_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("torch", "lpips", "av", "skimage"):
+        monkeypatch.setitem(sys.modules, module, None)
+    tail = '[metrics]\nvgg_weights = "vgg.pth"\n[videos]\n'
+    file = protocol(tmp_path, ("two_dts",), each='training = "t.json"', tail=tail)
+    report = run_protocol(file, dry=True)
+    assert report.exit_status == 3
+    assert {row.planned.status for row in report.rows} == {"failed"}
+    for extra in ("bench", "video", "lpips"):
+        one = told(
+            report, f'pip install "meshsplatbench[{extra}]"; needed before any cell on pebble: 3 cells'
+        )
+        assert (one.code, one.cells, one.blocks) == ("EXTRA_MISSING", 3, True)
+    assert not told(report, "training records").blocks
+    assert told(report, f"{tmp_path / 'vgg.pth'}: ").code == "FILE_NOT_FOUND"
+    assert len(report.missing) == 5
+    with pytest.raises(UsageError, match="EXTRA_MISSING"):
+        run_protocol(file)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_device_that_is_not_there_blocks_every_cell(tmp_path: Path) -> None:
+    report = run_protocol(protocol(tmp_path, ("two_dts",), head='device = "nowhere:7"'), dry=True)
+    (device,) = report.missing
+    assert (device.code, device.cells, device.blocks) == ("DEVICE_NOT_FOUND", 3, True)
+    assert report.exit_status == 3
+
+
+def test_an_engine_that_is_not_installed_blocks_its_cells_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("msb.engines.webgpu.WgpuRenderer.missing", lambda: "wgpu-py is not installed")
+    report = run_protocol(protocol(tmp_path, head='engines = ["wgpu"]'), dry=True)
+    (engine,) = report.missing
+    assert (engine.code, engine.cells) == ("ENGINE_MISSING", 1)
+    assert "pictures of standard/wgpu on pebble: 1 cell cannot be computed" in engine.message
+    blocked = {row.planned.cell.condition_key for row in report.rows if row.planned.status == "failed"}
+    assert blocked == {"standard/wgpu"}
+
+
+def test_a_scheduler_that_does_not_answer_is_missing(tmp_path: Path) -> None:
+    report = run_protocol(protocol(tmp_path, ("two_dts",)), dry=True, scheduler="nonsense")
+    (found,) = report.missing
+    assert found.code in ("RUN_SCHEDULER", "EXTRA_MISSING")
+    assert report.exit_status == 3

@@ -11,11 +11,12 @@ import pytest
 from PIL import Image
 
 from msb.bench.folder import exclusive
-from msb.bench.photographs import HASHES, PhotographTask, SceneAt, views_of, write_photographs
+from msb.bench.photographs import HASHES, PhotographTask, views_of, write_photographs
 from msb.bench.run import run_protocol
 from msb.errors import InputError, MsbError
 from msb.report.build import build_report
 from msb.report.results import read_results
+from msb.scenes.datasets import SceneAt
 from tests.bench.protocols import STUBS, cell, planned
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class Notes:
     def __init__(self) -> None:
         self.said: list[str] = []
 
-    def stage(self, _title: str, _total: int) -> Any:
+    def stage(self, _stage: Any) -> Any:
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:

@@ -282,7 +282,7 @@ READ = {
     "eval": {"pred", "gt", "vgg_weights"},
     "export": {"source", "config"},
     "info": {"path"},
-    "render": {"path", "cameras", "out"},
+    "render": {"path", "cameras", "scene", "out"},
     "report": {"folders", "published"},
     "run": {"path", "scene", "non_engine", "out"},
     "scenes": {"paths"},

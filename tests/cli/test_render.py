@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from PIL import Image
 
 import msb as library
 from msb.cli.camera_options import around
-from msb.scenes import turntable, write_cameras
+from msb.scenes import read_scene, turntable, write_cameras
 from tests.adapters.models import GOLDEN
 from tests.conftest import ROOT
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from tests.cli.conftest import Msb
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
+SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 
 
 @pytest.fixture(scope="module")
@@ -202,6 +204,29 @@ def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, t
 
 
 @pytest.mark.slow
+def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_model(
+    msb: Msb, tmp_path: Path
+) -> None:
+    model = tmp_path / "model"
+    shutil.copytree(ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting", model)
+    (model / "cfg_args").write_text("Namespace(white_background=True)")
+    whole = read_scene(SCENE)
+    for split, views in (("train", whole.train), ("all", (*whole.train, *whole.test))):
+        args = ("--scene", SCENE, "--split", split, "-o", tmp_path / split, "--json", "-")
+        drawn = msb("render", *args, model).json
+        assert drawn["background"] == [1, 1, 1]
+        assert [(one["camera"], one["width"], one["height"]) for one in drawn["frames"]] == [
+            (view.name, view.width, view.height) for view in views
+        ]
+        names = {str(view.name).rpartition(".")[0] for view in views}
+        assert {file.stem for file in (tmp_path / split).iterdir()} == names
+    one = ("--camera", str(whole.test[0].name), "--background", "#804020")
+    drawn = msb("render", "--scene", SCENE, *one, "-o", tmp_path / "one", "--json", "-", model).json
+    assert drawn["background"] == [128 / 255, 64 / 255, 32 / 255]
+    assert len(drawn["frames"]) == 1
+
+
+@pytest.mark.slow
 def test_wrong_usage_is_said_before_anything_is_drawn(
     msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
@@ -209,14 +234,18 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
     out = ("-o", tmp_path / "out")
     for args, status, text in (
         ((*views,), 2, "give --out FOLDER for images, --film FILE for a film, or both"),
-        ((*out,), 2, "give either --cameras PATH or --turntable N"),
-        ((*views, *out, "--turntable", "3"), 2, "give either --cameras PATH or --turntable N"),
+        ((*out,), 2, "give one of --cameras PATH, --scene DIR and --turntable N"),
+        ((*views, *out, "--turntable", "3"), 2, "give one of --cameras PATH, --scene DIR and --turntable N"),
         (
             (*views, *out, "--camera", "nobody"),
             2,
             'there is no camera "nobody"; there are 3: turntable_00000',
         ),
         ((*views, *out, "--camera", "3"), 2, 'there is no camera "3"'),
+        ((*out, "--split", "all", "--turntable", "2"), 2, "--split goes with --scene DIR"),
+        ((*views, *out, "--scene", SCENE), 2, "--cameras does not go with --scene, which draws what counts"),
+        ((*out, "--scene", SCENE, "--size", "9x9"), 2, "--size does not go with --scene"),
+        ((*out, "--scene", SCENE, "--image-folder", "none"), 3, "SCENE_IMAGE_FOLDER"),
         ((*views, *out, "--size", "big"), 2, '--size is "big"; it must look like 1237x822'),
         ((*views, *out, "--size", "0x5"), 3, "width is 0"),
         ((*views, *out, "--size", "9x9", "--scale", "2"), 2, "--size and --scale exclude each other"),

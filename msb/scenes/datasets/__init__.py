@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS, Dataset
 from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
+from msb.scenes.datasets.evaluated import SceneAt, scene_at
 from msb.scenes.datasets.layout import find_layout, find_scenes
 from msb.scenes.datasets.neus import read_matrices
-from msb.scenes.datasets.read import read_scene
+from msb.scenes.datasets.read import dataset_of, read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
 from msb.scenes.datasets.rules import Photographs, Rules
 from msb.scenes.datasets.scene import Scene
@@ -24,12 +25,15 @@ __all__ = [
     "Photographs",
     "Rules",
     "Scene",
+    "SceneAt",
     "SceneReport",
     "color_name",
+    "dataset_of",
     "describe_scene",
     "evaluation_background",
     "find_layout",
     "find_scenes",
     "read_matrices",
     "read_scene",
+    "scene_at",
 ]

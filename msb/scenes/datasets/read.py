@@ -83,7 +83,7 @@ def read_scene(
     root = given_path(path)
     layout = _layout(root)
     by = _rules(rules)
-    place = Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
+    place = _place(root)
     key = dataset or guess_dataset(layout, place.name, place.parent.name)
     convention = _convention(camera_convention or by.convention)
     wish = None if resolution is None else check_resolution(resolution)
@@ -125,6 +125,23 @@ def read_scene(
         gt_resized=resized,
         warnings=tuple(warnings),
     )
+
+
+def dataset_of(path: str | os.PathLike[str]) -> str:
+    """Return the dataset of a scene, told by the names of its folder and the one above it.
+
+    Raises
+    ------
+    InputError, SceneError
+        There is no scene at `path`.
+    """
+    root = given_path(path)
+    layout, place = _layout(root), _place(root)
+    return guess_dataset(layout, place.name, place.parent.name)
+
+
+def _place(root: Path) -> Path:
+    return Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
 
 
 def _layout(root: Path) -> Layout:

@@ -49,11 +49,11 @@ RULES: Mapping[str, Rules] = _EveryRules()
 """Name -> rules: "ours", and the name of each method that declares some."""
 
 
-def evaluation_background(dataset: str, method: str | None = None) -> Color:
+def evaluation_background(dataset: str, method: str | None = None, own: Color | None = None) -> Color:
     """Return the colour behind models in the benchmark: the dataset's, else that of the method's training.
 
-    Masked datasets are evaluated over white whatever the method; where there is no mask each method keeps
-    the background its official evaluation has, black for one that has none.
+    Masked datasets are evaluated over white whatever the method; where there is no mask each model keeps
+    `own`, the background of its official evaluation; if it records none, that of its method, or black.
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
-    return fixed or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
+    return fixed or own or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)

@@ -101,6 +101,8 @@ def test_background_is_the_datasets_or_else_the_methods() -> None:
     assert evaluation_background("tanksandtemples", "two_dts") == BLACK
     assert evaluation_background("mipnerf360", "mesh_splatting") == BLACK
     assert evaluation_background("office") == BLACK
+    assert evaluation_background("office", "mesh_splatting", WHITE) == WHITE
+    assert evaluation_background("dtu", "mesh_splatting", BLACK) == WHITE
     assert (
         evaluation_background("mipnerf360", "two_dgs") == evaluation_background("mipnerf360", "mesh") == BLACK
     )
