@@ -129,7 +129,7 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         METRIC_LPIPS_HEADS.
     """
     check_extra()
-    import torch  # type: ignore[import-not-found,unused-ignore]
+    import torch
 
     spec = importlib.util.find_spec("lpips")
     assert spec is not None
@@ -163,7 +163,7 @@ def _tensor(path: Path, found: Weights, key: str, shape: tuple[int, ...]) -> NDA
 
 
 def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
-    import torch  # type: ignore[import-not-found,unused-ignore]
+    import torch
 
     found = torch.load(path, map_location="cpu", weights_only=True)
     if not isinstance(found, dict):

@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.cli.conftest import msb
-from tests.metrics.conftest import GOLDEN, golden
-from tests.metrics.test_lpips import HAS_EXTRA, needs_extra
+from tests.metrics.conftest import GOLDEN, golden, needs_torch
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -140,17 +139,7 @@ def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
         assert result.err.startswith("FILE_NOT_FOUND: ")
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
-def test_without_the_extra_lpips_is_a_usage_error(msb: Msb, vgg_file: Path) -> None:
-    result = msb("eval", "--vgg-weights", vgg_file, PRED, GT)
-    assert result.status == 2
-    assert result.err.startswith("EXTRA_MISSING: ")
-    assert len(result.err.splitlines()) == 1
-
-
-@pytest.mark.oracle
-@needs_extra
+@needs_torch
 def test_lpips(msb: Msb, vgg_file: Path) -> None:
     result = msb("eval", "--vgg-weights", vgg_file, "--json", "-", PRED, GT)
     assert result.status == 0
