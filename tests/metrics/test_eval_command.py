@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from msb.metrics.vgg import weights_source
 from tests.cli.conftest import msb
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 
@@ -40,7 +41,10 @@ def test_table(msb: Msb) -> None:
         ["r_2", "53x37", "inf", "1.000", "--"],
         ["mean", "of", "3", "images", "53.42", "0.939", "--"],
     ]
-    assert "LPIPS --: no VGG weights" in result.out
+    assert result.out.splitlines()[-1] == (
+        "LPIPS --: no VGG weights (--vgg-weights FILE); it takes vgg16-397923af.pth of "
+        "download.pytorch.org/models, SHA-256 397923af8e79cdbb..."
+    )
     quiet = msb("eval", "-q", PRED, GT).out.splitlines()
     assert [line.split() for line in quiet] == [lines[0], lines[4]]
 
@@ -150,6 +154,9 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     assert data["mean"]["lpips"] == pytest.approx(sum(row["lpips"] for row in data["images"]) / 3)
     assert data["warnings"] == [result.err.strip()]
     assert data["metrics"][2]["weights"]["vgg"]["sha256"]
+    said = msb("eval", "--vgg-weights", vgg_file, PRED, GT).out.splitlines()[-1]
+    assert said == f"LPIPS: {weights_source(data['metrics'][2]['weights'])}"
+    assert "which is not torchvision's" in said
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
     assert bad.status == 3
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")

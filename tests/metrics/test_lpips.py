@@ -11,7 +11,7 @@ import pytest
 
 from msb import metrics
 from msb.errors import InputError, MetricError
-from msb.metrics.vgg import read_heads, read_vgg
+from msb.metrics.vgg import HEADS_SHA256, VGG_FILE, VGG_SHA256, read_heads, read_vgg, weights_source
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 from tests.metrics.synthetic_vgg import synthetic_vgg
 
@@ -117,7 +117,7 @@ def test_the_package_s_linear_layers_are_version_0_1() -> None:
     heads, sha256 = read_heads()
     assert [len(head) for head in heads] == [64, 128, 256, 512, 512]
     assert all((head >= 0).all() for head in heads)
-    assert sha256.startswith("a78928a0")
+    assert sha256 == HEADS_SHA256
 
 
 def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
@@ -128,6 +128,22 @@ def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
         assert hashlib.sha256(weights[key].tobytes()).hexdigest().startswith(prefix)
     assert record["file"] == "synthetic.npz"
     assert record["known"] is None
+
+
+def test_a_line_says_whether_the_weights_are_the_published_ones() -> None:
+    vgg = {"file": "v.pth", "sha256": VGG_SHA256, "known": "torchvision vgg16-397923af.pth"}
+    heads = {"known": "lpips 0.1.4"}
+    start = "VGG16 is v.pth, SHA-256 397923af8e79cdbb..., "
+    assert weights_source({"vgg": vgg, "heads": heads}) == (
+        f"{start}torchvision's; linear layers are of lpips 0.1.4"
+    )
+    assert "are not those of lpips 0.1.4" in weights_source({"vgg": vgg, "heads": {"known": None}})
+    other = {**vgg, "sha256": "0" * 64, "known": None}
+    assert weights_source({"vgg": other, "heads": heads}).endswith(
+        "0000..., which is not torchvision's vgg16-397923af.pth: comparable with no published LPIPS"
+    )
+    # torch's own rule: the name of a published file ends in the first eight digits of its hash.
+    assert f"vgg16-{VGG_SHA256[:8]}.pth" == VGG_FILE
 
 
 def write_safetensors(path: Path, tensors: dict[str, Any]) -> None:

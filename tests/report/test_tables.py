@@ -10,6 +10,7 @@ import pytest
 from msb.bench.aggregate import SCENES
 from msb.bench.records import Cell as Place
 from msb.bench.records import Reason, RendererInfo, Result
+from msb.metrics.vgg import weights_source
 from msb.report import tables
 from msb.report.collect import NOT_RUN, REFERENCE, collect
 from msb.report.layout import mark_best
@@ -56,7 +57,8 @@ def test_native_summary_bolds_the_best_of_a_dataset(numbers: Numbers) -> None:
             if (ours.labels[0], place) != ("DTU", lpips):
                 assert (a.text, a.bold) == (b.text, b.bold)
             else:
-                assert (a.text, a.reason) == ("--", "LPIPS: no VGG weights (--vgg-weights FILE)")
+                reason = f"LPIPS: no VGG weights (--vgg-weights FILE); {weights_source(None)}"
+                assert (a.text, a.reason) == ("--", reason)
 
 
 def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
@@ -222,6 +224,19 @@ def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
     assert not any(
         "CPU" in note for note in tables.memory(collect(read_results(tmp_path)), "tanksandtemples").notes
     )
+
+
+def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
+    made = make_result("tanksandtemples", "train", "two_dts", "non_engine")
+    assert made.quality is not None
+    weights = {
+        "vgg": {"file": "v.npz", "sha256": "ab" * 32, "known": None},
+        "heads": {"known": "lpips 0.1.4"},
+    }
+    used = (*made.quality.metrics, {"name": "lpips_vgg", "weights": weights})
+    write(tmp_path, made.model_copy(update={"quality": made.quality.model_copy(update={"metrics": used})}))
+    table = tables.native_summary(collect(read_results(tmp_path)))
+    assert f"LPIPS: {weights_source(weights)}" in table.notes
 
 
 def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:
