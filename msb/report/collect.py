@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from msb.report.results import ResultSet
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-_IMAGES = (*QUALITY, *_RATES, "memory", "asset_size")
+_IMAGES = (*QUALITY, *_RATES, "memory", "driver_memory", "asset_size")
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
 """Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
 _AUDIT = tuple(METRICS)[list(METRICS).index("vf_ratio") :]
 _PARTS = {
     **dict.fromkeys(QUALITY, "quality"),
-    **dict.fromkeys((*_RATES, "memory"), "timing"),
+    **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(("train_memory", "train_seconds"), "training"),
     "chamfer": "chamfer",
 }
@@ -197,6 +197,8 @@ def _why_missing(metric: str, result: Result) -> str:
     weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
     if weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
+    if metric == "driver_memory" and result.memory is not None and result.memory.driver_reason:
+        return f"by the driver: {result.memory.driver_reason}"
     if metric == "chamfer" and result.cell.dataset != "dtu":
         return "the Chamfer distance needs a reference scan, which only DTU has"
     return {
