@@ -145,7 +145,7 @@ def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
 
 @needs_torch
 def test_lpips(msb: Msb, vgg_file: Path) -> None:
-    result = msb("eval", "--vgg-weights", vgg_file, "--json", "-", PRED, GT)
+    result = msb("eval", "--vgg-weights", vgg_file, "--json", "-", PRED, GT, OMP_NUM_THREADS="1")
     assert result.status == 0
     assert result.err.startswith(f"METRIC_VGG_UNKNOWN: {vgg_file}: its sha256")
     data = result.json
@@ -154,7 +154,7 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     assert data["mean"]["lpips"] == pytest.approx(sum(row["lpips"] for row in data["images"]) / 3)
     assert data["warnings"] == [result.err.strip()]
     assert data["metrics"][2]["weights"]["vgg"]["sha256"]
-    said = msb("eval", "--vgg-weights", vgg_file, PRED, GT).out.splitlines()[-1]
+    said = msb("eval", "--vgg-weights", vgg_file, PRED, GT, OMP_NUM_THREADS="1").out.splitlines()[-1]
     assert said == f"LPIPS: {weights_source(data['metrics'][2]['weights'])}"
     assert "which is not torchvision's" in said
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
