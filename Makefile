@@ -52,8 +52,10 @@ demo: $(FOR_DEMO)
 test: $(FOR_TEST)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-# The rest: what takes minutes and rarely breaks, then the kernels on every other OpenCL platform that is installed.
+# The rest: what takes minutes and rarely breaks, LPIPS with torch among it, which is kept in the user's cache folder; then
+# the kernels on every other OpenCL platform that is installed.
 test-all: $(FOR_TEST)
+	$(BIN)/python -m tests.lpips_extra
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow
 	$(BIN)/python -m tests.machines
 

@@ -71,6 +71,7 @@ METRICS: dict[str, Metric] = {
     "host_ms": Metric("lower", _of_timing(lambda timing: 1000 / timing.fps - timing.p50_ms)),
     "unsteady": Metric("lower", _of_timing(_unsteadiness)),
     "memory": Metric("lower", _memory),
+    "driver_memory": Metric("lower", lambda result: getattr(result.memory, "driver_bytes", None)),
     "asset_size": Metric("lower", lambda result: None if result.asset is None else result.asset.bytes),
     "train_seconds": Metric("lower", _training("seconds")),
     "train_memory": Metric("lower", _training("peak_memory_bytes")),

@@ -33,7 +33,7 @@ PAIRS: dict[GapName, tuple[str, str]] = {
 }
 """Gap -> the condition it starts from, and the condition it leads to."""
 
-_OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory"})
+_OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 
 
 @dataclass(frozen=True)

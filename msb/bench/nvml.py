@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, Literal
+import os
+from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.records import Count, Record
 from msb.extras import install
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 class Gpu(Record):
@@ -82,9 +86,19 @@ class Gpus:
                 )
         return tuple(found)
 
-    def _held(self, handle: Any, pids: set[int]) -> int:
-        import psutil
+    def of_process(self, pid: int) -> tuple[int | None, str | None]:
+        """Return the bytes that the process `pid` holds now on all GPUs, or the reason if nobody knows."""
+        held: list[int] = []
+        for handle in self._handles if self._reason is None else ():
+            with contextlib.suppress(self._nvml.NVMLError):
+                listed = self._listed(handle)
+                held += [listed[pid]] if pid in listed else []
+        # It is the buffers' neighbour in a table: what the whole device holds is no figure of this process.
+        unlisted = "NVML names no memory of this process: it uses no NVIDIA GPU, or it is in a container"
+        return (sum(held), None) if held else (None, self._reason or unlisted)
 
+    def _listed(self, handle: Any) -> dict[int, int]:
+        """Return process -> bytes of those whose memory NVML tells."""
         held: dict[int, int] = {}
         for listed in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),
@@ -93,9 +107,28 @@ class Gpus:
             for process in listed:
                 if process.usedGpuMemory is not None:
                     held[process.pid] = max(held.get(process.pid, 0), process.usedGpuMemory)
+        return held
+
+    def _held(self, handle: Any, pids: set[int]) -> int:
+        import psutil
+
+        held = self._listed(handle)
         # In a container NVML lists none, or the host's numbers: then it can tell no process from another.
         self._tells = self._tells or any(pid in pids or psutil.pid_exists(pid) for pid in held)
         return sum(size for pid, size in held.items() if pid in pids)
+
+
+def driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
+    """Return the bytes that this process holds on NVIDIA's GPUs, or why nobody knows.
+
+    Parameters
+    ----------
+    device : mapping
+        "device" of a machine's record: what draws.
+    """
+    if device.get("kind") != "gpu":
+        return None, "what draws is no GPU"
+    return Gpus().of_process(os.getpid())
 
 
 def _text(value: str | bytes) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 from msb.bench.machine import machine
 from msb.bench.memory import grouped
+from msb.bench.nvml import driver_memory
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.bench.records import Timing, Training
@@ -44,6 +45,7 @@ def measure_timing(job: Job) -> dict[str, Any]:
     with open_renderer(job) as renderer:
         found = profile(renderer, scene.test, scene.background, frames=job.frames, seconds=job.seconds)
         about = machine(job.device, engine=renderer.device_info)
+        memory = grouped(found.memory, found.memory_groups, driver_memory(about["device"]))
     kind = about["device"]["kind"]
     timing = Timing(
         frames=found.frames,
@@ -60,7 +62,7 @@ def measure_timing(job: Job) -> dict[str, Any]:
         stages_ms=dict(found.stages),
         device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
     )
-    return {"timing": timing, "memory": grouped(found.memory, found.memory_groups), "device": about}
+    return {"timing": timing, "memory": memory, "device": about}
 
 
 def measure_audit(job: Job) -> dict[str, Any]:

@@ -233,6 +233,9 @@ class Memory(Record):
     """Colour and depth."""
     uses: dict[str, Count]
     """The same bytes by the renderer's own names of uses."""
+    driver_bytes: Count | None = None
+    """All that the process held on NVIDIA's GPUs then, by NVML; `driver_reason` says why if it is None."""
+    driver_reason: str | None = None
 
     @property
     def total(self) -> int:

@@ -90,6 +90,7 @@ def bench(
     """
     from msb.asset.settings import parse_overrides
     from msb.bench.machine import machine
+    from msb.bench.nvml import driver_memory
     from msb.bench.profile import profile
     from msb.cli.camera_options import around, choose_cameras, chosen_modes, parse_background
     from msb.cli.inputs import open_asset
@@ -119,7 +120,8 @@ def bench(
                 renderer, views, color, frames=frames, seconds=seconds, warm_up=warm_up,
                 budget=math.inf if budget is None else budget, step=step,
             )  # fmt: skip
-        name, engine = renderer.name, renderer.device_info
+        name, about = renderer.name, machine(device, engine=renderer.device_info)
+        driver, reason = driver_memory(about["device"])
     record: dict[str, Any] = {
         "schema": SCHEMA,
         "path": str(path),
@@ -130,8 +132,10 @@ def bench(
         **modes,
         "views": len(views),
         "sizes": sorted({f"{view.width}x{view.height}" for view in views}),
-        "machine": machine(device, engine=engine),
+        "machine": about,
         **found.to_dict(),
+        "driver_memory_bytes": driver,
+        "driver_memory_reason": reason,
     }
     output.write_json(record)
     if output.prints_text:
@@ -222,7 +226,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
         f"{escape(record['renderer'])} on {escape(about['platform'])}: {escape(about['name'])}",
         soft_wrap=True,
     )
-    rows = list(_rows(found, record["views"], everything=output.verbose > 0))
+    rows = list(_rows(found, record["views"], record["driver_memory_bytes"], output.verbose > 0))
     if output.quiet:
         rows = rows[:3]
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
@@ -236,7 +240,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
     console.print(table)
 
 
-def _rows(found: Profile, views: int, *, everything: bool) -> Any:
+def _rows(found: Profile, views: int, driver: int | None, everything: bool) -> Any:
     """Yield label, unit, value, and how to find the value in an older record."""
     yield "frames per second", "", found.fps, lambda old: old["fps"]
     yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
@@ -250,6 +254,13 @@ def _rows(found: Profile, views: int, *, everything: bool) -> Any:
     uses = sorted(found.memory.items(), key=lambda item: -item[1])
     for use, size in uses if everything else [item for item in uses if item[1] >= total / 100]:
         yield f"  {use}", "MiB", size / 2**20, lambda old, use=use: old["memory_bytes"].get(use, 0) / 2**20
+    if driver is not None:
+        yield "process, by the driver", "MiB", driver / 2**20, lambda old: _bytes(old) / 2**20
+
+
+def _bytes(old: dict[str, Any]) -> int:
+    was = old.get("driver_memory_bytes")
+    return was if type(was) is int else 0
 
 
 def _number(value: float, unit: str) -> str:

@@ -151,6 +151,8 @@ class _Task:
         """Print the table; with --quiet its last line alone."""
         from rich.markup import escape
 
+        from msb.metrics.vgg import weights_source
+
         titles = [metric.title for metric in self.metrics.values()]
         table = plain_table("Image", "Size", *titles, right=tuple(range(1, 2 + len(titles))))
         if not self.output.quiet:
@@ -171,9 +173,10 @@ class _Task:
                 f"{data['psnr_inf_count']} equal to the ground truth: inf counts {PSNR_CAP:g} dB in the mean"
             )
             console.print(text)
-        if self.reason:
-            without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
-            console.print(f"{without} --: {self.reason}")
+        without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
+        said = f"{without} --: {self.reason}; " if self.reason else f"{without}: "
+        used = next((one.weights for one in self.measures.identities if one.name == "lpips_vgg"), None)
+        console.print(escape(f"{said}{weights_source(used)}"), soft_wrap=True)
 
     def _cells(self, row: dict[str, Any]) -> list[str]:
         return [

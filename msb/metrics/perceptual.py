@@ -114,7 +114,7 @@ class LpipsVgg:
 
     def __init__(self, vgg_weights: str | os.PathLike[str]) -> None:
         check_extra()
-        import torch  # type: ignore[import-not-found,unused-ignore]
+        import torch
 
         tensors, record = read_vgg(Path(vgg_weights))
         heads, heads_sha256 = read_heads()
@@ -148,8 +148,8 @@ class LpipsVgg:
         MetricError
             METRIC_IMAGE_TOO_SMALL, and those of `psnr`.
         """
-        import torch  # type: ignore[import-not-found,unused-ignore]
-        from torch.nn import functional  # type: ignore[import-not-found,unused-ignore]
+        import torch
+        from torch.nn import functional
 
         a, b = image_pair(pred, gt, quantize=quantize)
         if min(a.shape[:2]) < MIN_SIDE:

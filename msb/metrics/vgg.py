@@ -18,6 +18,7 @@ from msb.files import file_sha256, library_reason, regular_file
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -39,10 +40,9 @@ LAYERS = (
 """(N, in, out): the number and the channels of each 3 x 3 convolution features.N of torchvision's VGG16."""
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 """Convolution whose rectified output is compared -> its channels: relu1_2, 2_2, 3_3, 4_3, 5_3."""
-KNOWN = {
-    "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0": "torchvision vgg16-397923af.pth",
-}
-"""SHA-256 of a whole file -> the name of its weights."""
+VGG_FILE = "vgg16-397923af.pth"
+VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
+"""The published weights, torchvision's, and the SHA-256 of their file, with which its name agrees."""
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
 """The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4."""
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
@@ -54,6 +54,25 @@ _MAX_HEAD = 1 << 10
 
 Weights = dict[str, Any]
 """Key (features.N.weight or .bias) -> float32 array."""
+
+
+def weights_source(weights: Mapping[str, Any] | None) -> str:
+    """Return in a line where the weights come from, and whether they are the published ones.
+
+    Parameters
+    ----------
+    weights : mapping, optional
+        `LpipsVgg.weights`, as records hold it; without it the line says which file to get.
+    """
+    if weights is None:
+        return f"it takes {VGG_FILE} of download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
+    vgg, heads = weights["vgg"], weights["heads"]
+    found = f"VGG16 is {vgg['file']}, SHA-256 {vgg['sha256'][:16]}..."
+    if vgg["known"] is None:
+        return f"{found}, which is not torchvision's {VGG_FILE}: comparable with no published LPIPS"
+    if heads["known"] is None:
+        return f"{found}, torchvision's; linear layers are not those of lpips 0.1.4"
+    return f"{found}, torchvision's; linear layers are of {heads['known']}"
 
 
 def check_extra() -> None:
@@ -111,7 +130,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
         "file": place.name,
         "sha256": sha256,
         "tensors_sha256": digest.hexdigest(),
-        "known": KNOWN.get(sha256),
+        "known": f"torchvision {VGG_FILE}" if sha256 == VGG_SHA256 else None,
     }
     return weights, record
 
@@ -129,7 +148,7 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         METRIC_LPIPS_HEADS.
     """
     check_extra()
-    import torch  # type: ignore[import-not-found,unused-ignore]
+    import torch
 
     spec = importlib.util.find_spec("lpips")
     assert spec is not None
@@ -163,7 +182,7 @@ def _tensor(path: Path, found: Weights, key: str, shape: tuple[int, ...]) -> NDA
 
 
 def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
-    import torch  # type: ignore[import-not-found,unused-ignore]
+    import torch
 
     found = torch.load(path, map_location="cpu", weights_only=True)
     if not isinstance(found, dict):

@@ -12,6 +12,7 @@ from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import ONE_VIEW, interval, view_values
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
+from msb.metrics.vgg import weights_source
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -36,13 +37,13 @@ if TYPE_CHECKING:
     from msb.report.results import ResultSet
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-_IMAGES = (*QUALITY, *_RATES, "memory", "asset_size")
+_IMAGES = (*QUALITY, *_RATES, "memory", "driver_memory", "asset_size")
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
 """Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
 _AUDIT = tuple(METRICS)[list(METRICS).index("vf_ratio") :]
 _PARTS = {
     **dict.fromkeys(QUALITY, "quality"),
-    **dict.fromkeys((*_RATES, "memory"), "timing"),
+    **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(("train_memory", "train_seconds"), "training"),
     "chamfer": "chamfer",
 }
@@ -195,7 +196,9 @@ def _why_missing(metric: str, result: Result) -> str:
             return result.reasons[name].message
     weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
     if weights and result.quality is not None and result.quality.lpips_reason:
-        return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}"
+        return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
+    if metric == "driver_memory" and result.memory is not None and result.memory.driver_reason:
+        return f"by the driver: {result.memory.driver_reason}"
     if metric == "chamfer" and result.cell.dataset != "dtu":
         return "the Chamfer distance needs a reference scan, which only DTU has"
     return {
@@ -214,6 +217,9 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
             yield RESIZED
         if metric == "lpips":
             yield LPIPS
+            for one in () if result.quality is None else result.quality.metrics:
+                if one["name"] == "lpips_vgg" and one.get("weights"):
+                    yield weights_source(one["weights"])
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"
     elif metric in _AUDIT and result.audit is not None and result.audit.get("is_soup"):

@@ -37,6 +37,7 @@ SHOWN: dict[str, Shown] = {
     "host_ms": Shown("Host", "ms", 1),
     "unsteady": Shown("Rounds apart (%)", "%", 0, 0.01),
     "memory": Shown("Memory", "MiB", 0, _MIB),
+    "driver_memory": Shown("By the driver", "MiB", 0, _MIB),
     "asset_size": Shown("Asset", "MiB", 0, _MIB),
     "train_memory": Shown("Peak mem. (MiB)", "MiB", 0, _MIB),
     "train_seconds": Shown("Train time (min)", "min", 1, 60.0),

@@ -106,7 +106,7 @@ def test_every_metric_is_found_in_a_record() -> None:
     full = result(
         timing=timing(50),
         asset=asset(size=7),
-        memory=Memory(geometry=1, appearance=2, scratch=3, targets=4, uses={}),
+        memory=Memory(geometry=1, appearance=2, scratch=3, targets=4, uses={}, driver_bytes=9),
         training=Training(seconds=60.0, peak_memory_bytes=5, source="x"),
         chamfer={"overall": 0.8},
         audit=audit,

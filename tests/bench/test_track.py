@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from msb.bench.nvml import Gpus
+from msb.bench.nvml import Gpus, driver_memory
 from msb.bench.track import read_track, track
 from msb.errors import MsbError
 from tests.conftest import ROOT
@@ -126,6 +126,22 @@ def test_gpu_memory_is_of_processes_or_else_of_the_device(
     assert gpus.result() == wanted
     (only,) = gpus.devices()
     assert (only.name, only.uuid, only.peak_bytes) == ("A GPU", "GPU-1", wanted[0])
+
+
+@pytest.mark.parametrize(
+    ("held", "wanted"),
+    [({ME: 300, 1: 50}, 300), ({1: 50}, None), ({}, None), ({ME: None}, None)],
+)
+def test_the_driver_is_asked_for_this_process_alone(
+    monkeypatch: pytest.MonkeyPatch, held: dict[int, int | None], wanted: int | None
+) -> None:
+    monkeypatch.setitem(sys.modules, "pynvml", Nvml(held, 700))
+    found = driver_memory({"kind": "gpu", "name": "A GPU"})
+    assert found[0] == wanted
+    assert (found[1] is None) == (wanted is not None)
+    assert driver_memory({"kind": "cpu"}) == (None, "what draws is no GPU")
+    monkeypatch.setitem(sys.modules, "pynvml", None)
+    assert "extra gpu" in str(driver_memory({"kind": "gpu"})[1])
 
 
 def test_without_library_or_gpu_there_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pytest
@@ -12,10 +13,19 @@ from tests.conftest import ROOT
 from tests.metrics.synthetic_vgg import synthetic_vgg
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+Test = TypeVar("Test", bound="Callable[..., None]")
 GOLDEN = ROOT / "tests" / "golden" / "metrics"
 DTU = GOLDEN / "dtu_synthetic"
+
+
+def needs_torch(test: Test) -> Test:
+    """Mark a test that imports torch: seconds, and gigabytes that only `make test-all` installs."""
+    absent = not (find_spec("torch") and find_spec("lpips"))
+    marked = pytest.mark.skipif(absent, reason="extra lpips (torch, lpips) is not installed")(test)
+    return pytest.mark.slow(pytest.mark.oracle(marked))
 
 
 def golden(name: str) -> Any:

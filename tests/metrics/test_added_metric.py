@@ -91,10 +91,9 @@ def test_records_gaps_and_tables_hold_an_added_metric(package: Path, tmp_path: P
     assert ">MAE" in (tmp_path / "report" / "verdict-nerf_synthetic-pebble-two_dts.html").read_text()
 
 
-@pytest.mark.parametrize("key", IMAGE_METRICS)
+@pytest.mark.parametrize("key", [key for key, metric in IMAGE_METRICS.items() if metric.measure])
 def test_a_metric_gives_equal_images_the_value_it_declares(key: str) -> None:
     metric = IMAGE_METRICS[key]
-    if metric.measure is None:
-        pytest.skip("it needs weights; tests/metrics/test_lpips.py has some")
+    assert metric.measure is not None
     image = np.random.default_rng(0).random((20, 30, 3))
     assert metric.measure(*image_pair(image, image)) == metric.equal

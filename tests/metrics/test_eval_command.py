@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from msb.metrics.vgg import weights_source
 from tests.cli.conftest import msb
-from tests.metrics.conftest import GOLDEN, golden
-from tests.metrics.test_lpips import HAS_EXTRA, needs_extra
+from tests.metrics.conftest import GOLDEN, golden, needs_torch
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,10 @@ def test_table(msb: Msb) -> None:
         ["r_2", "53x37", "inf", "1.000", "--"],
         ["mean", "of", "3", "images", "53.42", "0.939", "--"],
     ]
-    assert "LPIPS --: no VGG weights" in result.out
+    assert result.out.splitlines()[-1] == (
+        "LPIPS --: no VGG weights (--vgg-weights FILE); it takes vgg16-397923af.pth of "
+        "download.pytorch.org/models, SHA-256 397923af8e79cdbb..."
+    )
     quiet = msb("eval", "-q", PRED, GT).out.splitlines()
     assert [line.split() for line in quiet] == [lines[0], lines[4]]
 
@@ -140,19 +143,9 @@ def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
         assert result.err.startswith("FILE_NOT_FOUND: ")
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
-def test_without_the_extra_lpips_is_a_usage_error(msb: Msb, vgg_file: Path) -> None:
-    result = msb("eval", "--vgg-weights", vgg_file, PRED, GT)
-    assert result.status == 2
-    assert result.err.startswith("EXTRA_MISSING: ")
-    assert len(result.err.splitlines()) == 1
-
-
-@pytest.mark.oracle
-@needs_extra
+@needs_torch
 def test_lpips(msb: Msb, vgg_file: Path) -> None:
-    result = msb("eval", "--vgg-weights", vgg_file, "--json", "-", PRED, GT)
+    result = msb("eval", "--vgg-weights", vgg_file, "--json", "-", PRED, GT, OMP_NUM_THREADS="1")
     assert result.status == 0
     assert result.err.startswith(f"METRIC_VGG_UNKNOWN: {vgg_file}: its sha256")
     data = result.json
@@ -161,6 +154,9 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     assert data["mean"]["lpips"] == pytest.approx(sum(row["lpips"] for row in data["images"]) / 3)
     assert data["warnings"] == [result.err.strip()]
     assert data["metrics"][2]["weights"]["vgg"]["sha256"]
+    said = msb("eval", "--vgg-weights", vgg_file, PRED, GT, OMP_NUM_THREADS="1").out.splitlines()[-1]
+    assert said == f"LPIPS: {weights_source(data['metrics'][2]['weights'])}"
+    assert "which is not torchvision's" in said
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
     assert bad.status == 3
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")

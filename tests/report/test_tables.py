@@ -10,14 +10,18 @@ import pytest
 from msb.bench.aggregate import SCENES
 from msb.bench.records import Cell as Place
 from msb.bench.records import Reason, RendererInfo, Result
+from msb.metrics.vgg import weights_source
 from msb.report import tables
 from msb.report.collect import NOT_RUN, REFERENCE, collect
 from msb.report.layout import mark_best
 from msb.report.metric_format import text
 from msb.report.numbers import MEAN, GapKey, Key, Number, Numbers
 from msb.report.paper import paper_numbers
+from msb.report.results import Place as ResultPlace
 from msb.report.results import read_results
 from msb.report.table import Cell, Column, Row, Table
+from msb.report.tables.asset import asset_tables
+from msb.report.tables.runtime import DRIVER_NOTE
 from tests.report.factory import make_result, quality, write, write_results
 
 if TYPE_CHECKING:
@@ -56,7 +60,8 @@ def test_native_summary_bolds_the_best_of_a_dataset(numbers: Numbers) -> None:
             if (ours.labels[0], place) != ("DTU", lpips):
                 assert (a.text, a.bold) == (b.text, b.bold)
             else:
-                assert (a.text, a.reason) == ("--", "LPIPS: no VGG weights (--vgg-weights FILE)")
+                reason = f"LPIPS: no VGG weights (--vgg-weights FILE); {weights_source(None)}"
+                assert (a.text, a.reason) == ("--", reason)
 
 
 def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
@@ -222,6 +227,41 @@ def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
     assert not any(
         "CPU" in note for note in tables.memory(collect(read_results(tmp_path)), "tanksandtemples").notes
     )
+
+
+def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
+    made = make_result("tanksandtemples", "train", "two_dts", "non_engine")
+    assert made.quality is not None
+    weights = {
+        "vgg": {"file": "v.npz", "sha256": "ab" * 32, "known": None},
+        "heads": {"known": "lpips 0.1.4"},
+    }
+    used = (*made.quality.metrics, {"name": "lpips_vgg", "weights": weights})
+    write(tmp_path, made.model_copy(update={"quality": made.quality.model_copy(update={"metrics": used})}))
+    table = tables.native_summary(collect(read_results(tmp_path)))
+    assert f"LPIPS: {weights_source(weights)}" in table.notes
+
+
+@pytest.mark.parametrize("told", [5 << 30, None])
+def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
+    tmp_path: Path, told: int | None
+) -> None:
+    driver = {"driver_bytes": told, "driver_reason": None if told else "what draws is no GPU"}
+    made = make_result("tanksandtemples", "train", "two_dts", "dedicated")
+    assert made.memory is not None
+    made = made.model_copy(update={"memory": made.memory.model_copy(update=driver)})
+    write(tmp_path, made)
+    numbers = collect(read_results(tmp_path))
+    per_scene = tables.memory(numbers, "tanksandtemples")
+    of_asset = asset_tables(ResultPlace("tanksandtemples", "train", "two_dts"), {"dedicated": made}, numbers)[
+        "memory"
+    ]
+    assert (per_scene.rows[0].cells[-1].text == "5120") is bool(told)
+    assert (of_asset.rows[0].cells[-1].text == "5120") is bool(told)
+    assert (DRIVER_NOTE in per_scene.notes, DRIVER_NOTE in of_asset.notes) == (bool(told),) * 2
+    if told is None:
+        key = Key("tanksandtemples", "train", "two_dts", "dedicated", "driver_memory")
+        assert numbers.number(key).reason == "by the driver: what draws is no GPU"
 
 
 def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:

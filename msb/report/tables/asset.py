@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, Line, make_table
-from msb.report.metric_format import printed_value, text, title, title_with_unit
+from msb.report.metric_format import SHOWN, printed_value, text, title, title_with_unit
 from msb.report.numbers import QUALITY, Key, condition_title, method_title
 from msb.report.paper import methods_in, paper_row
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.tables.gaps import scene_gaps_table
+from msb.report.tables.runtime import DRIVER_NOTE
 from msb.report.tables.structure import CONNECTIVITY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from msb.bench.records import Result
+    from msb.bench.records import Memory, Result
     from msb.report.numbers import Numbers
     from msb.report.results import Place
 
@@ -50,16 +51,23 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
         found["gaps"] = scene_gaps_table(numbers, place)
     held = {condition: record.memory for condition, record in records.items() if record.memory is not None}
     if held:
+        told = any(memory.driver_bytes is not None for memory in held.values())
         rows = tuple(
             Row(
                 (condition_title(condition),),
-                tuple(_bytes(getattr(memory, name)) for name in (*_BYTES, "total")),
+                tuple(_bytes(getattr(memory, name)) for name in (*_BYTES, "total"))
+                + ((_by_the_driver(memory),) if told else ()),
             )
             for condition, memory in held.items()
         )
-        heads = tuple(Column(name.capitalize()) for name in (*_BYTES, "total"))
+        names = (*map(str.capitalize, (*_BYTES, "total")), *((SHOWN["driver_memory"].title,) if told else ()))
         found["memory"] = Table(
-            "memory", "Device memory by what it is for, MiB.", ("Condition",), heads, rows
+            "memory",
+            "Device memory by what it is for, MiB.",
+            ("Condition",),
+            tuple(map(Column, names)),
+            rows,
+            (DRIVER_NOTE,) if told else (),
         )
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     if audit is not None:
@@ -125,6 +133,12 @@ def _metric(metric: str, value: float | None) -> Cell:
     if value is None:
         return Cell(NOT_THERE, reason="nothing to divide by")
     return Cell(text(metric, value), printed_value(metric, value), metric)
+
+
+def _by_the_driver(found: Memory) -> Cell:
+    if found.driver_bytes is None:
+        return Cell(NOT_THERE, reason=found.driver_reason or "not measured")
+    return _bytes(found.driver_bytes)
 
 
 def _bytes(count: int) -> Cell:

@@ -23,6 +23,10 @@ MEMORY_NOTE = (
     "bytes of all buffers and images held after every test view was drawn, each as large as the most "
     "demanding view needs; without the driver's own"
 )
+DRIVER_NOTE = (
+    "By the driver: all that the process held on NVIDIA's GPUs then, as NVML tells it, with what the driver "
+    "itself takes and what earlier cells of the same process left"
+)
 PARTS_NOTES = (
     "Busy P50: the sum of the times of a frame's commands; P50 less it is time between commands",
     "Host: 1000 / FPS - P50, the part of a frame's wall-clock time outside of the device's work on it",
@@ -93,23 +97,36 @@ def memory(
 ) -> Table:
     """Return device memory per scene of every deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
+    told = [
+        pair
+        for pair in pairs
+        if numbers.value(Key(dataset, MEAN, pair[1], pair[0], "driver_memory")) is not None
+    ]
+    columns = [
+        (condition, method, metric)
+        for condition, method in pairs
+        for metric in (("memory", "driver_memory") if (condition, method) in told else ("memory",))
+    ]
     return make_table(
         Layout(
             label or f"memory-{slug(dataset)}",
             f"{dataset_title(dataset)}: device memory per scene, MiB; lower is better.",
             ("Scene",),
             tuple(
-                Column(method_title(method), (f"{condition_title(condition)} (MiB ↓)",))
-                for condition, method in pairs
+                Column(
+                    method_title(method) + (", by the driver" if metric == "driver_memory" else ""),
+                    (f"{condition_title(condition)} (MiB ↓)",),
+                )
+                for condition, method, metric in columns
             ),
             scene_lines(
                 numbers,
                 dataset,
                 lambda scene: [
-                    Key(dataset, scene, method, condition, "memory") for condition, method in pairs
+                    Key(dataset, scene, method, condition, metric) for condition, method, metric in columns
                 ],
             ),
-            definitions=(MEMORY_NOTE,),
+            definitions=(MEMORY_NOTE, DRIVER_NOTE) if told else (MEMORY_NOTE,),
             notes=omitted,
         ),
         numbers,

@@ -1,0 +1,79 @@
+"""Install the extra lpips for `make test-all`, once for all checkouts: `python -m tests.lpips_extra`.
+
+With torch, as pip resolves it, come gigabytes of CUDA's libraries on Linux. So the packages are kept in the
+user's cache folder; a .pth file puts them behind the environment's own. `make test` never needs them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import tomllib
+from importlib.util import find_spec
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+SECONDS = 1800
+
+
+def main() -> None:
+    """Make torch and lpips importable, and say in a line what they weigh or why they are not there."""
+    if find_spec("torch") and find_spec("lpips"):
+        return
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    wanted = project["project"]["optional-dependencies"]["lpips"]
+    folder = kept_in(wanted)
+    if not folder.is_dir():
+        print("installing the extra lpips, for tests: gigabytes where torch brings CUDA along", flush=True)
+        if reason := install(wanted, folder):
+            text = "the extra lpips cannot be installed here: its tests will be skipped"
+            print(f"{text} ({reason})", file=sys.stderr)
+            return
+    link = Path(sysconfig.get_path("purelib")) / "meshsplatbench_lpips.pth"
+    link.write_text(f"{folder}\n", encoding="utf-8")
+    print(f"the extra lpips, for tests: {weight(folder) / 1e9:.1f} GB, kept in {folder}")
+
+
+def kept_in(wanted: list[str]) -> Path:
+    """Return the folder for these requirements, this Python and this platform."""
+    text = "\n".join([*wanted, sys.implementation.cache_tag or "", sysconfig.get_platform()])
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "meshsplatbench" / f"lpips-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def install(wanted: list[str], folder: Path) -> str | None:
+    """Have pip install into `folder`, whole or not at all; return the reason if it cannot."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="lpips-", dir=folder.parent) as made:
+            target = Path(made) / "packages"
+            pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+            done = subprocess.run(
+                [*pip, "--target", str(target), *wanted],
+                # Beside the target: /tmp may be small, and from there everything would be copied.
+                env={**os.environ, "TMPDIR": made},
+                capture_output=True, text=True, errors="replace", timeout=SECONDS, check=False,
+            )  # fmt: skip
+            if done.returncode:
+                said = [line for line in done.stderr.splitlines() if line.startswith("ERROR:")]
+                return said[-1] if said else f"pip ended with {done.returncode}"
+            target.rename(folder)
+    except subprocess.TimeoutExpired:
+        return f"pip took longer than {SECONDS // 60} minutes"
+    except OSError as error:
+        # Another make may have been first.
+        return None if folder.is_dir() else str(error)
+    return None
+
+
+def weight(folder: Path) -> int:
+    """Return the bytes of all files below `folder`."""
+    return sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
+
+
+if __name__ == "__main__":
+    main()
