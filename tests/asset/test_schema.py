@@ -127,12 +127,12 @@ def test_we_judge_mutated_manifests_as_jsonschema_does(make: Any) -> None:
     validator = jsonschema.Draft202012Validator(SCHEMA)
     rng = random.Random(make.__name__)
     verdicts = []
-    for _ in range(1500):
+    for _ in range(400):
         manifest = mutate(good, rng)
         verdicts.append(is_valid(manifest))
         assert verdicts[-1] == validator.is_valid(manifest), manifest
     assert is_valid(good)
-    assert 100 < sum(verdicts) < 1400
+    assert 25 < sum(verdicts) < 375
 
 
 @pytest.mark.parametrize("value", [4.0, -0.0, 1e3])

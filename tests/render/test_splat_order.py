@@ -152,9 +152,7 @@ def test_equal_depths_are_sorted_by_number(
 @pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("flat", [False, True])
-@pytest.mark.parametrize(
-    "options", [{}, {"order": "global"}, {"order": "none"}, {"sampling": "engine"}], ids=str
-)
+@pytest.mark.parametrize("options", [{}, {"order": "global"}, {"order": "none"}], ids=str)
 def test_the_order_on_the_device_does_not_show(
     method: str, flat: bool, options: dict[str, Any], device: Device
 ) -> None:

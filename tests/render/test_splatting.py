@@ -84,45 +84,26 @@ def draw(
 @pytest.mark.slow
 @variants
 @pytest.mark.parametrize("seed", range(3))
-def test_equals_the_reference(method: str, settings: dict[str, Any], seed: int, cpu: Device) -> None:
+def test_equals_the_reference(
+    method: str, settings: dict[str, Any], seed: int, cpu: Device, gpu: Device
+) -> None:
     asset = model(method, seed)
     camera = (front_camera(75, 53), front_camera(64, 48, cx=20.5, cy=31.25), front_camera(33, 50))[seed]
-    frame = draw(asset, cpu, camera, settings, outputs="all")
     wanted = render_reference(asset, camera, (0.2, 0.7, 0.4), settings)
-    np.testing.assert_array_equal(frame.visible, wanted.visible)
-    for name in ("image", "alpha", "depth", "normal", "depth_median"):
-        found, right = getattr(frame, name), getattr(wanted, name)
-        if name in ("normal", "depth_median") and right is None:
-            assert found is None
-            continue
-        scale = max(1.0, float(np.abs(right).max()))
-        off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
-        assert (off > 1e-4).mean() <= 2e-3, name
-    if wanted.face_id is not None:
-        assert frame.face_id is not None
-        assert (frame.face_id != wanted.face_id).mean() <= 2e-3
-
-
-@pytest.mark.slow
-@variants
-def test_both_styles_agree(method: str, settings: dict[str, Any], cpu: Device, gpu: Device) -> None:
-    asset, camera = model(method, 7), front_camera(71, 45)
-    first, second = (draw(asset, device, camera, settings, outputs="all") for device in (cpu, gpu))
-    np.testing.assert_array_equal(first.visible, second.visible)
-    for name in ("image", "alpha", "depth", "normal"):
-        found, right = getattr(first, name), getattr(second, name)
-        assert (np.abs(found - right) > 1e-4 * max(1, np.abs(right).max())).mean() <= 1e-3, name
-
-
-@pytest.mark.slow
-@methods
-def test_same_device_same_bytes(method: str, cpu: Device, gpu: Device) -> None:
-    asset, camera = model(method, 3), front_camera(71, 45)
     for device in (cpu, gpu):
-        frames = [draw(asset, device, camera, outputs="all") for _ in range(3)]
-        for other in frames[1:]:
-            for name in ("image", "alpha", "depth", "normal"):
-                np.testing.assert_array_equal(getattr(other, name), getattr(frames[0], name))
+        frame = draw(asset, device, camera, settings, outputs="all")
+        np.testing.assert_array_equal(frame.visible, wanted.visible)
+        for name in ("image", "alpha", "depth", "normal", "depth_median"):
+            found, right = getattr(frame, name), getattr(wanted, name)
+            if name in ("normal", "depth_median") and right is None:
+                assert found is None
+                continue
+            scale = max(1.0, float(np.abs(right).max()))
+            off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
+            assert (off > 1e-4).mean() <= 2e-3, name
+        if wanted.face_id is not None:
+            assert frame.face_id is not None
+            assert (frame.face_id != wanted.face_id).mean() <= 2e-3
 
 
 @pytest.mark.slow
@@ -234,18 +215,17 @@ def test_ties_keep_the_order_of_the_asset(method: str, cpu: Device, gpu: Device)
 
 
 @pytest.mark.slow
-def test_an_8k_image_is_drawn_in_bands(cpu: Device) -> None:
-    """Planes of all samples, 4 x 4 to a pixel, would take 10 GB."""
+def test_a_large_image_is_drawn_in_bands(cpu: Device) -> None:
+    """Planes of all samples, 4 x 4 to a pixel, would take 650 MB."""
     asset = soup("mesh_splatting", random_triangles(1, 60, 0.2))
-    camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
+    camera = Camera(1920, 1080, 2016, 2160, 960, 540, np.eye(4))
     pipeline = SplattingPipeline(asset, device=cpu, outputs=())
     frame = pipeline.render(camera, (0, 0, 0))
     assert pipeline.memory()["splat planes"] <= (80 if cpu.style == "cpu" else 256) << 20
     pipeline.close()
-    assert frame.image.shape == (4320, 7680, 3)
-    small = Camera(480, 270, 504, 540, 240, 135, np.eye(4))
-    low = draw(asset, cpu, small, background=(0, 0, 0)).image
-    blocks = frame.image.reshape(270, 16, 480, 16, 3).mean(axis=(1, 3))
+    assert frame.image.shape == (1080, 1920, 3)
+    low = draw(asset, cpu, camera.resized(480, 270), background=(0, 0, 0)).image
+    blocks = frame.image.reshape(270, 4, 480, 4, 3).mean(axis=(1, 3))
     assert np.abs(blocks - low).mean() < 0.02
 
 
@@ -274,7 +254,7 @@ def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pyt
 
 
 @pytest.mark.slow
-@variants
+@pytest.mark.parametrize(("method", "settings"), [VARIANTS[1], VARIANTS[4], VARIANTS[6], VARIANTS[8]])
 def test_what_saves_time_changes_no_pixel(
     method: str, settings: dict[str, Any], cpu: Device, gpu: Device
 ) -> None:

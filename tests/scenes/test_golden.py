@@ -174,15 +174,15 @@ def test_points_of_the_garden_land_on_their_colours(shared: Path) -> None:
     xyz, rgb = read_points(garden)
     assert (len(cameras), len(xyz)) == (32, 138_766)
     assert [len(part) for part in split_every_8th(cameras)] == [28, 4]
-    errors = np.zeros((3, len(cameras)))
-    for index, camera in enumerate(cameras):
+    errors = np.zeros((3, 8))
+    for index, camera in enumerate(cameras[::4]):
         assert camera.name is not None
         with image.open(garden / "images_8" / camera.name) as opened:
             photograph = np.asarray(opened.convert("RGB"), dtype=np.float64) / 255
-        neighbour = cameras[(index + 1) % len(cameras)]
+        neighbour = cameras[4 * index + 1]
         shifted = replace(camera, cx=camera.cx + 400)  # of 5187 pixels
         for row, used in enumerate((camera, neighbour, shifted)):
-            errors[row, index] = color_error(used, photograph, xyz, rgb)
+            errors[row, index] = color_error(used, photograph, xyz[::8], rgb[::8])
     right, other, beside = errors  # here 0.076 to 0.112, 0.142 to 0.241, 0.132 to 0.182
     assert np.median(right) < 0.09
     assert right.max() < 0.12

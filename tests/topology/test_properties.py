@@ -16,7 +16,7 @@ from tests.topology import brute_force
 from tests.topology.meshes import random_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]
-QUICK = settings(max_examples=150, deadline=None, derandomize=True)
+QUICK = settings(max_examples=60, deadline=None, derandomize=True)
 
 
 @st.composite
@@ -154,8 +154,8 @@ def test_identities_hold_on_a_splat_like_mesh() -> None:
     assert_identities(splat_like(24))
 
 
-@pytest.mark.parametrize("count", [400, pytest.param(2000, marks=pytest.mark.slow)])
-def test_audit_agrees_with_the_brute_force_twin_on_random_meshes(count: int) -> None:
+def test_audit_agrees_with_the_brute_force_twin_on_random_meshes() -> None:
+    count = 400
     random = np.random.default_rng(2024)
     seen = dict.fromkeys(
         ["nonmanifold_edges", "multifan_vertices", "repeated_index_faces", "nonfinite_faces"], 0
