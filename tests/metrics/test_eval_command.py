@@ -13,7 +13,7 @@ from PIL import Image
 
 from tests.cli.conftest import msb
 from tests.metrics.conftest import GOLDEN, golden
-from tests.metrics.test_lpips import HAS_EXTRA, needs_extra
+from tests.metrics.test_lpips import needs_extra
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -138,15 +138,6 @@ def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
         result = msb("eval", *arguments)
         assert result.status == 3
         assert result.err.startswith("FILE_NOT_FOUND: ")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
-def test_without_the_extra_lpips_is_a_usage_error(msb: Msb, vgg_file: Path) -> None:
-    result = msb("eval", "--vgg-weights", vgg_file, PRED, GT)
-    assert result.status == 2
-    assert result.err.startswith("EXTRA_MISSING: ")
-    assert len(result.err.splitlines()) == 1
 
 
 @pytest.mark.oracle

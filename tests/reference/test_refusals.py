@@ -111,12 +111,6 @@ def test_settings_that_are_none() -> None:
         render_reference(asset, front_camera(), settings={"sh_degree": 2})
 
 
-@pytest.mark.parametrize("background", [(0, 0), (0, 0, np.nan), 1.0])
-def test_backgrounds_that_are_none(background: Any) -> None:
-    with pytest.raises(UsageError, match="three finite numbers"):
-        render_reference(soup("two_dts", random_triangles(1)), front_camera(), background)
-
-
 def test_dtypes_that_are_none() -> None:
     with pytest.raises(UsageError, match="float16"):
         render_reference(soup("two_dts", random_triangles(1)), front_camera(), dtype=np.float16)

@@ -17,7 +17,6 @@ from tests.conftest import ROOT
 from tests.golden.views import compare, scenes, views
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from msb.cl import Device
@@ -65,12 +64,6 @@ TAME = [view for view in VIEWS if not view.name.startswith("soup")]
 @cache
 def exported(path: Path) -> msb.Asset:
     return msb.export(path)
-
-
-@pytest.fixture(scope="module", params=["cpu", "gpu"])
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
 
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:

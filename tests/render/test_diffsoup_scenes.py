@@ -13,7 +13,7 @@ from msb.asset import Description, build_asset
 from msb.asset.manifest import StoredSetting
 from msb.asset.reader import Asset
 from msb.cl import Device, open_device
-from msb.errors import AssetError, DeviceError, UsageError
+from msb.errors import AssetError, UsageError
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.scenes import Camera
@@ -298,23 +298,3 @@ def test_settings(device: Device) -> None:
     for near, far in ((1.0, 1.0), (2.0, 1.0), (1e-200, 1e200)):
         with pytest.raises(UsageError, match="z_near"):
             draw(device, asset, camera(), settings={"z_near": near, "z_far": far})
-
-
-def test_device_of_ones_own_and_of_others() -> None:
-    asset = model(*soup(1), 1)
-    with open_device(SELECTOR) as shared:
-        pipeline = DiffSoupPipeline(asset, device=shared)
-        pipeline.render(camera(), BLACK)
-        held = pipeline.memory()
-        assert held["lattice features"] == asset.buffers["features.lattice"].nbytes
-        pipeline.close()
-        pipeline.close()
-        assert "lattice features" not in shared.memory()
-        assert "positions" not in pipeline.memory()
-        DiffSoupPipeline(asset, device=shared).render(camera(), BLACK)
-    own = DiffSoupPipeline(asset, device=SELECTOR)
-    own.render(camera(), BLACK)
-    assert own.memory().keys() == held.keys()
-    own.close()
-    with pytest.raises(DeviceError):
-        own.render(camera(), BLACK)

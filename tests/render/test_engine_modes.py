@@ -14,14 +14,12 @@ from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render.dedicated import DedicatedRenderer
 from msb.scenes import Camera
-from tests.cl.conftest import SELECTOR, open_styled
+from tests.cl.conftest import SELECTOR
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
 from tests.render.test_diffsoup import TAME, VIEWS, exported, raster_rows
 from tests.render.test_splatting import model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.asset import Asset
     from msb.render.frame import Frame
 
@@ -42,12 +40,6 @@ CASES = [
     *((*variant, order, "official") for variant in PLAIN for order in ("global", "none")),
 ]
 GREEN = (0.2, 0.7, 0.4)
-
-
-@pytest.fixture(scope="module", params=["cpu", "gpu"])
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
 
 
 def draw(asset: Asset, device: Device, camera: Camera, background: Any = GREEN, **options: Any) -> Frame:
@@ -196,14 +188,3 @@ def test_modes_are_refused_where_they_are_not() -> None:
             msb.Renderer(asset, tier=tier, sampling="center")  # type: ignore[arg-type]
         with pytest.raises(UsageError, match="there is no order"):
             msb.Renderer(soup("diffsoup", random_triangles(1)), tier=tier, order="depth")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("tier", ["dedicated", "reference"])
-@pytest.mark.parametrize("method", METHODS)
-def test_both_tiers_take_the_modes(tier: Any, method: str) -> None:
-    asset = soup(method, random_triangles(3, 20))
-    frames = [
-        msb.render(asset, front_camera(), tier=tier, order="none", sampling=sampling)
-        for sampling in ("official", "engine")
-    ]
-    assert all(frame.alpha.any() for frame in frames)

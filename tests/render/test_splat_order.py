@@ -27,12 +27,6 @@ NUMBER_WORD = {"two_dts": 22, "triangle_splatting": 23, "mesh_splatting": 37}
 """Where a record of the method has the number of its face."""
 
 
-@pytest.fixture(params=["cpu", "gpu"])
-def device(request: pytest.FixtureRequest) -> Device:
-    found: Device = request.getfixturevalue(request.param)
-    return found
-
-
 def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:
     """Return (COUNT, 3, 3): one far away, one without an extent, some that are alike."""
     random = np.random.default_rng(seed)

@@ -341,13 +341,3 @@ def test_timings_and_memory_by_use() -> None:
     assert {"splat faces", "splat planes", lists, "splat image"} <= held.keys()
     pipeline.close()
     pipeline.close()
-
-
-def test_a_given_device_stays_open(cpu: Device) -> None:
-    before = cpu.memory()
-    pipeline = SplattingPipeline(model("two_dts", 1), device=cpu)
-    pipeline.render(front_camera(), (0, 0, 0))
-    assert set(pipeline._static) < set(pipeline.memory())
-    pipeline.close()
-    assert cpu.memory() == before
-    cpu.finish()

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from msb.render.splat.pipeline import SplattingPipeline
-from tests.cl.conftest import open_styled
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names, worst
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.cl import Device
     from msb.render.frame import Frame
 
@@ -22,12 +19,6 @@ VIEWS = [
     view for method in ("two_dts", "triangle_splatting", "mesh_splatting") for view in golden_views(method)
 ]
 golden = pytest.mark.parametrize("view", VIEWS, ids=names)
-
-
-@pytest.fixture(scope="module", params=["cpu", "gpu"])
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
 
 
 def drawn(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:

@@ -199,7 +199,7 @@ def test_infinitely_thin(device: Device) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (7, 3), (8, 1), (257, 129), (3, 300)])
 def test_sizes_of_images(devices: dict[str, Device], size: tuple[int, int]) -> None:
-    mesh = scene("everything", 13)
+    mesh = scene("large", 13)
     colors = random_colors(13, len(mesh[0]))
     view = camera(*size, focal=max(size))
     expected = twin(mesh, colors, view)
@@ -212,7 +212,7 @@ def test_sizes_of_images(devices: dict[str, Device], size: tuple[int, int]) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("principal", [(-30.3, 20.7), (60.25, 200.0), (4000.0, -9000.0)])
 def test_principal_point_off_the_middle(devices: dict[str, Device], principal: tuple[float, float]) -> None:
-    mesh = scene("everything", 17)
+    mesh = scene("large", 17)
     mesh = (mesh[0] + np.float32([41 - principal[0], 30 - principal[1], 0]) / 70 * 4, mesh[1])
     colors = random_colors(17, len(mesh[0]))
     view = camera(principal=principal)

@@ -11,7 +11,7 @@ from PIL import Image
 from msb.errors import CODES, InputError, SceneError
 from msb.scenes.datasets import find_scenes, read_scene
 
-from .conftest import STUBS, Copy
+from .conftest import STUBS, Copy, text_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,23 +28,13 @@ def no_model(root: Path) -> None:
         file.unlink()
 
 
-def distorted(root: Path) -> None:
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
-    (root / "sparse/0/cameras.txt").write_text("1 SIMPLE_RADIAL 256 192 270 128 96 0.01\n")
-    (root / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
+def one_image(lens: str) -> Callable[[Path], None]:
+    return lambda root: text_model(root, f"1 {lens}\n", "1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
 
 
 def same_name_twice(root: Path) -> None:
     data = (root / "sparse/0/images.bin").read_bytes()
     (root / "sparse/0/images.bin").write_bytes(data.replace(b"DSC07951", b"DSC07950"))
-
-
-def one_image(root: Path) -> None:
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
-    (root / "sparse/0/cameras.txt").write_text("1 PINHOLE 256 192 270 270 128 96\n")
-    (root / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
 
 
 def remove(*names: str) -> Callable[[Path], None]:
@@ -74,8 +64,8 @@ def both(*changes: Callable[[Path], None]) -> Callable[[Path], None]:
     return run
 
 
-def nothing(root: Path) -> None:
-    pass
+def nothing(_: Path) -> None:
+    """Change nothing: what is asked for is wrong."""
 
 
 MIP, TANDT, NERF, DTU = "mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble", "dtu/scan1"
@@ -139,9 +129,23 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
         "images_4/DSC07953.JPG",
         "neither a PNG nor a JPEG",
     ),
-    "distorted": (MIP, distorted, {}, "CAMERA_DISTORTED", "sparse/0/cameras.txt", "SIMPLE_RADIAL"),
+    "distorted": (
+        MIP,
+        one_image("SIMPLE_RADIAL 256 192 270 128 96 0.01"),
+        {},
+        "CAMERA_DISTORTED",
+        "sparse/0/cameras.txt",
+        "SIMPLE_RADIAL",
+    ),
     "same name twice": (MIP, same_name_twice, {}, "CAMERA_DUPLICATE", "sparse/0", "DSC07950.JPG"),
-    "one image": (MIP, one_image, {}, "SCENE_SPLIT", "", "none of its 1 views is a training view"),
+    "one image": (
+        MIP,
+        one_image("PINHOLE 256 192 270 270 128 96"),
+        {},
+        "SCENE_SPLIT",
+        "",
+        "none of its 1 views is a training view",
+    ),
     "no alpha": (
         NERF,
         opaque("test"),
