@@ -16,7 +16,7 @@ from msb.render.splat import view as splat_view
 from msb.render.splat.pipeline import SplattingPipeline
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR, open_styled
-from tests.reference.soups import SPLATTING, constant_color, front_camera, random_triangles, soup
+from tests.reference.soups import SPLATTING, channel_major, front_camera, random_triangles, soup
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -110,24 +110,7 @@ def test_equals_the_reference(
 @methods
 def test_f_rest_may_be_channel_major(method: str, cpu: Device) -> None:
     asset, camera = model(method, 4), front_camera()
-    manifest = asset.manifest
-    rest = asset.buffers["f_rest"]
-    turned = np.ascontiguousarray(rest.reshape(len(rest), -1, 3).transpose(0, 2, 1)).reshape(rest.shape)
-    buffers = {**asset.buffers, "f_rest": turned}
-    from msb.asset import Description, build_asset
-
-    other = build_asset(
-        buffers,
-        {name: spec.domain for name, spec in manifest.buffers.items()},
-        Description(
-            method=method,
-            sh_degree=3,
-            coverage=manifest.coverage,
-            opacity=manifest.opacity,
-            appearance={**manifest.appearance, "f_rest_order": "channel_major"},
-            compositing=manifest.compositing,
-        ),
-    )
+    other = channel_major(asset)
     np.testing.assert_array_equal(draw(other, cpu, camera).image, draw(asset, cpu, camera).image)
 
 
@@ -160,23 +143,6 @@ def test_any_size(method: str, size: tuple[int, int], cpu: Device, gpu: Device) 
 
 @pytest.mark.slow
 @methods
-def test_one_triangle_over_everything(method: str, cpu: Device, gpu: Device) -> None:
-    corners = np.array([[[-9, -9, 4], [9, -9, 4], [0, 14, 4]]], np.float32)
-    rows = 3 if method == "mesh_splatting" else 1
-    opaque = {"opacity": np.full(rows, 9, np.float32), "f_dc": constant_color(rows, (0.9, 0.5, 0.1))}
-    if method == "triangle_splatting":
-        opaque["sigma"] = np.full(1, -9, np.float32)
-    camera = front_camera(90, 70)
-    for device in (cpu, gpu):
-        frame = draw(soup(method, corners, **opaque), device, camera)
-        wanted = render_reference(soup(method, corners, **opaque), camera, (0.2, 0.7, 0.4))
-        assert frame.alpha.min() > 0.4
-        np.testing.assert_allclose(frame.image, wanted.image, atol=1e-5)
-        np.testing.assert_allclose(frame.depth, 4, rtol=1e-5)
-
-
-@pytest.mark.slow
-@methods
 def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> None:
     """Nearly transparent ones, so that all are listed and most are blended: 100,000 of one method."""
     random = np.random.default_rng(0)
@@ -194,24 +160,6 @@ def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> No
     wanted = render_reference(asset, camera, (0.2, 0.7, 0.4), settings)
     assert np.abs(first.image - wanted.image).max() <= 2e-4
     assert np.abs(second.image - wanted.image).max() <= 2e-4
-
-
-@methods
-def test_ties_keep_the_order_of_the_asset(method: str, cpu: Device, gpu: Device) -> None:
-    triangle = np.array([[-1, -1, 4], [1, -1, 4], [0, 1.2, 4]], np.float32)
-    rows = 3 if method == "mesh_splatting" else 1
-    colors = [constant_color(rows, c) for c in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-    asset = soup(
-        method,
-        np.stack([triangle] * 3),
-        f_dc=np.concatenate(colors),
-        opacity=np.full(3 * rows, 5, np.float32),
-        **({"sigma": np.full(3, -5, np.float32)} if method == "triangle_splatting" else {}),
-    )
-    for device in (cpu, gpu):
-        middle = draw(asset, device, front_camera(), background=(0, 0, 0)).image[14, 20]
-        assert middle[0] > 0.8
-        assert middle[0] > middle[1] >= middle[2]
 
 
 @pytest.mark.slow
