@@ -199,7 +199,7 @@ def test_infinitely_thin(device: Device) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (7, 3), (8, 1), (257, 129), (3, 300)])
 def test_sizes_of_images(devices: dict[str, Device], size: tuple[int, int]) -> None:
-    mesh = scene("large", 13)
+    mesh = scene("small", 13)
     colors = random_colors(13, len(mesh[0]))
     view = camera(*size, focal=max(size))
     expected = twin(mesh, colors, view)

@@ -59,7 +59,8 @@ def without_crossings(mesh: Arrays) -> Arrays:
 
 def test_vtk(cpu: Device, tmp_path: Path) -> None:
     pytest.importorskip("pyvista")
-    mesh = without_crossings(scene("small", 31))
+    parts = [scene(kind, 31)[0].reshape(-1, 3, 3) for kind in ("small", "large")]
+    mesh = without_crossings(unshared(np.concatenate(parts)))
     colors = random_colors(31, len(mesh[0]))
     for name, array in zip(("positions", "indices", "colors"), (*mesh, colors), strict=True):
         np.save(tmp_path / f"{name}.npy", array)
