@@ -21,6 +21,7 @@ from msb.reference.standard import UNITS, render_standard
 from msb.render.dedicated import DedicatedRenderer
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_filter, enlarged
+from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD
 
 if TYPE_CHECKING:
@@ -98,11 +99,9 @@ def others(case: Case) -> Iterator[ReferenceFrame]:
 
 def draw(make: Any, case: Case, device: Device) -> Frame:
     """Return the frame of `case` by a renderer of class `make`."""
-    renderer = make(case.asset, device=device, settings=case.settings, **case.options)
-    try:
-        return renderer.render(case.camera, case.background)  # type: ignore[no-any-return]
-    finally:
-        renderer.close()
+    return frame_of(
+        make, case.asset, device, case.camera, case.background, settings=case.settings, **case.options
+    )
 
 
 def own_look(case: Case, dtype: type[Any] = np.float32) -> ReferenceFrame:

@@ -15,6 +15,7 @@ from msb.scenes import Camera
 from tests.cl.conftest import STYLES, WITHOUT_ATOMICS, open_styled
 from tests.conftest import ROOT
 from tests.golden.views import compare, scenes, views
+from tests.render.frames import assert_same, frame_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,11 +69,8 @@ def exported(path: Path) -> msb.Asset:
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
     path = view.scene / "web_export" / view.scene.name if web else view.scene / "checkpoint"
-    pipeline = DiffSoupPipeline(exported(path), device=device, settings=view.settings, **options)
-    try:
-        return pipeline.render(view.camera, view.background)
-    finally:
-        pipeline.close()
+    asset, options = exported(path), {"settings": view.settings, **options}
+    return frame_of(DiffSoupPipeline, asset, device, view.camera, view.background, **options)
 
 
 def raster_rows(view: View, image: np.ndarray) -> np.ndarray:
@@ -170,10 +168,7 @@ def test_styles_agree_to_the_bit() -> None:
             frames.append([draw(device, view) for view in (VIEWS[2], VIEWS[4], VIEWS[5])])
     for first, *others in zip(*frames, strict=True):
         for other in others:
-            for name in ("image", "alpha", "depth", "face_id", "visible"):
-                np.testing.assert_array_equal(getattr(first, name), getattr(other, name), err_msg=name)
-            for name, array in first.raw.items():
-                np.testing.assert_array_equal(array, other.raw[name], err_msg=name)
+            assert_same(first, other)
 
 
 @pytest.mark.slow

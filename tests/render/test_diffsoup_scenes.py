@@ -18,6 +18,7 @@ from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR, STYLES, open_styled
+from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,11 +107,7 @@ def camera(width: int = 61, height: int = 45, **changes: Any) -> Camera:
 
 
 def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK, **options: Any) -> Frame:
-    pipeline = DiffSoupPipeline(asset, device=device, **options)
-    try:
-        return pipeline.render(seen_by, background)
-    finally:
-        pipeline.close()
+    return frame_of(DiffSoupPipeline, asset, device, seen_by, background, **options)
 
 
 @pytest.mark.slow

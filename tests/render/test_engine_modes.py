@@ -16,6 +16,7 @@ from msb.render.dedicated import DedicatedRenderer
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
+from tests.render.frames import assert_near, frame_of
 from tests.render.test_diffsoup import TAME, VIEWS, exported, raster_rows
 from tests.render.test_splatting import model
 
@@ -43,11 +44,7 @@ GREEN = (0.2, 0.7, 0.4)
 
 
 def draw(asset: Asset, device: Device, camera: Camera, background: Any = GREEN, **options: Any) -> Frame:
-    renderer = DedicatedRenderer(asset, device=device, **{"outputs": "all", **options})
-    try:
-        return renderer.render(camera, background)
-    finally:
-        renderer.close()
+    return frame_of(DedicatedRenderer, asset, device, camera, background, **{"outputs": "all", **options})
 
 
 def crossing(method: str, seed: int) -> Asset:
@@ -69,14 +66,7 @@ def test_equals_the_reference(
     assert wanted.alpha.mean() > 0.1
     for device in (cpu, gpu):
         frame = draw(asset, device, camera, settings=settings, order=order, sampling=sampling)
-        np.testing.assert_array_equal(frame.visible, wanted.visible)
-        for name in ("image", "alpha", "depth", "normal", "depth_median"):
-            found, right = getattr(frame, name), getattr(wanted, name)
-            if right is None or found is None:
-                continue
-            scale = max(1.0, float(np.abs(right).max()))
-            off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
-            assert (off > 1e-4).mean() <= 2e-3, name
+        assert_near(frame, wanted)
         for name in frame.raw.keys() & wanted.raw.keys():
             assert (
                 np.abs(frame.raw[name] - wanted.raw[name]) > 1e-4 * max(1, np.abs(wanted.raw[name]).max())
@@ -159,15 +149,8 @@ def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> Non
     wanted = render_reference(asset, camera, view.background, settings, sampling="engine")
     equal = {}
     for sampling in ("official", "engine"):
-        pipeline = DiffSoupPipeline(
-            asset,
-            device=device,
-            settings=settings,
-            viewer=True,
-            sampling=sampling,  # type: ignore[arg-type]
-        )
-        frame = pipeline.render(camera, view.background)
-        pipeline.close()
+        options = {"settings": settings, "viewer": True, "sampling": sampling}
+        frame = frame_of(DiffSoupPipeline, asset, device, camera, view.background, **options)
         levels = np.rint(255 * raster_rows(view, frame.image)) - view.shown["viewer_image"].astype(int)
         equal[sampling] = (np.abs(levels).max(axis=-1) == 0).mean()
     np.testing.assert_array_equal(frame.face_id, wanted.face_id)

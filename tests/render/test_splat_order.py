@@ -12,6 +12,7 @@ from msb.render.splat.bins import Projected
 from msb.render.splat.depth import DepthSort
 from msb.render.splat.pipeline import SplattingPipeline
 from tests.reference.soups import SPLATTING, front_camera, soup
+from tests.render.frames import assert_same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -168,10 +169,7 @@ def test_the_order_on_the_device_does_not_show(
     assert frames[0].visible is not None
     assert frames[0].visible.sum() > 100
     for frame in frames[1:]:
-        for name in ("image", "alpha", "depth", "visible", "normal", "depth_median", "face_id"):
-            np.testing.assert_array_equal(getattr(frame, name), getattr(frames[0], name), err_msg=name)
-        for name in frames[0].raw:
-            np.testing.assert_array_equal(frame.raw[name], frames[0].raw[name], err_msg=name)
+        assert_same(frame, frames[0])
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import pytest
 from msb.render.splat.pipeline import SplattingPipeline
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names, worst
+from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
     from msb.cl import Device
@@ -22,14 +23,9 @@ golden = pytest.mark.parametrize("view", VIEWS, ids=names)
 
 
 def drawn(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
-    settings = {**view.settings, **overrides}
-    pipeline = SplattingPipeline(
-        exported(view.folder / "checkpoint"), device=device, settings=settings, outputs=outputs
-    )
-    red, green, blue = view.background
-    frame = pipeline.render(view.camera, (red, green, blue))
-    pipeline.close()
-    return frame
+    options = {"settings": {**view.settings, **overrides}, "outputs": outputs}
+    asset = exported(view.folder / "checkpoint")
+    return frame_of(SplattingPipeline, asset, device, view.camera, view.background, **options)
 
 
 @golden
