@@ -102,21 +102,6 @@ def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any
     np.testing.assert_array_equal(first.visible[order], second.visible)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", SPLATTING)
-@pytest.mark.parametrize("seed", range(3))
-def test_weights_and_transmittance_add_up_to_one(method: str, seed: int) -> None:
-    """White faces over white are white, over black they show alpha."""
-    triangles = random_triangles(seed)
-    rows = len(triangles) * (3 if method == "mesh_splatting" else 1)
-    asset = soup(method, triangles, f_dc=constant_color(rows, (1, 1, 1)))
-    settings = {"sigma": 0.5, "opacity_floor": 0.0} if method == "mesh_splatting" else {}
-    white = render_reference(asset, front_camera(), (1, 1, 1), settings)
-    black = render_reference(asset, front_camera(), (0, 0, 0), settings)
-    np.testing.assert_allclose(white.image, 1, atol=3e-6)
-    np.testing.assert_allclose(black.image, np.repeat(black.alpha[..., None], 3, axis=2), atol=3e-6)
-
-
 @pytest.mark.parametrize(("method", "settings"), VARIANTS[:-2])
 def test_ties_go_to_the_lower_index(method: str, settings: dict[str, Any]) -> None:
     """Two faces in one place: the first is in front, whichever colour it has."""
@@ -234,10 +219,3 @@ def test_one_face_that_covers_everything(method: str) -> None:
     frame = render_reference(soup(method, triangle[None], **opaque), front_camera())
     assert (frame.alpha > 0).all()
     np.testing.assert_allclose(frame.depth, 5, rtol=1e-3)
-
-
-@pytest.mark.slow
-def test_the_same_call_gives_the_same_bytes() -> None:
-    for method in METHODS:
-        asset = soup(method, random_triangles(10))
-        same(render_reference(asset, front_camera()), render_reference(asset, front_camera()))

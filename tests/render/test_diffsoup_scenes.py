@@ -238,15 +238,6 @@ def test_large_coordinates(device: Device) -> None:
     assert (frame.face_id == expected.face_id).mean() > 0.995
 
 
-@pytest.mark.slow
-def test_viewer_rounds_features_to_bytes(device: Device) -> None:
-    asset = model(*soup(2), 2)
-    frame = draw(device, asset, camera(), viewer=True)
-    levels = 255 * frame.raw["features"]
-    assert np.abs(levels - np.rint(levels)).max() < 1e-4
-    assert np.abs(frame.image - draw(device, asset, camera()).image).mean() > 0
-
-
 def changed(asset: Asset, **buffers: np.ndarray) -> Asset:
     """Return `asset` with other buffers, unchecked, as an opened file's values are."""
     return Asset(asset.manifest, MappingProxyType({**asset.buffers, **buffers}))

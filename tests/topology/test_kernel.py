@@ -19,7 +19,7 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.findings import Findings, find_by_numpy
 from msb.topology.kernel import Sizes, find_by_kernels
 from tests.conftest import BOOK
-from tests.topology.meshes import CASES, random_mesh
+from tests.topology.meshes import CASES
 from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
 
 if TYPE_CHECKING:
@@ -108,15 +108,6 @@ def crowded(draw: st.DrawFn) -> Mesh:
 @given(mesh=crowded())
 def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
     everywhere(device, mesh)
-
-
-@pytest.mark.slow
-def test_random_meshes(device: Device) -> None:
-    random = np.random.default_rng(8)
-    for _ in range(100):
-        points, faces = random_mesh(random)
-        if len(faces):
-            found(device, (points, faces), TINY, workers=2)
 
 
 @pytest.mark.parametrize("shuffle", [False, True])
