@@ -17,10 +17,9 @@ VALUES = struct.pack("<6f", 1, 2, 3, 4, 5, 6)
 
 @dataclass(frozen=True)
 class Case:
-    """One bad checkpoint: its name, one line for people, the code it gives, and what makes its bytes."""
+    """One bad checkpoint: its name, the code it gives, and what makes its bytes."""
 
     name: str
-    title: str
     code: str
     make: Callable[[], bytes]
 

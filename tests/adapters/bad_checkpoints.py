@@ -11,12 +11,7 @@ if TYPE_CHECKING:
 
     from tests.adapters.assemble import Case
 
-CASES: tuple[Case, ...] = (
-    *bad_archives.CASES,
-    *bad_pickles.CASES,
-    *bad_results.CASES,
-    *bad_tensors.CASES,
-)
+CASES: tuple[Case, ...] = (*bad_archives.CASES, *bad_pickles.CASES, *bad_results.CASES, *bad_tensors.CASES)
 
 
 def file_name(case: Case) -> str:

@@ -75,23 +75,11 @@ SETTINGS = {
 def test_settings_and_their_sources(scene: Path) -> None:
     asset = msb.export(scene / "checkpoint")
     assert asset.warnings == ()
+    assert [finding for finding in check_values(asset) if finding.severity == "error"] == []
     assert asset.manifest.method == scene.parent.name
     found = {key: (s.value, s.source) for key, s in asset.manifest.settings.items()}
     for key, expected in SETTINGS[scene.name].items():
         assert found[key] == expected
-
-
-@pytest.mark.parametrize("scene", ALL, ids=name)
-def test_saved_and_loaded_it_is_the_same_and_valid(scene: Path, tmp_path: Path) -> None:
-    asset = msb.export(scene / "checkpoint")
-    for form in ("packed", "folder"):
-        path = tmp_path / f"{form}.triasset"
-        msb.save(asset, path, form=form)
-        again = msb.load(path)
-        assert again.manifest == asset.manifest
-        for key, array in asset.buffers.items():
-            np.testing.assert_array_equal(again.buffers[key], array)
-        assert [f for f in check_values(again) if f.severity == "error"] == []
 
 
 @pytest.mark.parametrize("scene", scenes("two_dts"), ids=name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 import tempfile
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from tests.corpus.case import Case
 
 TRIASSET_CODES = {code for code in CODES if code.startswith("TRIASSET_")}
+ROW = ["code", "severity", "message", "pointer", "file", "value", "limit"]
 NOBODY = 65534
 MSB = Path(msb.__file__).parent
 ROOT = MSB.parent
@@ -103,6 +105,11 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
     assert (report.asset is None) == (case.found_by == "load" and case.severity == "error")
     assert all(item.message.isprintable() and len(item.message) < 400 for item in findings)
     assert all((item.pointer or "").isprintable() for item in findings)
+    rows = [item.to_dict() for item in findings]
+    assert all(
+        list(row) == ["code", "severity", "message", "pointer", "file", "value", "limit"] for row in rows
+    )
+    assert len(json.dumps(rows, allow_nan=False)) < 2500 * max(1, len(rows))
 
 
 @pytest.mark.parametrize("make", [mesh, soup, decoder])

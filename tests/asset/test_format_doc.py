@@ -10,7 +10,6 @@ import pytest
 from docs.make_errors import PAGE, page
 from msb.asset import load, write_asset
 from msb.asset.schema import manifest_schema
-from msb.errors import CODES
 from tests.conftest import ROOT
 from tests.corpus.good import decoder, mesh, soup
 
@@ -56,11 +55,3 @@ def test_the_hexdump_is_what_the_writer_writes(tmp_path: Path) -> None:
 
 def test_the_page_of_codes_is_current() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run python -m docs.make_errors"
-
-
-def test_every_code_is_explained_in_whole_sentences() -> None:
-    for name, code in CODES.items():
-        for text in (code.summary, code.remedy):
-            assert text.isprintable()
-            assert text.endswith("."), name
-            assert "|" not in text

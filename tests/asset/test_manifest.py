@@ -42,7 +42,7 @@ def test_a_manifest_survives_its_own_bytes(make) -> None:
     assert b"\r" not in data
 
 
-def test_its_keys_are_attributes(tmp_path: Path) -> None:
+def test_its_keys_are_attributes_and_items(tmp_path: Path) -> None:
     m = reloaded(parts(soup()), tmp_path).manifest
     assert (m.format, m.version, m.method, m.topology) == (
         "triasset",
@@ -57,6 +57,9 @@ def test_its_keys_are_attributes(tmp_path: Path) -> None:
     assert m.source.files[0].path == "point_cloud_state_dict.pt"
     assert m.buffers["f_rest"].shape == (2, 9)
     assert m.coordinate_frame.up == "unknown"
+    assert (m["face_count"], m.bounds["max"]) == (m.face_count, m.bounds.max)  # and items
+    with pytest.raises(KeyError):
+        m.bounds["middle"]
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
@@ -164,12 +167,3 @@ def test_buffers_cannot_be_exchanged() -> None:
     asset = build_asset(dict(mesh().buffers), {"color": "vertex"})
     with pytest.raises(TypeError):
         asset.buffers["positions"] = None  # type: ignore[index]
-
-
-def test_keys_are_attributes_and_items() -> None:
-    manifest = load(SHIPPED[0]).manifest
-    assert manifest["face_count"] == manifest.face_count > 0
-    bounds = manifest.bounds
-    assert bounds["max"] == bounds.max
-    with pytest.raises(KeyError):
-        bounds["middle"]

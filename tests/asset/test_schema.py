@@ -33,38 +33,9 @@ if TYPE_CHECKING:
 SCHEMA = manifest_schema()
 PROPERTIES = SCHEMA["properties"]
 BUFFER = PROPERTIES["buffers"]["additionalProperties"]
-SCALARS = [
-    0,
-    1,
-    -1,
-    3,
-    2**32 - 1,
-    2**32,
-    2**63 - 1,
-    2**63,
-    2**64,
-    1.5,
-    -0.25,
-    1e308,
-    True,
-    False,
-    None,
-    "",
-    "x",
-    "1.0",
-    "2.7",
-]
-SCALARS += [
-    "triasset",
-    "mesh",
-    "vertex",
-    "opaque_unlit",
-    "0" * 64,
-    "buffers/a.bin",
-    "x" * 1001,
-    "\u00e9",
-    "float32",
-]
+SCALARS = [0, 1, -1, 3, 2**32 - 1, 2**32, 2**63 - 1, 2**63, 2**64, 1.5, -0.25, 1e308, True, False, None]
+SCALARS += ["", "x", "1.0", "2.7", "triasset", "mesh", "vertex", "opaque_unlit", "float32", "\u00e9"]
+SCALARS += ["0" * 64, "buffers/a.bin", "x" * 1001]
 KEYS = ["x", "positions", "indices", "Bad Name", "a.b", "value", "min", "files", "kernel", "reference"]
 
 
@@ -127,12 +98,12 @@ def test_we_judge_mutated_manifests_as_jsonschema_does(make: Any) -> None:
     validator = jsonschema.Draft202012Validator(SCHEMA)
     rng = random.Random(make.__name__)
     verdicts = []
-    for _ in range(1500):
+    for _ in range(400):
         manifest = mutate(good, rng)
         verdicts.append(is_valid(manifest))
         assert verdicts[-1] == validator.is_valid(manifest), manifest
     assert is_valid(good)
-    assert 100 < sum(verdicts) < 1400
+    assert 25 < sum(verdicts) < 375
 
 
 @pytest.mark.parametrize("value", [4.0, -0.0, 1e3])
@@ -158,10 +129,6 @@ def test_no_object_lets_an_unknown_key_pass_in_silence() -> None:
     for schema in subschemas(SCHEMA):
         if schema.get("type") == "object":
             assert schema.get("x-closed", False) != ("additionalProperties" in schema)
-
-
-def test_every_key_is_described() -> None:
-    assert all(schema["description"] for schema in PROPERTIES.values())
 
 
 def test_its_lists_are_those_of_the_code() -> None:

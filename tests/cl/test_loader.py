@@ -46,6 +46,15 @@ with open_device("pocl") as device:
     assert (found.read() == np.sort(keys)).all()
     print(*device.program("radix_cpu", {"KEY": "uint", "DIGITS": 256})._kernels)
 """
+SCALE = """
+import numpy as np
+from msb.cl import open_device
+with open_device("pocl") as device:
+    program = device.program("simple", {"OFFSET": 0}, "tests.cl.kernels")
+    out = device.allocate(5, np.float32)
+    program.scaled(5, 1, device.upload(np.arange(5, dtype=np.float32)), out, np.uint32(5))
+    print(*out.read())
+"""
 NOTHING_SET = dict.fromkeys((loader.VENDOR_VARIABLE, "MSB_DEVICE", "PYOPENCL_CTX", "POCL_DEVICES"))
 
 
@@ -104,7 +113,7 @@ def test_a_cache_that_cannot_be_written(child: Child, tmp_path: Path, variable: 
     """PoCL has no device then, and pyopencl no kernels, but for what the loader does about it."""
     (tmp_path / "file").touch()
     env = {**NOTHING_SET, "POCL_CACHE_DIR": None, "XDG_CACHE_HOME": None, variable: str(tmp_path / "file")}
-    assert "count_digits" in answer(child(SORT, **env)).split()
+    assert answer(child(SCALE, **env)) == "0.0 2.0 4.0 6.0 8.0"
     devices, note = answer(child(LIST, **env)).split("|")[-2:]
     assert devices.startswith("pocl:")  # the last one is the wheel's, the system may have another
     assert "cannot be written" in note
@@ -129,8 +138,8 @@ def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_eight_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
-    together = [child(SORT, POCL_CACHE_DIR=str(tmp_path)) for _ in range(8)]
+def test_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
+    together = [child(SCALE, POCL_CACHE_DIR=str(tmp_path)) for _ in range(6)]
     assert len({answer(process) for process in together}) == 1
 
 

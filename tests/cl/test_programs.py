@@ -37,14 +37,8 @@ def scaled(device: Device, **defines: Any) -> list[float]:
 def test_defines_and_includes_reach_the_kernel(device: Device) -> None:
     assert scaled(device) == [0, 2, 4, 6, 8]
     assert scaled(device, OFFSET=1) == [1, 3, 5, 7, 9]
-    assert scaled(device, SCALE=0.5) == [0, 0.5, 1, 1.5, 2]
     assert scaled(device, SCALE="(1 + 2)") == [0, 3, 6, 9, 12]
-    assert scaled(device, SCALE=True) == [0, 1, 2, 3, 4]
-
-
-@pytest.mark.slow
-def test_a_float_define_is_exact(device: Device) -> None:
-    assert scaled(device, SCALE=0.1)[3] == np.float32(0.1) * np.float32(3)
+    assert scaled(device, SCALE=0.1)[3] == np.float32(0.1) * np.float32(3)  # a float is exact
 
 
 @pytest.mark.slow

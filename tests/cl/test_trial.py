@@ -121,7 +121,7 @@ def children(monkeypatch: pytest.MonkeyPatch, code: str | None = None) -> list[A
 
 
 @pytest.mark.slow
-def test_a_device_is_tried_once_and_the_result_is_kept(
+def test_a_device_is_tried_once_and_the_result_is_kept_for_its_driver(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     started = children(monkeypatch)
@@ -136,22 +136,14 @@ def test_a_device_is_tried_once_and_the_result_is_kept(
     assert len(started) == before
     assert try_device(*real, again=True).builds
     assert len(started) > before
-
-
-@pytest.mark.slow
-def test_another_driver_is_tried_anew(
-    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    handle, record = real
-    try_device(handle, record)
     trial.forget()
-    started = children(monkeypatch)
-    try_device(handle, dataclasses.replace(record, driver="another"))
-    assert started
+    before = len(started)
+    try_device(real[0], dataclasses.replace(real[1], driver="another"))
+    assert len(started) > before
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("content", [b"", b"\xff\n\0", b"key", b"key perhaps", b"k" * (1 << 20)])
+@pytest.mark.parametrize("content", [b"\xff\n\0\nkey\nkey perhaps", b"k" * (1 << 20)])
 def test_a_damaged_cache_says_nothing(real: tuple[Any, DeviceRecord], tmp_path: Path, content: bytes) -> None:
     kept = tmp_path / "meshsplatbench" / "devices.txt"
     kept.parent.mkdir()
@@ -209,12 +201,10 @@ np.save(sys.argv[1], draw(sys.argv[2]))
 """
 
 
-def draw(path: str) -> list[Any]:
-    """Return an asset's image on both tiers."""
-    asset = msb.load(path)
+def draw(path: str) -> Any:
+    """Return an asset's image on the standard tier."""
     camera = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), up=(0, 1, 0), width=64, height=48, fov_y=0.6)
-    tiers = ("standard", "dedicated")
-    return [msb.render(asset, camera, tier=tier, device="pocl").image for tier in tiers]
+    return msb.render(path, camera, tier="standard", device="pocl").image
 
 
 @pytest.mark.slow
@@ -256,14 +246,9 @@ def test_pictures_of_a_mended_wheel_are_those_of_any(
     child: Child, unknown: dict[str, str], demo_asset: Path, tmp_path: Path
 ) -> None:
     found = tmp_path / "images.npy"
-    answer(
-        child(
-            DRAW.replace("import sys", f"import sys\nsys.argv[1:] = {[str(found), str(demo_asset)]}"),
-            **unknown,
-        )
-    )
-    for ours, theirs in zip(draw(str(demo_asset)), np.load(found), strict=True):
-        assert msb.metrics.psnr(ours, theirs) > 100
+    arguments = f"import sys\nsys.argv[1:] = {[str(found), str(demo_asset)]}"
+    answer(child(DRAW.replace("import sys", arguments), **unknown))
+    assert msb.metrics.psnr(draw(str(demo_asset)), np.load(found)) > 100
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ COLOR = "buffers/color.bin"
 # --- the files -----------------------------------------------------------------------------------------
 
 
-def _file(name: str, title: str, code: str, spoil: Callable[[bytes], bytes]) -> list[Case]:
+def _file(name: str, code: str, spoil: Callable[[bytes], bytes]) -> list[Case]:
     """Return a folder and a packed case in which the file of `color` is `spoil` of the good one."""
 
     def make() -> Parts:
@@ -24,10 +24,7 @@ def _file(name: str, title: str, code: str, spoil: Callable[[bytes], bytes]) -> 
         good.files[COLOR] = spoil(good.files[COLOR])
         return good
 
-    return [
-        Case(f"{name}_folder", f"{title}, folder", code, folder(make)),
-        Case(f"{name}_packed", f"{title}, packed", code, packed(make)),
-    ]
+    return [Case(f"{name}_folder", code, folder(make)), Case(f"{name}_packed", code, packed(make))]
 
 
 def _missing() -> Parts:
@@ -43,28 +40,21 @@ def _undeclared() -> Parts:
 
 
 FILE_CASES = [
-    Case("buffer_missing_folder", "a file is missing, folder", "TRIASSET_BUFFER_MISSING", folder(_missing)),
-    Case("buffer_missing_packed", "a file is missing, packed", "TRIASSET_BUFFER_MISSING", packed(_missing)),
-    Case("buffer_undeclared", "a member nobody declares", "TRIASSET_FILE_UNDECLARED", packed(_undeclared)),
-    *_file("truncated_by_one", "a file lacks its last byte", "TRIASSET_BUFFER_TRUNCATED", lambda b: b[:-1]),
-    *_file(
-        "truncated_to_half",
-        "a file lacks its second half",
-        "TRIASSET_BUFFER_TRUNCATED",
-        lambda b: b[: len(b) // 2],
-    ),
-    *_file("truncated_to_none", "a file is empty", "TRIASSET_BUFFER_TRUNCATED", lambda _: b""),
-    *_file("longer_by_one", "a file has a byte more", "TRIASSET_BUFFER_TOO_LONG", lambda b: b + b"\0"),
-    *_file("longer_twice", "a file is there twice", "TRIASSET_BUFFER_TOO_LONG", lambda b: b + b),
+    Case("buffer_missing_folder", "TRIASSET_BUFFER_MISSING", folder(_missing)),
+    Case("buffer_missing_packed", "TRIASSET_BUFFER_MISSING", packed(_missing)),
+    Case("buffer_undeclared", "TRIASSET_FILE_UNDECLARED", packed(_undeclared)),
+    *_file("truncated_by_one", "TRIASSET_BUFFER_TRUNCATED", lambda b: b[:-1]),
+    *_file("truncated_to_half", "TRIASSET_BUFFER_TRUNCATED", lambda b: b[: len(b) // 2]),
+    *_file("truncated_to_none", "TRIASSET_BUFFER_TRUNCATED", lambda _: b""),
+    *_file("longer_by_one", "TRIASSET_BUFFER_TOO_LONG", lambda b: b + b"\0"),
+    *_file("longer_twice", "TRIASSET_BUFFER_TOO_LONG", lambda b: b + b),
 ]
 
 
 # --- what the manifest says of them --------------------------------------------------------------------
 
 
-def _spec(
-    name: str, title: str, code: str, changes: dict[str, Any], make: Callable[[], Any] = mesh, **more: Any
-) -> Case:
+def _spec(name: str, code: str, changes: dict[str, Any], make: Callable[[], Any] = mesh, **more: Any) -> Case:
     """Return a packed case with `changes` below /buffers."""
 
     def change() -> Parts:
@@ -73,7 +63,7 @@ def _spec(
             good.change(f"/buffers/{key}", value)
         return good
 
-    return Case(name, title, f"TRIASSET_{code}", packed(change), **more)
+    return Case(name, f"TRIASSET_{code}", packed(change), **more)
 
 
 def _shared(second_offset: int, gap: int = 0) -> Callable[[], Parts]:
@@ -138,135 +128,69 @@ def _dtype_code(value: Any) -> str:
 
 
 SPEC_CASES = [
-    _spec("no_positions", "no positions", "BUFFER_REQUIRED", {"positions": REMOVE}),
-    _spec("no_indices", "no indices", "BUFFER_REQUIRED", {"indices": REMOVE}),
-    Case(
-        "buffers_none",
-        "no buffers at all",
-        "TRIASSET_BUFFER_REQUIRED",
-        packed(lambda: parts(mesh()).change("/buffers", {})),
-    ),
-    Case(
-        "buffers_65",
-        "65 buffers",
-        "TRIASSET_FIELD_VALUE",
-        folder(_more_buffers(*(f"x{i}" for i in range(62)))),
-    ),
+    _spec("no_positions", "BUFFER_REQUIRED", {"positions": REMOVE}),
+    _spec("no_indices", "BUFFER_REQUIRED", {"indices": REMOVE}),
+    Case("buffers_none", "TRIASSET_BUFFER_REQUIRED", packed(lambda: parts(mesh()).change("/buffers", {}))),
+    Case("buffers_65", "TRIASSET_FIELD_VALUE", folder(_more_buffers(*(f"x{i}" for i in range(62))))),
     *(
-        Case(
-            f"buffer_name_{i}",
-            f"a buffer called {name!r:.40}",
-            "TRIASSET_BUFFER_NAME",
-            packed(_more_buffers(name)),
-        )
+        Case(f"buffer_name_{i}", "TRIASSET_BUFFER_NAME", packed(_more_buffers(name)))
         for i, name in enumerate(_BUFFER_NAMES)
     ),
-    _spec("offset_negative", "a negative offset", "BUFFER_RANGE", {"color/offset": -64}),
-    _spec("offset_2_63", "an offset of 2^63", "BUFFER_RANGE", {"color/offset": 2**63}),
-    _spec("offset_2_64", "an offset that wraps to 0", "BUFFER_RANGE", {"color/offset": 2**64}),
+    _spec("offset_negative", "BUFFER_RANGE", {"color/offset": -64}),
+    _spec("offset_2_63", "BUFFER_RANGE", {"color/offset": 2**63}),
+    _spec("offset_2_64", "BUFFER_RANGE", {"color/offset": 2**64}),
     _spec(
         "offset_overflow",
-        "offset plus length overflows",
         "BUFFER_RANGE",
         {"color/offset": 2**63 - 64, "color/byte_length": 64},
         also=("TRIASSET_BUFFER_SIZE", "TRIASSET_BUFFER_HOLE"),
     ),
-    _spec("length_negative", "a negative length", "BUFFER_RANGE", {"color/byte_length": -12}),
-    _spec("length_2_64", "a length that wraps to 12", "BUFFER_RANGE", {"color/byte_length": 2**64 + 12}),
-    _spec("offset_past_end", "the file is all hole", "BUFFER_HOLE", {"color/offset": 64}),
-    _spec("offset_4_gib", "a hole of 4 GiB", "BUFFER_HOLE", {"color/offset": 2**32}),
-    _spec("misaligned", "offset 4", "BUFFER_MISALIGNED", {"color/offset": 4}, also=("TRIASSET_BUFFER_HOLE",)),
-    Case("overlap", "two buffers share bytes", "TRIASSET_BUFFER_OVERLAP", packed(_shared(0))),
-    Case("hole", "two buffers with a hole between", "TRIASSET_BUFFER_HOLE", packed(_shared(128, 80))),
-    _spec(
-        "same_file_twice",
-        "two buffers are the same bytes",
-        "BUFFER_OVERLAP",
-        {"color/file": "buffers/positions.bin"},
-    ),
-    *(
-        _spec(f"dtype_{i}", f"a dtype of {dtype!r}", _dtype_code(dtype), {"color/dtype": dtype})
-        for i, dtype in enumerate(_DTYPES)
-    ),
-    _spec("positions_uint32", "integer positions", "BUFFER_DTYPE", {"positions/dtype": "uint32"}),
-    _spec("indices_float32", "fractional indices", "BUFFER_DTYPE", {"indices/dtype": "float32"}),
-    _spec(
-        "indices_uint8",
-        "one-byte indices",
-        "BUFFER_DTYPE",
-        {"indices/dtype": "uint8", "indices/byte_length": 12},
-    ),
-    _spec(
-        "color_uint32",
-        "four-byte colours",
-        "BUFFER_DTYPE",
-        {"color/dtype": "uint32", "color/byte_length": 48},
-    ),
-    _spec("domain_unknown", "values per edge", "BUFFER_DOMAIN", {"color/domain": "edge"}),
-    _spec("domain_capitals", "values per Vertex", "BUFFER_DOMAIN", {"color/domain": "Vertex"}),
-    _spec(
-        "domain_count",
-        "vertex values, one too few",
-        "BUFFER_DOMAIN",
-        {"color/shape": [3, 3], "color/byte_length": 9},
-    ),
-    _spec(
-        "domain_corner", "vertex values said to be per corner", "BUFFER_DOMAIN", {"color/domain": "corner"}
-    ),
-    _spec(
-        "domain_face", "vertex values said to be per face", "BUFFER_DOMAIN", {"f_dc/domain": "vertex"}, soup
-    ),
-    _spec("color_global", "one colour for all", "BUFFER_DOMAIN", {"color/domain": "global"}),
-    _spec("positions_face", "positions per face", "BUFFER_DOMAIN", {"positions/domain": "face"}),
-    _spec("indices_global", "indices of no domain", "BUFFER_DOMAIN", {"indices/domain": "global"}),
-    _spec("shape_product", "a shape of other size", "BUFFER_SIZE", {"color/byte_length": 13}),
+    _spec("length_negative", "BUFFER_RANGE", {"color/byte_length": -12}),
+    _spec("length_2_64", "BUFFER_RANGE", {"color/byte_length": 2**64 + 12}),
+    _spec("offset_past_end", "BUFFER_HOLE", {"color/offset": 64}),
+    _spec("offset_4_gib", "BUFFER_HOLE", {"color/offset": 2**32}),
+    _spec("misaligned", "BUFFER_MISALIGNED", {"color/offset": 4}, also=("TRIASSET_BUFFER_HOLE",)),
+    Case("overlap", "TRIASSET_BUFFER_OVERLAP", packed(_shared(0))),
+    Case("hole", "TRIASSET_BUFFER_HOLE", packed(_shared(128, 80))),
+    _spec("same_file_twice", "BUFFER_OVERLAP", {"color/file": "buffers/positions.bin"}),
+    *(_spec(f"dtype_{i}", _dtype_code(dtype), {"color/dtype": dtype}) for i, dtype in enumerate(_DTYPES)),
+    _spec("positions_uint32", "BUFFER_DTYPE", {"positions/dtype": "uint32"}),
+    _spec("indices_float32", "BUFFER_DTYPE", {"indices/dtype": "float32"}),
+    _spec("indices_uint8", "BUFFER_DTYPE", {"indices/dtype": "uint8", "indices/byte_length": 12}),
+    _spec("color_uint32", "BUFFER_DTYPE", {"color/dtype": "uint32", "color/byte_length": 48}),
+    _spec("domain_unknown", "BUFFER_DOMAIN", {"color/domain": "edge"}),
+    _spec("domain_capitals", "BUFFER_DOMAIN", {"color/domain": "Vertex"}),
+    _spec("domain_count", "BUFFER_DOMAIN", {"color/shape": [3, 3], "color/byte_length": 9}),
+    _spec("domain_corner", "BUFFER_DOMAIN", {"color/domain": "corner"}),
+    _spec("domain_face", "BUFFER_DOMAIN", {"f_dc/domain": "vertex"}, soup),
+    _spec("color_global", "BUFFER_DOMAIN", {"color/domain": "global"}),
+    _spec("positions_face", "BUFFER_DOMAIN", {"positions/domain": "face"}),
+    _spec("indices_global", "BUFFER_DOMAIN", {"indices/domain": "global"}),
+    _spec("shape_product", "BUFFER_SIZE", {"color/byte_length": 13}),
     _spec(
         "shape_wraps",
-        "a shape whose product is 0 modulo 2^64",
         "BUFFER_SIZE",
         {"decoder.w0/shape": [2**31, 2**31, 4], "decoder.w0/byte_length": 0},
         decoder,
     ),
-    _spec("shape_2_33", "a dimension of 2^33", "COUNT_RANGE", {"color/shape": [2**33, 2**33]}),
-    _spec("shape_negative", "two negative dimensions", "COUNT_RANGE", {"color/shape": [-4, -3]}),
-    _spec("shape_guess", "a dimension of -1", "COUNT_RANGE", {"color/shape": [4, -1]}),
-    _spec("shape_float", "a dimension of 3.0", "FIELD_TYPE", {"color/shape": [4, 3.0]}),
-    _spec("shape_bool", "a dimension of true", "FIELD_TYPE", {"color/shape": [4, True]}),
-    _spec("shape_none", "no dimensions", "BUFFER_SHAPE", {"color/shape": []}),
-    _spec("shape_five", "five dimensions", "BUFFER_SHAPE", {"color/shape": [4, 3, 1, 1, 1]}),
-    _spec("shape_strings", "a dimension of 900 kB of text", "FIELD_TYPE", {"color/shape": ["4" * 900_000]}),
-    _spec(
-        "positions_four",
-        "homogeneous positions",
-        "BUFFER_SHAPE",
-        {"positions/shape": [4, 4], "positions/byte_length": 64},
-    ),
-    _spec(
-        "positions_flat",
-        "flat positions",
-        "BUFFER_SHAPE",
-        {"positions/shape": [4], "positions/byte_length": 16},
-    ),
-    _spec("positions_deep", "positions of three axes", "BUFFER_SHAPE", {"positions/shape": [4, 3, 1]}),
-    _spec("indices_quads", "quads", "BUFFER_SHAPE", {"indices/shape": [4, 4], "indices/byte_length": 64}),
-    _spec("opacity_column", "opacity n x 1", "BUFFER_SHAPE", {"opacity/shape": [2, 1]}, soup),
-    _spec("f_dc_four", "f_dc n x 4", "BUFFER_SHAPE", {"f_dc/shape": [2, 4], "f_dc/byte_length": 32}, soup),
-    _spec("f_rest_cube", "f_rest n x 3 x 3", "SH_WIDTH", {"f_rest/shape": [2, 3, 3]}, soup),
-    _spec("color_one", "grey values", "BUFFER_SHAPE", {"color/shape": [4, 1], "color/byte_length": 4}),
-    _spec(
-        "zero_length",
-        "a buffer of 0 bytes",
-        "BUFFER_EMPTY",
-        {"decoder.b0/shape": [0], "decoder.b0/byte_length": 0},
-        decoder,
-    ),
-    _spec(
-        "zero_axis",
-        "a buffer of shape 3 x 0",
-        "BUFFER_EMPTY",
-        {"decoder.w0/shape": [3, 0], "decoder.w0/byte_length": 0},
-        decoder,
-    ),
+    _spec("shape_2_33", "COUNT_RANGE", {"color/shape": [2**33, 2**33]}),
+    _spec("shape_negative", "COUNT_RANGE", {"color/shape": [-4, -3]}),
+    _spec("shape_guess", "COUNT_RANGE", {"color/shape": [4, -1]}),
+    _spec("shape_float", "FIELD_TYPE", {"color/shape": [4, 3.0]}),
+    _spec("shape_bool", "FIELD_TYPE", {"color/shape": [4, True]}),
+    _spec("shape_none", "BUFFER_SHAPE", {"color/shape": []}),
+    _spec("shape_five", "BUFFER_SHAPE", {"color/shape": [4, 3, 1, 1, 1]}),
+    _spec("shape_strings", "FIELD_TYPE", {"color/shape": ["4" * 900_000]}),
+    _spec("positions_four", "BUFFER_SHAPE", {"positions/shape": [4, 4], "positions/byte_length": 64}),
+    _spec("positions_flat", "BUFFER_SHAPE", {"positions/shape": [4], "positions/byte_length": 16}),
+    _spec("positions_deep", "BUFFER_SHAPE", {"positions/shape": [4, 3, 1]}),
+    _spec("indices_quads", "BUFFER_SHAPE", {"indices/shape": [4, 4], "indices/byte_length": 64}),
+    _spec("opacity_column", "BUFFER_SHAPE", {"opacity/shape": [2, 1]}, soup),
+    _spec("f_dc_four", "BUFFER_SHAPE", {"f_dc/shape": [2, 4], "f_dc/byte_length": 32}, soup),
+    _spec("f_rest_cube", "SH_WIDTH", {"f_rest/shape": [2, 3, 3]}, soup),
+    _spec("color_one", "BUFFER_SHAPE", {"color/shape": [4, 1], "color/byte_length": 4}),
+    _spec("zero_length", "BUFFER_EMPTY", {"decoder.b0/shape": [0], "decoder.b0/byte_length": 0}, decoder),
+    _spec("zero_axis", "BUFFER_EMPTY", {"decoder.w0/shape": [3, 0], "decoder.w0/byte_length": 0}, decoder),
 ]
 
 CASES = [*FILE_CASES, *SPEC_CASES]

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def _value(
-    name: str, title: str, code: str, pointer: str, value: Any, make: Callable[[], Any] = mesh, **more: Any
+    name: str, code: str, pointer: str, value: Any, make: Callable[[], Any] = mesh, **more: Any
 ) -> Case:
     """Return a packed case in which the manifest has `value` at `pointer` (or lacks it, if `REMOVE`)."""
-    return Case(name, title, f"TRIASSET_{code}", packed(lambda: parts(make()).change(pointer, value)), **more)
+    return Case(name, f"TRIASSET_{code}", packed(lambda: parts(make()).change(pointer, value)), **more)
 
 
 _ORDER = "/appearance/f_rest_order"
@@ -69,12 +69,7 @@ _WRONG_TYPES: dict[str, Any] = {
     "required_passes/standard": "opaque_unlit",
 }
 
-_INTEGER_LIES = [
-    ("float", "a whole number written as a float", 4.0),
-    ("exponent", "a whole number with exponent", 4e0),
-    ("bool", "true for 1", True),
-    ("half", "four and a half", 4.5),
-]
+_INTEGER_LIES = [("float", 4.0), ("exponent", 4e0), ("bool", True), ("half", 4.5)]
 
 _ENUMS = [
     ("topology_unknown", "FIELD_VALUE", "/topology", "quads"),
@@ -113,93 +108,59 @@ def _rest_at_0() -> Parts:
 
 
 FIELD_CASES = [
-    *(_value(f"no_{key}", f"{key} is absent", "FIELD_MISSING", f"/{key}", REMOVE) for key in _REQUIRED),
+    *(_value(f"no_{key}", "FIELD_MISSING", f"/{key}", REMOVE) for key in _REQUIRED),
     *(
-        _value(
-            "no_" + pointer[1:].replace("/", "_"),
-            f"{pointer} is absent",
-            "FIELD_MISSING",
-            pointer,
-            REMOVE,
-            soup,
-        )
+        _value("no_" + pointer[1:].replace("/", "_"), "FIELD_MISSING", pointer, REMOVE, soup)
         for pointer in _REQUIRED_INSIDE
     ),
     *(
-        _value("type_" + key.replace("/", "_"), f"{key} has the wrong type", "FIELD_TYPE", f"/{key}", value)
+        _value("type_" + key.replace("/", "_"), "FIELD_TYPE", f"/{key}", value)
         for key, value in _WRONG_TYPES.items()
     ),
+    *(_value(f"integer_{name}", "FIELD_TYPE", "/face_count", value) for name, value in _INTEGER_LIES),
+    *(_value(name, code, pointer, value) for name, code, pointer, value in _ENUMS),
+    _value("generator_long", "FIELD_VALUE", "/generator", "x" * 1001),
+    _value("generator_megabyte", "FIELD_TYPE", "/generator", ["x" * 900_000]),
+    _value("format_other", "FORMAT_UNKNOWN", "/format", "glTF"),
+    _value("format_capitals", "FORMAT_UNKNOWN", "/format", "TRIASSET"),
+    _value("format_null", "FORMAT_UNKNOWN", "/format", None),
     *(
-        _value(f"integer_{name}", title, "FIELD_TYPE", "/face_count", value)
-        for name, title, value in _INTEGER_LIES
-    ),
-    *(
-        _value(name, f"{pointer} is {value!r:.40}", code, pointer, value)
-        for name, code, pointer, value in _ENUMS
-    ),
-    _value("generator_long", "a generator of 1001 characters", "FIELD_VALUE", "/generator", "x" * 1001),
-    _value(
-        "generator_megabyte", "a short list of one huge string", "FIELD_TYPE", "/generator", ["x" * 900_000]
-    ),
-    _value("format_other", "another format", "FORMAT_UNKNOWN", "/format", "glTF"),
-    _value("format_capitals", "the format in capitals", "FORMAT_UNKNOWN", "/format", "TRIASSET"),
-    _value("format_null", "the format is null", "FORMAT_UNKNOWN", "/format", None),
-    *(
-        _value(f"version_{i}", f"the version is {version!r}", "VERSION_MALFORMED", "/version", version)
+        _value(f"version_{i}", "VERSION_MALFORMED", "/version", version)
         for i, version in enumerate(_VERSIONS)
     ),
-    _value("version_0_9", "an older major version", "VERSION_UNSUPPORTED", "/version", "0.9"),
-    _value("version_2_0", "a newer major version", "VERSION_UNSUPPORTED", "/version", "2.0"),
-    _value("version_1_1", "a newer minor version", "VERSION_NEWER", "/version", "1.1", severity="warning"),
-    _value("unknown_key", "a key we do not know", "FIELD_UNKNOWN", "/lod", 3, severity="warning"),
-    _value(
-        "method_elsewhere", "not installed", "METHOD_NOT_INSTALLED", "/method", "nerf", severity="warning"
-    ),
-    _value(
-        "unknown_escape",
-        "an unknown key of control characters",
-        "FIELD_UNKNOWN",
-        "/\x1b[2J\r",
-        0,
-        severity="warning",
-    ),
-    _value("unknown_in_bounds", "bounds.w", "FIELD_UNKNOWN", "/bounds/w", 0, severity="warning"),
-    _value("unknown_in_buffer", "stride", "FIELD_UNKNOWN", "/buffers/color/stride", 4, severity="warning"),
-    _value("unknown_in_source", "source.author", "FIELD_UNKNOWN", "/source/author", "x", severity="warning"),
-    _value(
-        "unknown_tier", "passes of no tier", "FIELD_UNKNOWN", "/required_passes/webgl", 5, severity="warning"
-    ),
+    _value("version_0_9", "VERSION_UNSUPPORTED", "/version", "0.9"),
+    _value("version_2_0", "VERSION_UNSUPPORTED", "/version", "2.0"),
+    _value("version_1_1", "VERSION_NEWER", "/version", "1.1", severity="warning"),
+    _value("unknown_key", "FIELD_UNKNOWN", "/lod", 3, severity="warning"),
+    _value("method_elsewhere", "METHOD_NOT_INSTALLED", "/method", "nerf", severity="warning"),
+    _value("unknown_escape", "FIELD_UNKNOWN", "/\x1b[2J\r", 0, severity="warning"),
+    _value("unknown_in_bounds", "FIELD_UNKNOWN", "/bounds/w", 0, severity="warning"),
+    _value("unknown_in_buffer", "FIELD_UNKNOWN", "/buffers/color/stride", 4, severity="warning"),
+    _value("unknown_in_source", "FIELD_UNKNOWN", "/source/author", "x", severity="warning"),
+    _value("unknown_tier", "FIELD_UNKNOWN", "/required_passes/webgl", 5, severity="warning"),
+    *(_value(f"vertex_count_{name}", code, "/vertex_count", value) for name, value, code in _COUNTS),
+    *(_value(f"face_count_{name}", code, "/face_count", value) for name, value, code in _COUNTS),
+    _value("no_faces", "EMPTY", "/face_count", 0, also=("TRIASSET_BUFFER_DOMAIN",)),
+    _value("no_vertices", "EMPTY", "/vertex_count", 0, also=("TRIASSET_BUFFER_DOMAIN",)),
+    _value("soup_count", "SOUP_COUNT", "/topology", "triangle_soup"),
     *(
-        _value(f"vertex_count_{name}", f"vertex_count is {value}", code, "/vertex_count", value)
-        for name, value, code in _COUNTS
-    ),
-    *(
-        _value(f"face_count_{name}", f"face_count is {value}", code, "/face_count", value)
-        for name, value, code in _COUNTS
-    ),
-    _value("no_faces", "F is 0", "EMPTY", "/face_count", 0, also=("TRIASSET_BUFFER_DOMAIN",)),
-    _value("no_vertices", "V is 0", "EMPTY", "/vertex_count", 0, also=("TRIASSET_BUFFER_DOMAIN",)),
-    _value("soup_count", "a soup with V = F", "SOUP_COUNT", "/topology", "triangle_soup"),
-    *(
-        _value(f"sh_degree_{i}", f"sh_degree is {degree!r}", "SH_DEGREE", "/sh_degree", degree, soup)
+        _value(f"sh_degree_{i}", "SH_DEGREE", "/sh_degree", degree, soup)
         for i, degree in enumerate((-1, 4, 1.0, True, "1", None, 2**64))
     ),
-    _value("sh_width", "f_rest is too narrow", "SH_WIDTH", "/sh_degree", 2, soup),
-    _value("sh_no_rest", "degree 1 without f_rest", "SH_WIDTH", "/sh_degree", 1, mesh),
-    _value("sh_order_absent", "f_rest of unknown order", "FIELD_MISSING", _ORDER, REMOVE, soup),
-    _value("sh_order_unknown", "f_rest in Morton order", "FIELD_VALUE", _ORDER, "morton", soup),
-    Case("sh_rest_at_0", "degree 0 with f_rest", "TRIASSET_SH_WIDTH", packed(_rest_at_0)),
-    _value("bounds_inverted", "min and max swapped", "BOUNDS_INVERTED", "/bounds/min/1", 7),
-    _value("bounds_two", "bounds.min of two numbers", "FIELD_VALUE", "/bounds/min", [0, 0]),
-    _value("bounds_many", "bounds.min of 100 000 numbers", "FIELD_VALUE", "/bounds/min", [0] * 100_000),
-    _value("radius_negative", "a negative radius", "FIELD_VALUE", "/bounding_sphere/radius", -1),
+    _value("sh_width", "SH_WIDTH", "/sh_degree", 2, soup),
+    _value("sh_no_rest", "SH_WIDTH", "/sh_degree", 1, mesh),
+    _value("sh_order_absent", "FIELD_MISSING", _ORDER, REMOVE, soup),
+    _value("sh_order_unknown", "FIELD_VALUE", _ORDER, "morton", soup),
+    Case("sh_rest_at_0", "TRIASSET_SH_WIDTH", packed(_rest_at_0)),
+    _value("bounds_inverted", "BOUNDS_INVERTED", "/bounds/min/1", 7),
+    _value("bounds_two", "FIELD_VALUE", "/bounds/min", [0, 0]),
+    _value("bounds_many", "FIELD_VALUE", "/bounds/min", [0] * 100_000),
+    _value("radius_negative", "FIELD_VALUE", "/bounding_sphere/radius", -1),
 ]
 
 
-def _bad_setting(
-    name: str, title: str, setting: str, stored: Any, make: Callable[[], Any], code: str
-) -> Case:
-    return _value(f"setting_{name}", title, code, f"/settings/{setting}", stored, make)
+def _bad_setting(name: str, setting: str, stored: Any, make: Callable[[], Any], code: str) -> Case:
+    return _value(f"setting_{name}", code, f"/settings/{setting}", stored, make)
 
 
 def _stored(value: Any) -> dict[str, Any]:
@@ -207,22 +168,22 @@ def _stored(value: Any) -> dict[str, Any]:
 
 
 _SETTINGS: list[tuple[str, str, str, Any, Callable[[], Any], str]] = [
-    ("unknown", "a setting of another method", "gamma", _stored(1.0), soup, "SETTING_UNKNOWN"),
-    ("of_mesh", "a setting where there are none", "sigma", _stored(1.0), mesh, "SETTING_UNKNOWN"),
-    ("unprintable", "a name of control characters", "\x1b[31m\n", _stored(1.0), mesh, "SETTING_UNKNOWN"),
-    ("long_name", "a name of 100 000 letters", "x" * 100_000, _stored(1.0), mesh, "SETTING_UNKNOWN"),
-    ("degree_high", "a degree above the stored one", "sh_degree", _stored(2), soup, "SETTING_VALUE"),
-    ("degree_float", "a degree of 1.0", "sh_degree", _stored(1.0), soup, "SETTING_VALUE"),
-    ("degree_bool", "a degree of true", "sh_degree", _stored(True), soup, "SETTING_VALUE"),
-    ("degree_null", "a degree that is switched off", "sh_degree", _stored(None), soup, "SETTING_VALUE"),
-    ("choice", "a choice that does not exist", "view_dir", _stored("up"), soup, "SETTING_VALUE"),
-    ("choice_type", "a choice that is a number", "view_dir", _stored(0), soup, "SETTING_VALUE"),
-    ("zero", "z_near of 0", "z_near", _stored(0), decoder, "SETTING_VALUE"),
-    ("negative", "a negative z_far", "z_far", _stored(-1.5), decoder, "SETTING_VALUE"),
-    ("huge", "a z_far past any float", "z_far", _stored(1e305), decoder, "SETTING_VALUE"),
-    ("bare", "a value without its source", "z_far", 1.0, decoder, "FIELD_TYPE"),
-    ("object", "a value that is an object", "z_far", _stored({}), decoder, "FIELD_TYPE"),
-    ("source", "an unknown source", "z_far", {"value": 1.0, "source": "x"}, decoder, "FIELD_VALUE"),
+    ("unknown", "gamma", _stored(1.0), soup, "SETTING_UNKNOWN"),
+    ("of_mesh", "sigma", _stored(1.0), mesh, "SETTING_UNKNOWN"),
+    ("unprintable", "\x1b[31m\n", _stored(1.0), mesh, "SETTING_UNKNOWN"),
+    ("long_name", "x" * 100_000, _stored(1.0), mesh, "SETTING_UNKNOWN"),
+    ("degree_high", "sh_degree", _stored(2), soup, "SETTING_VALUE"),
+    ("degree_float", "sh_degree", _stored(1.0), soup, "SETTING_VALUE"),
+    ("degree_bool", "sh_degree", _stored(True), soup, "SETTING_VALUE"),
+    ("degree_null", "sh_degree", _stored(None), soup, "SETTING_VALUE"),
+    ("choice", "view_dir", _stored("up"), soup, "SETTING_VALUE"),
+    ("choice_type", "view_dir", _stored(0), soup, "SETTING_VALUE"),
+    ("zero", "z_near", _stored(0), decoder, "SETTING_VALUE"),
+    ("negative", "z_far", _stored(-1.5), decoder, "SETTING_VALUE"),
+    ("huge", "z_far", _stored(1e305), decoder, "SETTING_VALUE"),
+    ("bare", "z_far", 1.0, decoder, "FIELD_TYPE"),
+    ("object", "z_far", _stored({}), decoder, "FIELD_TYPE"),
+    ("source", "z_far", {"value": 1.0, "source": "x"}, decoder, "FIELD_VALUE"),
 ]
 
 
@@ -249,17 +210,13 @@ _HASHES = [
 
 SETTING_CASES = [
     *(_bad_setting(*row) for row in _SETTINGS),
-    Case("setting_slash", "a name with / and ~", "TRIASSET_SETTING_UNKNOWN", packed(_settings_with_slash)),
-    _value(
-        "source_hash", "a bad hash of a source", "CHECKSUM_MALFORMED", "/source/files", [_source(sha256="x")]
-    ),
-    _value("source_size", "a source of -1 bytes", "FIELD_VALUE", "/source/files", [_source(byte_length=-1)]),
-    _value(
-        "source_path", "a path of 1001 characters", "FIELD_VALUE", "/source/files", [_source(path="x" * 1001)]
-    ),
-    _value("source_many", "257 sources", "FIELD_VALUE", "/source/files", [_source()] * 257),
+    Case("setting_slash", "TRIASSET_SETTING_UNKNOWN", packed(_settings_with_slash)),
+    _value("source_hash", "CHECKSUM_MALFORMED", "/source/files", [_source(sha256="x")]),
+    _value("source_size", "FIELD_VALUE", "/source/files", [_source(byte_length=-1)]),
+    _value("source_path", "FIELD_VALUE", "/source/files", [_source(path="x" * 1001)]),
+    _value("source_many", "FIELD_VALUE", "/source/files", [_source()] * 257),
     *(
-        _value(f"hash_{name}", f"a hash that is {name}", "CHECKSUM_MALFORMED", "/buffers/color/sha256", value)
+        _value(f"hash_{name}", "CHECKSUM_MALFORMED", "/buffers/color/sha256", value)
         for name, value in _HASHES
     ),
 ]

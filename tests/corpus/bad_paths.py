@@ -60,19 +60,18 @@ _NAMES = [
 
 
 def _named(name: str, file: str) -> Case:
-    title = f"a buffer whose file is {file!r:.60}"
     make = packed(lambda: parts(mesh()).change("/buffers/positions/file", file))
-    return Case(f"path_{name}", title, "TRIASSET_PATH_UNSAFE", make)
+    return Case(f"path_{name}", "TRIASSET_PATH_UNSAFE", make)
 
 
-def _on_disk(name: str, title: str, code: str, spoil: Callable[[Path], None], **more: object) -> Case:
+def _on_disk(name: str, code: str, spoil: Callable[[Path], None], **more: object) -> Case:
     """Return a case that is a good folder after `spoil` has been at it."""
 
     def write(path: Path) -> None:
         parts(mesh()).write_folder(path)
         spoil(path)
 
-    return Case(name, title, code, write, **more)  # type: ignore[arg-type]
+    return Case(name, code, write, **more)  # type: ignore[arg-type]
 
 
 def _outside(path: Path) -> Path:
@@ -150,99 +149,39 @@ BUFFER = "buffers/positions.bin"
 
 CASES = [
     *(_named(name, file) for name, file in _NAMES),
-    Case("path_case_twins", "two files of one name but for case", "TRIASSET_PATH_DUPLICATE", _case_twins),
-    _on_disk(
-        "link_out", "a link to a file outside", LINK, _link_to(BUFFER, "{outside}/buffers/positions.bin")
-    ),
-    _on_disk("link_passwd", "a link to /etc/passwd", LINK, _link_to(BUFFER, "/etc/passwd")),
-    _on_disk(
-        "link_relative", "a relative link", LINK, _link_to(BUFFER, "../../outside/buffers/positions.bin")
-    ),
-    _on_disk("link_inside", "a link to another buffer", LINK, _link_to(BUFFER, "color.bin")),
-    _on_disk("link_dangling", "a link to nothing", LINK, _link_to(BUFFER, "nothing")),
-    _on_disk("link_loop", "a link to itself", LINK, _link_to(BUFFER, "positions.bin")),
-    _on_disk("link_proc", "a link to the process itself", LINK, _link_to(BUFFER, "/proc/self/mem")),
-    _on_disk("link_buffers", "buffers is a link", LINK, _link_to("buffers", "{outside}/buffers")),
-    _on_disk("link_buffers_up", "buffers is a link to the asset", LINK, _link_to("buffers", ".")),
-    _on_disk(
-        "link_manifest", "the manifest is a link", LINK, _link_to("manifest.json", "{outside}/manifest.json")
-    ),
-    _on_disk(
-        "link_manifest_loop", "the manifest links to itself", LINK, _link_to("manifest.json", "manifest.json")
-    ),
-    _on_disk("folder_for_buffer", "a folder for a buffer", NOT_FILE, _replaced(BUFFER, os.mkdir)),
-    _on_disk(
-        "folder_for_manifest", "a folder for the manifest", NOT_FILE, _replaced("manifest.json", os.mkdir)
-    ),
-    _on_disk("pipe_for_buffer", "a pipe for a buffer", NOT_FILE, _replaced(BUFFER, os.mkfifo)),
-    _on_disk("pipe_for_manifest", "a pipe for the manifest", NOT_FILE, _replaced("manifest.json", os.mkfifo)),
-    _on_disk("socket_for_buffer", "a socket for a buffer", NOT_FILE, _replaced(BUFFER, _socket)),
+    Case("path_case_twins", "TRIASSET_PATH_DUPLICATE", _case_twins),
+    _on_disk("link_out", LINK, _link_to(BUFFER, "{outside}/buffers/positions.bin")),
+    _on_disk("link_passwd", LINK, _link_to(BUFFER, "/etc/passwd")),
+    _on_disk("link_relative", LINK, _link_to(BUFFER, "../../outside/buffers/positions.bin")),
+    _on_disk("link_inside", LINK, _link_to(BUFFER, "color.bin")),
+    _on_disk("link_dangling", LINK, _link_to(BUFFER, "nothing")),
+    _on_disk("link_loop", LINK, _link_to(BUFFER, "positions.bin")),
+    _on_disk("link_proc", LINK, _link_to(BUFFER, "/proc/self/mem")),
+    _on_disk("link_buffers", LINK, _link_to("buffers", "{outside}/buffers")),
+    _on_disk("link_buffers_up", LINK, _link_to("buffers", ".")),
+    _on_disk("link_manifest", LINK, _link_to("manifest.json", "{outside}/manifest.json")),
+    _on_disk("link_manifest_loop", LINK, _link_to("manifest.json", "manifest.json")),
+    _on_disk("folder_for_buffer", NOT_FILE, _replaced(BUFFER, os.mkdir)),
+    _on_disk("folder_for_manifest", NOT_FILE, _replaced("manifest.json", os.mkdir)),
+    _on_disk("pipe_for_buffer", NOT_FILE, _replaced(BUFFER, os.mkfifo)),
+    _on_disk("pipe_for_manifest", NOT_FILE, _replaced("manifest.json", os.mkfifo)),
+    _on_disk("socket_for_buffer", NOT_FILE, _replaced(BUFFER, _socket)),
     _on_disk(
         "file_for_buffers",
-        "a file for the folder of buffers",
         "TRIASSET_BUFFER_MISSING",
         _replaced("buffers", lambda path: path.write_bytes(b"")),
     ),
-    _on_disk(
-        "hardlink",
-        "a buffer with a second name",
-        "TRIASSET_PATH_HARDLINK",
-        _hardlink,
-        severity="warning",
-        found_by="validate",
-    ),
-    _on_disk(
-        "hardlink_in",
-        "a buffer that is a file outside",
-        "TRIASSET_PATH_HARDLINK",
-        _hardlink_in,
-        severity="warning",
-        found_by="validate",
-    ),
-    _on_disk(
-        "stray_file",
-        "a file nobody declares",
-        "TRIASSET_FILE_UNDECLARED",
-        _stray("notes.txt"),
-        severity="warning",
-    ),
-    _on_disk(
-        "stray_buffer",
-        "a buffer nobody declares",
-        "TRIASSET_FILE_UNDECLARED",
-        _stray("buffers/x.bin"),
-        severity="warning",
-    ),
-    _on_disk(
-        "stray_unprintable",
-        "a stray file that clears the terminal",
-        "TRIASSET_FILE_UNDECLARED",
-        _stray("\x1b[2J\n"),
-        severity="warning",
-    ),
-    _on_disk(
-        "denied_buffer", "a buffer we may not read", "TRIASSET_FILE_UNREADABLE", _denied(BUFFER), denied=True
-    ),
-    _on_disk(
-        "denied_manifest",
-        "a manifest we may not read",
-        "TRIASSET_FILE_UNREADABLE",
-        _denied("manifest.json"),
-        denied=True,
-    ),
-    _on_disk(
-        "denied_folder", "a folder we may not enter", "TRIASSET_FILE_UNREADABLE", _denied("."), denied=True
-    ),
-    _on_disk(
-        "denied_buffers",
-        "buffers we may not enter",
-        "TRIASSET_FILE_UNREADABLE",
-        _denied("buffers"),
-        denied=True,
-    ),
+    _on_disk("hardlink", "TRIASSET_PATH_HARDLINK", _hardlink, severity="warning", found_by="validate"),
+    _on_disk("hardlink_in", "TRIASSET_PATH_HARDLINK", _hardlink_in, severity="warning", found_by="validate"),
+    _on_disk("stray_file", "TRIASSET_FILE_UNDECLARED", _stray("notes.txt"), severity="warning"),
+    _on_disk("stray_buffer", "TRIASSET_FILE_UNDECLARED", _stray("buffers/x.bin"), severity="warning"),
+    _on_disk("stray_unprintable", "TRIASSET_FILE_UNDECLARED", _stray("\x1b[2J\n"), severity="warning"),
+    _on_disk("denied_buffer", "TRIASSET_FILE_UNREADABLE", _denied(BUFFER), denied=True),
+    _on_disk("denied_manifest", "TRIASSET_FILE_UNREADABLE", _denied("manifest.json"), denied=True),
+    _on_disk("denied_folder", "TRIASSET_FILE_UNREADABLE", _denied("."), denied=True),
+    _on_disk("denied_buffers", "TRIASSET_FILE_UNREADABLE", _denied("buffers"), denied=True),
     _on_disk(
         "denied_listing",
-        "a folder we may enter but not list",
         "TRIASSET_FILE_UNREADABLE",
         lambda path: path.chmod(0o311),
         severity="warning",

@@ -15,13 +15,7 @@ if TYPE_CHECKING:
 
 
 def _values(
-    name: str,
-    title: str,
-    code: str,
-    buffer: str,
-    put: dict[Any, Any],
-    make: Callable[[], Any] = mesh,
-    **more: Any,
+    name: str, code: str, buffer: str, put: dict[Any, Any], make: Callable[[], Any] = mesh, **more: Any
 ) -> Case:
     """Return a case in which some elements of a buffer are others; the hash is that of the new values."""
 
@@ -32,7 +26,7 @@ def _values(
             array[where] = value
         return parts(asset).set_array(buffer, array)
 
-    return Case(name, title, f"TRIASSET_{code}", packed(change), found_by="validate", **more)
+    return Case(name, f"TRIASSET_{code}", packed(change), found_by="validate", **more)
 
 
 def _signalling_nan(path: Path) -> None:
@@ -66,118 +60,69 @@ def _far(values: float) -> Callable[[], Parts]:
     return make
 
 
-def _stated(name: str, title: str, code: str, pointer: str, value: Any) -> Case:
+def _stated(name: str, code: str, pointer: str, value: Any) -> Case:
     make = packed(lambda: parts(mesh()).change(pointer, value))
-    return Case(name, title, f"TRIASSET_{code}", make, found_by="validate")
+    return Case(name, f"TRIASSET_{code}", make, found_by="validate")
 
 
 NAN, INF = float("nan"), float("inf")
 _OTHER_HASH = "0123456789abcdef" * 4
 
 VALUE_CASES = [
-    _values("nan_position", "a NaN coordinate", "VALUE_NONFINITE", "positions", {(1, 2): NAN}),
-    _values("inf_position", "an infinite coordinate", "VALUE_NONFINITE", "positions", {(3, 0): INF}),
-    _values("nan_positions", "only NaN coordinates", "VALUE_NONFINITE", "positions", {...: NAN}),
+    _values("nan_position", "VALUE_NONFINITE", "positions", {(1, 2): NAN}),
+    _values("inf_position", "VALUE_NONFINITE", "positions", {(3, 0): INF}),
+    _values("nan_positions", "VALUE_NONFINITE", "positions", {...: NAN}),
+    Case("signalling_nan", "TRIASSET_VALUE_NONFINITE", _signalling_nan, found_by="validate"),
+    _values("nan_f_dc", "VALUE_NONFINITE", "f_dc", {(0, 0): NAN}, soup),
+    _values("inf_f_rest", "VALUE_NONFINITE", "f_rest", {(1, 8): -INF}, soup),
+    _values("nan_opacity", "VALUE_NONFINITE", "opacity", {0: NAN}, soup),
+    _values("inf_sigma", "VALUE_NONFINITE", "sigma", {1: INF}, soup),
+    _values("nan_feature", "VALUE_NONFINITE", "features.color", {(1, 2, 6): NAN}, decoder),
+    _values("inf_weight", "VALUE_NONFINITE", "decoder.w0", {(0, 0): INF}, decoder),
+    _values("index_v", "INDEX_OUT_OF_RANGE", "indices", {(3, 2): 4}),
+    _values("index_greatest", "INDEX_OUT_OF_RANGE", "indices", {(0, 0): 2**32 - 1}),
+    _values("soup_swapped", "SOUP_INDICES", "indices", {...: [[3, 4, 5], [0, 1, 2]]}, soup),
+    _values("soup_flipped", "SOUP_INDICES", "indices", {1: [3, 5, 4]}, soup),
     Case(
-        "signalling_nan", "a signalling NaN", "TRIASSET_VALUE_NONFINITE", _signalling_nan, found_by="validate"
-    ),
-    _values("nan_f_dc", "a NaN colour", "VALUE_NONFINITE", "f_dc", {(0, 0): NAN}, soup),
-    _values("inf_f_rest", "an infinite coefficient", "VALUE_NONFINITE", "f_rest", {(1, 8): -INF}, soup),
-    _values("nan_opacity", "a NaN logit", "VALUE_NONFINITE", "opacity", {0: NAN}, soup),
-    _values("inf_sigma", "an infinite sigma", "VALUE_NONFINITE", "sigma", {1: INF}, soup),
-    _values("nan_feature", "a NaN feature", "VALUE_NONFINITE", "features.color", {(1, 2, 6): NAN}, decoder),
-    _values("inf_weight", "an infinite weight", "VALUE_NONFINITE", "decoder.w0", {(0, 0): INF}, decoder),
-    _values("index_v", "an index of V", "INDEX_OUT_OF_RANGE", "indices", {(3, 2): 4}),
-    _values(
-        "index_greatest", "an index of -1 as uint32", "INDEX_OUT_OF_RANGE", "indices", {(0, 0): 2**32 - 1}
-    ),
-    _values(
-        "soup_swapped",
-        "a soup of two faces swapped",
-        "SOUP_INDICES",
-        "indices",
-        {...: [[3, 4, 5], [0, 1, 2]]},
-        soup,
-    ),
-    _values("soup_flipped", "a soup with a flipped face", "SOUP_INDICES", "indices", {1: [3, 5, 4]}, soup),
-    Case(
-        "color_range",
-        "float colours of 1.5",
-        "TRIASSET_VALUE_RANGE",
-        packed(_float_color),
-        severity="warning",
-        found_by="validate",
+        "color_range", "TRIASSET_VALUE_RANGE", packed(_float_color), severity="warning", found_by="validate"
     ),
     Case(
-        "magnitude",
-        "coordinates of 1e19",
-        "TRIASSET_VALUE_MAGNITUDE",
-        packed(_far(1e19)),
-        severity="warning",
-        found_by="validate",
+        "magnitude", "TRIASSET_VALUE_MAGNITUDE", packed(_far(1e19)), severity="warning", found_by="validate"
     ),
     Case(
         "magnitude_greatest",
-        "coordinates of 3e38",
         "TRIASSET_VALUE_MAGNITUDE",
         packed(_far(3e38)),
         severity="warning",
         found_by="validate",
     ),
-    _stated("bounds_small", "bounds that cut a vertex off", "BOUNDS_MISMATCH", "/bounds/max/2", 2.5),
-    _stated("bounds_large", "bounds that are too wide", "BOUNDS_MISMATCH", "/bounds/min/0", -1),
-    _stated("bounds_1e308", "bounds near the end of floats", "BOUNDS_MISMATCH", "/bounds/max/0", 1.7e308),
-    _stated("sphere_small", "a sphere that is too small", "SPHERE_MISMATCH", "/bounding_sphere/radius", 1),
-    _stated(
-        "sphere_elsewhere", "a sphere at 1e300", "SPHERE_MISMATCH", "/bounding_sphere/center", [1e300] * 3
-    ),
+    _stated("bounds_small", "BOUNDS_MISMATCH", "/bounds/max/2", 2.5),
+    _stated("bounds_large", "BOUNDS_MISMATCH", "/bounds/min/0", -1),
+    _stated("bounds_1e308", "BOUNDS_MISMATCH", "/bounds/max/0", 1.7e308),
+    _stated("sphere_small", "SPHERE_MISMATCH", "/bounding_sphere/radius", 1),
+    _stated("sphere_elsewhere", "SPHERE_MISMATCH", "/bounding_sphere/center", [1e300] * 3),
     Case(
         "sphere_loose",
-        "a sphere a hundred times too large",
         "TRIASSET_SPHERE_MISMATCH",
         packed(lambda: parts(mesh()).change("/bounding_sphere/radius", 300)),
         severity="warning",
         found_by="validate",
     ),
-    _stated(
-        "checksum", "the hash of other values", "CHECKSUM_MISMATCH", "/buffers/color/sha256", _OTHER_HASH
-    ),
+    _stated("checksum", "CHECKSUM_MISMATCH", "/buffers/color/sha256", _OTHER_HASH),
 ]
 
 
-def _faces(name: str, title: str, code: str, faces: list[list[int]]) -> Case:
+def _faces(name: str, code: str, faces: list[list[int]]) -> Case:
     """Return a case whose faces are allowed, but not all of use."""
     make = packed(lambda: parts(mesh()).set_array("indices", np.array(faces, np.uint32)))
-    return Case(name, title, f"TRIASSET_{code}", make, severity="info", found_by="command")
+    return Case(name, f"TRIASSET_{code}", make, severity="info", found_by="command")
 
 
 FACE_CASES = [
-    _faces(
-        "face_repeated_index",
-        "a face of two vertices",
-        "FACE_REPEATED_INDEX",
-        [[0, 1, 2], [0, 1, 3], [0, 0, 3], [1, 2, 3]],
-    ),
-    _faces(
-        "face_duplicate",
-        "a face that is there twice",
-        "FACE_DUPLICATE",
-        [[0, 1, 2], [0, 1, 3], [1, 3, 0], [1, 2, 3]],
-    ),
-    _faces(
-        "vertex_unreferenced",
-        "a vertex of no face",
-        "VERTEX_UNREFERENCED",
-        [[0, 1, 2], [2, 1, 0], [1, 2, 0], [1, 0, 2]],
-    ),
-    Case(
-        "face_zero_area",
-        "a face without area",
-        "TRIASSET_FACE_ZERO_AREA",
-        _flat_face,
-        severity="info",
-        found_by="command",
-    ),
+    _faces("face_repeated_index", "FACE_REPEATED_INDEX", [[0, 1, 2], [0, 1, 3], [0, 0, 3], [1, 2, 3]]),
+    _faces("face_duplicate", "FACE_DUPLICATE", [[0, 1, 2], [0, 1, 3], [1, 3, 0], [1, 2, 3]]),
+    _faces("vertex_unreferenced", "VERTEX_UNREFERENCED", [[0, 1, 2], [2, 1, 0], [1, 2, 0], [1, 0, 2]]),
+    Case("face_zero_area", "TRIASSET_FACE_ZERO_AREA", _flat_face, severity="info", found_by="command"),
 ]
 
 CASES = [*VALUE_CASES, *FACE_CASES]

@@ -1,4 +1,4 @@
-"""What a bad asset is: a name, what is wrong with it, and the code that says so."""
+"""What a bad asset is: a name that says what is wrong, and the code that says so."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Case:
 
     Attributes
     ----------
-    name, title : str
-        Of the file, and one line for people.
+    name : str
+        Of the file; it says what is wrong.
     code : str
         What `load` raises or tolerates, or what `validate` finds.
     write : callable
@@ -39,7 +39,6 @@ class Case:
     """
 
     name: str
-    title: str
     code: str
     write: Writer
     severity: Severity = "error"

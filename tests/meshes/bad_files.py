@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from .bad_glbs import BAD_GLBS
 from .builders import (
     OBJ_SQUARE,
@@ -18,6 +20,9 @@ from .builders import (
     stl_text,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 Bad = tuple[str, bytes, str, str]
 LITTLE = "binary_little_endian"
 VERTICES = ["element vertex 4", *XYZ]
@@ -30,6 +35,31 @@ def header(old: str, new: str, content: bytes | None = None) -> bytes:
     content = ply_text(TEXT) if content is None else content
     assert old.encode("ascii") in content
     return content.replace(old.encode("ascii"), new.encode("latin-1"), 1)
+
+
+def row(old: bytes, new: bytes) -> bytes:
+    """Return a text PLY with one change in its rows."""
+    return ply_text(TEXT.replace(old, new))
+
+
+def wide_list(body: bytes) -> bytes:
+    """Return a binary PLY of one face, whose count of corners is an int."""
+    return ply(LITTLE, [*VERTICES, "element face 1", "property list int int vertex_index"], body)
+
+
+def vertex(line: bytes) -> bytes:
+    """Return an OFF file of one vertex."""
+    return off(b"OFF\n1 0 0", line)
+
+
+def face(line: bytes) -> bytes:
+    """Return an OFF file of one vertex and one face."""
+    return off(b"OFF\n1 1 0", b"0 0 0\n", line)
+
+
+def facet(corners: Sequence[str]) -> bytes:
+    """Return a text STL of one face."""
+    return stl_text(stl_facet(corners))
 
 
 _PLY: dict[str, tuple[bytes, str, str]] = {
@@ -67,36 +97,20 @@ _PLY: dict[str, tuple[bytes, str, str]] = {
     ),
     "text vertices missing": (ply_text(OFF_SQUARE), "TRUNCATED", "declares 6 rows, but 4 lines follow"),
     "text huge count": (header("vertex 4", "vertex 1000000000000"), "TRUNCATED", "1000000000002 rows"),
-    "text short row": (ply_text(TEXT.replace(b"1 1 0", b"1 1")), "NUMBER", "row 2 of element 'vertex' has 2"),
-    "text long row": (
-        ply_text(TEXT.replace(b"1 1 0", b"1 1 0 0")),
-        "NUMBER",
-        "line 12: row 2 of element 'vertex'",
-    ),
-    "text word": (ply_text(TEXT.replace(b"1 1 0", b"1 one 0")), "NUMBER", "line 12: 'one' is not a number"),
-    "text hexadecimal": (ply_text(TEXT.replace(b"1 1 0", b"1 0x1 0")), "NUMBER", "'0x1' is not a number"),
-    "text glued": (ply_text(TEXT.replace(b"1 1 0", b"1 1-0")), "NUMBER", "'1-0' is not a number"),
-    "text comma": (ply_text(TEXT.replace(b"1 1 0", b"1,5 1 0")), "NUMBER", "'1,5' is not a number"),
-    "text face short": (
-        ply_text(TEXT.replace(b"3 0 2 3", b"4 0 2 3")),
-        "FACE",
-        "line 15: row 1 of element 'face'",
-    ),
-    "text face long": (ply_text(TEXT.replace(b"3 0 2 3", b"2 0 2 3")), "FACE", "row 1 of element 'face'"),
-    "text face huge": (ply_text(TEXT.replace(b"3 0 2 3", b"1e18 0 2 3")), "FACE", "row 1 of element 'face'"),
-    "text face negative": (
-        ply_text(TEXT.replace(b"3 0 2 3", b"-3 0 2 3")),
-        "FACE",
-        "row 1 of element 'face'",
-    ),
-    "text face nan": (ply_text(TEXT.replace(b"3 0 2 3", b"nan 0 2 3")), "FACE", "row 1 of element 'face'"),
-    "text index fraction": (
-        ply_text(TEXT.replace(b"3 0 2 3", b"3 0 2.5 3")),
-        "NUMBER",
-        "line 15: an index is 2.5",
-    ),
-    "text index nan": (ply_text(TEXT.replace(b"3 0 2 3", b"3 0 nan 3")), "NUMBER", "an index is nan"),
-    "text index huge": (ply_text(TEXT.replace(b"3 0 2 3", b"3 0 1e99 3")), "NUMBER", "an index is 1e+99"),
+    "text short row": (row(b"1 1 0", b"1 1"), "NUMBER", "row 2 of element 'vertex' has 2"),
+    "text long row": (row(b"1 1 0", b"1 1 0 0"), "NUMBER", "line 12: row 2 of element 'vertex'"),
+    "text word": (row(b"1 1 0", b"1 one 0"), "NUMBER", "line 12: 'one' is not a number"),
+    "text hexadecimal": (row(b"1 1 0", b"1 0x1 0"), "NUMBER", "'0x1' is not a number"),
+    "text glued": (row(b"1 1 0", b"1 1-0"), "NUMBER", "'1-0' is not a number"),
+    "text comma": (row(b"1 1 0", b"1,5 1 0"), "NUMBER", "'1,5' is not a number"),
+    "text face short": (row(b"3 0 2 3", b"4 0 2 3"), "FACE", "line 15: row 1 of element 'face'"),
+    "text face long": (row(b"3 0 2 3", b"2 0 2 3"), "FACE", "row 1 of element 'face'"),
+    "text face huge": (row(b"3 0 2 3", b"1e18 0 2 3"), "FACE", "row 1 of element 'face'"),
+    "text face negative": (row(b"3 0 2 3", b"-3 0 2 3"), "FACE", "row 1 of element 'face'"),
+    "text face nan": (row(b"3 0 2 3", b"nan 0 2 3"), "FACE", "row 1 of element 'face'"),
+    "text index fraction": (row(b"3 0 2 3", b"3 0 2.5 3"), "NUMBER", "line 15: an index is 2.5"),
+    "text index nan": (row(b"3 0 2 3", b"3 0 nan 3"), "NUMBER", "an index is nan"),
+    "text index huge": (row(b"3 0 2 3", b"3 0 1e99 3"), "NUMBER", "an index is 1e+99"),
     "text trailing": (ply_text(TEXT + b"\n7\n"), "TRAILING", "line 17: there is more"),
     "text nul": (ply_text(TEXT + b"\0"), "HEADER", "is NUL"),
     "binary short": (ply_square()[:-1], "TRUNCATED", "within row 1 of the 2 rows of element 'face'"),
@@ -110,17 +124,9 @@ _PLY: dict[str, tuple[bytes, str, str]] = {
         "TRUNCATED",
         "declares 1000000000000 rows of at least 12 bytes",
     ),
-    "binary huge list": (
-        ply(
-            LITTLE,
-            [*VERTICES, "element face 1", "property list int int vertex_index"],
-            BODY + b"\xff\xff\xff\x7f",
-        ),
-        "TRUNCATED",
-        "within row 0",
-    ),
+    "binary huge list": (wide_list(BODY + b"\xff\xff\xff\x7f"), "TRUNCATED", "within row 0"),
     "binary negative list": (
-        ply(LITTLE, [*VERTICES, "element face 1", "property list int int vertex_index"], BODY + b"\xff" * 4),
+        wide_list(BODY + b"\xff" * 4),
         "FACE",
         "row 0 of element 'face' has a list of -1 values",
     ),
@@ -186,38 +192,22 @@ _OFF: dict[str, tuple[bytes, str, str]] = {
     "huge faces": (b"OFF\n1 999999999999 0\n0 0 0\n", "TRUNCATED", "1 vertices and 999999999999 faces"),
     "line missing": (off(b"OFF\n4 2 0", OFF_SQUARE, b"3 0 1 2    \n"), "TRUNCATED", "but has 5 lines"),
     "line more": (off(b"OFF\n4 1 0", OFF_SQUARE, b"3 0 1 2\n3 0 2 3\n"), "TRAILING", "line 8: there is more"),
-    "short vertex": (
-        off(b"OFF\n1 0 0", b"0  0   \n"),
-        "NUMBER",
-        "line 3: a vertex has 2 numbers; 3, the same",
-    ),
-    "colors without C": (
-        off(b"OFF\n1 0 0", b"0 0 0 1 1 1\n"),
-        "NUMBER",
-        "a vertex has 6 numbers; 3, the same",
-    ),
+    "short vertex": (vertex(b"0  0   \n"), "NUMBER", "line 3: a vertex has 2 numbers; 3, the same"),
+    "colors without C": (vertex(b"0 0 0 1 1 1\n"), "NUMBER", "a vertex has 6 numbers; 3, the same"),
     "normals without N": (
         off(b"COFF\n1 0 0", b"0 0 0 1 1\n"),
         "NUMBER",
         "a vertex has 5 numbers; 3 or 6 or 7",
     ),
     "uneven vertices": (off(b"COFF\n2 0 0", b"0 0 0\n0 0 0 1 1 1\n"), "NUMBER", "line 4: a vertex has 6"),
-    "word": (off(b"OFF\n1 0 0", b"0 o 0\n"), "NUMBER", "line 3: 'o' is not a number"),
-    "few corners": (off(b"OFF\n1 1 0", b"0 0 0\n", b"3 0 0\n"), "FACE", "line 4: face 0 announces 3 corners"),
-    "five extra": (off(b"OFF\n1 1 0", b"0 0 0\n", b"1 0 1 2 3 4 5\n"), "FACE", "6 numbers follow"),
-    "two extra": (off(b"OFF\n1 1 0", b"0 0 0\n", b"1 0 1 2\n"), "FACE", "3 numbers follow"),
-    "negative corners": (off(b"OFF\n1 1 0", b"0 0 0\n", b"-1 0 0\n"), "FACE", "announces -1 corners"),
-    "huge corners": (
-        off(b"OFF\n1 1 0", b"0 0 0\n", b"1000000000 0\n"),
-        "FACE",
-        "announces 1000000000 corners",
-    ),
-    "fraction of corners": (
-        off(b"OFF\n1 1 0", b"0 0 0\n", b"2.5 0 0\n"),
-        "NUMBER",
-        "number of corners is 2.5",
-    ),
-    "index fraction": (off(b"OFF\n1 1 0", b"0 0 0\n", b"3 0 0.5 0\n"), "NUMBER", "line 4: an index is 0.5"),
+    "word": (vertex(b"0 o 0\n"), "NUMBER", "line 3: 'o' is not a number"),
+    "few corners": (face(b"3 0 0\n"), "FACE", "line 4: face 0 announces 3 corners"),
+    "five extra": (face(b"1 0 1 2 3 4 5\n"), "FACE", "6 numbers follow"),
+    "two extra": (face(b"1 0 1 2\n"), "FACE", "3 numbers follow"),
+    "negative corners": (face(b"-1 0 0\n"), "FACE", "announces -1 corners"),
+    "huge corners": (face(b"1000000000 0\n"), "FACE", "announces 1000000000 corners"),
+    "fraction of corners": (face(b"2.5 0 0\n"), "NUMBER", "number of corners is 2.5"),
+    "index fraction": (face(b"3 0 0.5 0\n"), "NUMBER", "line 4: an index is 0.5"),
 }
 
 _STL: dict[str, tuple[bytes, str, str]] = {
@@ -235,18 +225,10 @@ _STL: dict[str, tuple[bytes, str, str]] = {
     "no endsolid": (b"solid x\n" + stl_facet(), "TRUNCATED", "line 8: the file ends without 'endsolid'"),
     "only solid": (b"solid", "TRUNCATED", "ends without 'endsolid'"),
     "cut in a face": (b"solid x\n" + stl_facet()[:-17], "TRUNCATED", "ends without 'endsolid'"),
-    "word": (stl_text(stl_facet(("0 0 0", "1 x 0", "0 1 0"))), "NUMBER", "line 5: 'x' is not a number"),
-    "two numbers": (
-        stl_text(stl_facet(("0 0 0", "1 0", "0 1 0"))),
-        "NUMBER",
-        "line 5: 'vertex' has 2 numbers",
-    ),
-    "four corners": (
-        stl_text(stl_facet(("0 0 0",) * 4)),
-        "FACE",
-        "line 7: a line that begins with 'endloop'",
-    ),
-    "two corners": (stl_text(stl_facet(("0 0 0",) * 2)), "FACE", "line 6: a line that begins with 'vertex'"),
+    "word": (facet(("0 0 0", "1 x 0", "0 1 0")), "NUMBER", "line 5: 'x' is not a number"),
+    "two numbers": (facet(("0 0 0", "1 0", "0 1 0")), "NUMBER", "line 5: 'vertex' has 2 numbers"),
+    "four corners": (facet(("0 0 0",) * 4), "FACE", "line 7: a line that begins with 'endloop'"),
+    "two corners": (facet(("0 0 0",) * 2), "FACE", "line 6: a line that begins with 'vertex'"),
     "no loop": (
         stl_text(stl_facet().replace(b"outer loop\n", b"")),
         "FACE",

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
+
+    from msb.meshes import Mesh
+
+    Read = Callable[[bytes, str], Mesh]
+    """The fixture `read`: from content and suffix to a mesh."""
 
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 """Four vertices; with `SQUARE_FACES` they are a square of two triangles."""
@@ -20,6 +25,14 @@ XYZ = ("property float x", "property float y", "property float z")
 CORNERS = "property list uchar int vertex_indices"
 OBJ_SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 OFF_SQUARE = b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+
+
+def assert_colors(found: np.ndarray | None, expected: np.ndarray | None) -> None:
+    """Assert that colours are of the expected type and values, or both are None."""
+    assert (found is None) == (expected is None)
+    if found is not None and expected is not None:
+        assert found.dtype == expected.dtype
+        assert found.tolist() == expected.tolist()
 
 
 def ply(form: str, lines: Iterable[str], body: bytes) -> bytes:

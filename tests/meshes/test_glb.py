@@ -7,14 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from .builders import SQUARE, SQUARE_FACES, Glb, glb_square
+from .builders import SQUARE, SQUARE_FACES, Glb, assert_colors, glb_square
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from msb.meshes import Mesh
-
-    Read = Callable[[bytes, str], Mesh]
+    from .builders import Read
 
 MOVED = [[x + 10, y, z] for x, y, z in SQUARE]
 SECOND = [[a + 4, b + 4, c + 4] for a, b, c in SQUARE_FACES]
@@ -83,8 +79,7 @@ def test_interleaved_vertices(read: Read) -> None:
     made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
     mesh = read(made.bytes(), ".glb")
     assert mesh.vertices.tolist() == MOVED
-    assert mesh.vertex_colors is not None
-    assert mesh.vertex_colors.tolist() == [[1, 2, 3, 4]] * 4
+    assert_colors(mesh.vertex_colors, np.uint8([[1, 2, 3, 4]] * 4))
 
 
 @pytest.mark.parametrize("has_base", [True, False])
@@ -207,10 +202,7 @@ def test_colors(read: Read, dtype: str, values: list[float], expected: np.ndarra
     made = glb_square()
     color = made.accessor([values] * 4, dtype, f"VEC{len(values)}", normalized=normalized)
     made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = color
-    colors = read(made.bytes(), ".glb").vertex_colors
-    assert colors is not None
-    assert colors.dtype == expected.dtype
-    assert colors.tolist() == [expected.tolist()] * 4
+    assert_colors(read(made.bytes(), ".glb").vertex_colors, np.stack([expected] * 4))
 
 
 def test_primitives_join_with_white_where_one_has_no_color(read: Read) -> None:
@@ -222,9 +214,7 @@ def test_primitives_join_with_white_where_one_has_no_color(read: Read) -> None:
     assert mesh.vertices.tolist() == SQUARE + MOVED[:3] * 2
     assert mesh.faces.tolist() == [*SQUARE_FACES, [4, 5, 6], [7, 8, 9]]
     expected = [[1, 1, 1, 1]] * 4 + [[0, 0.5, 1, 0.25]] * 3 + [[1, 0, 0.2, 1]] * 3
-    assert mesh.vertex_colors is not None
-    assert mesh.vertex_colors.dtype == np.float32
-    np.testing.assert_array_equal(mesh.vertex_colors, np.float32(expected))
+    assert_colors(mesh.vertex_colors, np.float32(expected))
 
 
 def test_an_index_outside_its_primitive_stays_outside_the_mesh(read: Read) -> None:

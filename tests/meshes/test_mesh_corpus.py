@@ -34,13 +34,3 @@ def test_exports_of_the_methods(
         if colors is not None:
             assert colors.shape == shape
             assert colors.dtype == np.uint8
-
-
-def test_the_same_mesh_as_glb_and_ply() -> None:
-    folder = GOLDEN / "two_dts" / "ring_solid" / "checkpoint"
-    if not folder.exists():
-        pytest.skip(f"{folder} is not there")
-    first = read_mesh(folder / "glb" / "60000.glb")
-    second = read_mesh(folder / "mesh_ply" / "60000_mesh.ply")
-    np.testing.assert_array_equal(first.vertices, second.vertices)
-    np.testing.assert_array_equal(first.faces, second.faces)

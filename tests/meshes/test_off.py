@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from msb.meshes import Mesh, text
+from msb.meshes import text
 
-from .builders import OFF_SQUARE, SQUARE, SQUARE_FACES, off
+from .builders import OFF_SQUARE, SQUARE, SQUARE_FACES, assert_colors, off
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Read = Callable[[bytes, str], Mesh]
+    from .builders import Read
 
 FACES = b"3 0 1 2\n3 0 2 3\n"
 
@@ -75,9 +73,7 @@ def test_vertex_colors(
     rows = "".join(f"{line} {before}{color}{after}\n" for line in OFF_SQUARE.decode("ascii").splitlines())
     mesh = read(off(f"{prefix}OFF\n4 2 0".encode("ascii"), rows.encode("ascii"), FACES), ".off")
     assert mesh.vertices.tolist() == SQUARE
-    assert mesh.vertex_colors is not None
-    assert mesh.vertex_colors.dtype == expected.dtype
-    assert mesh.vertex_colors.tolist() == [expected.tolist()] * 4
+    assert_colors(mesh.vertex_colors, np.stack([expected] * 4))
 
 
 @pytest.mark.parametrize(("prefix", "extra"), [(b"N", b" 0 0 1"), (b"ST", b" 0 1"), (b"STN", b" 0 0 1 0 1")])
@@ -91,9 +87,7 @@ def test_normals_and_textures_are_ignored(read: Read, prefix: bytes, extra: byte
 def test_one_decimal_makes_all_colors_decimals(read: Read) -> None:
     rows = b"0 0 0 1 0 0\n1 0 0 0 0.5 0\n1 1 0 0 0 1\n0 1 0 1 1 1\n"
     colors = read(off(b"COFF\n4 2 0", rows, FACES), ".off").vertex_colors
-    assert colors is not None
-    assert colors.tolist() == [[1, 0, 0], [0, 0.5, 0], [0, 0, 1], [1, 1, 1]]
-    assert colors.dtype == np.float32
+    assert_colors(colors, np.float32([[1, 0, 0], [0, 0.5, 0], [0, 0, 1], [1, 1, 1]]))
 
 
 @pytest.mark.parametrize(
@@ -112,12 +106,7 @@ def test_face_colors(read: Read, faces: bytes, expected: np.ndarray | None) -> N
     count = faces.count(b"\n")
     mesh = read(off(f"OFF\n4 {count} 0".encode("ascii"), OFF_SQUARE, faces), ".off")
     assert mesh.faces.tolist() == SQUARE_FACES
-    if expected is None:
-        assert mesh.face_colors is None
-    else:
-        assert mesh.face_colors is not None
-        assert mesh.face_colors.dtype == expected.dtype
-        assert mesh.face_colors.tolist() == expected.tolist()
+    assert_colors(mesh.face_colors, expected)
 
 
 def test_mixed_polygons_in_their_order(read: Read) -> None:

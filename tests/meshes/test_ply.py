@@ -14,6 +14,7 @@ from .builders import (
     SQUARE,
     SQUARE_FACES,
     XYZ,
+    assert_colors,
     ply,
     ply_faces,
     ply_floats,
@@ -22,11 +23,7 @@ from .builders import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from msb.meshes import Mesh
-
-    Read = Callable[[bytes, str], Mesh]
+    from .builders import Read
 
 LITTLE = "binary_little_endian"
 
@@ -105,14 +102,11 @@ MIXED_FACES = [[0, 1, 2], [3, 2, 1], [3, 1, 0], [0, 1, 2], [0, 2, 3], [0, 3, 0]]
 """The polygons cut into fans around their first corner; those with fewer than three corners are ignored."""
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_polygons_of_mixed_size(read: Read, order: str) -> None:
-    assert read(ply_square(MIXED, order), ".ply").faces.tolist() == MIXED_FACES
-
-
-def test_polygons_of_mixed_size_in_text(read: Read) -> None:
+def test_polygons_of_mixed_size(read: Read) -> None:
     rows = "\n".join(" ".join(map(str, [len(face), *face])) for face in MIXED).encode("ascii")
-    assert read(ply_text(OFF_SQUARE + rows, faces=len(MIXED)), ".ply").faces.tolist() == MIXED_FACES
+    text = ply_text(OFF_SQUARE + rows, faces=len(MIXED))
+    for content in (ply_square(MIXED, "<"), ply_square(MIXED, ">"), text):
+        assert read(content, ".ply").faces.tolist() == MIXED_FACES
 
 
 def test_quads_of_one_size(read: Read) -> None:
@@ -149,28 +143,28 @@ ODD_HEADER = [
 ]
 
 
-def test_other_elements_and_properties_are_stepped_over(read: Read) -> None:
+def odd_binary() -> bytes:
     body = struct.pack("<BhB BhhB", 1, 7, 0, 2, 8, 9, 0)
     for number, row in enumerate(SQUARE):
         body += struct.pack("<B3fB", 9, *row, number) + bytes(number) + struct.pack("<d", 0.5)
     for face, color in zip(SQUARE_FACES, [[1, 2, 3], [4, 5, 6]], strict=True):
         body += struct.pack("<fHiiB3i3B", 0.5, 2, 40, 50, 3, *face, *color)
-    mesh = read(ply(LITTLE, ODD_HEADER, body + struct.pack("<i", 1)), ".ply")
-    assert mesh.vertices.tolist() == SQUARE
-    assert mesh.vertices.dtype == np.float32
-    assert mesh.faces.tolist() == SQUARE_FACES
-    assert mesh.face_colors is not None
-    assert mesh.face_colors.tolist() == [[1, 2, 3], [4, 5, 6]]
+    return ply(LITTLE, ODD_HEADER, body + struct.pack("<i", 1))
 
 
-def test_other_elements_and_properties_in_text(read: Read) -> None:
+def odd_text() -> bytes:
     rows = ["1 7 0", "2 8 9 0", "9 0 0 0 0 .5", "9 1 0 0 1 7 .5", "9 1 1 0 2 7 7 .5", "9 0 1 0 0 .5"]
     rows += ["0.5 2 40 50 3 0 1 2 1 2 3", "", "0.5 0 3 0 2 3 4 5 6", "1"]
-    mesh = read(ply("ascii", ODD_HEADER, "\n".join(rows).encode("ascii")), ".ply")
+    return ply("ascii", ODD_HEADER, "\n".join(rows).encode("ascii"))
+
+
+@pytest.mark.parametrize(("content", "dtype"), [(odd_binary(), np.float32), (odd_text(), np.float64)])
+def test_other_elements_and_properties_are_stepped_over(read: Read, content: bytes, dtype: type) -> None:
+    mesh = read(content, ".ply")
+    assert mesh.vertices.dtype == dtype
     assert mesh.vertices.tolist() == SQUARE
     assert mesh.faces.tolist() == SQUARE_FACES
-    assert mesh.face_colors is not None
-    assert mesh.face_colors.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert_colors(mesh.face_colors, np.uint8([[1, 2, 3], [4, 5, 6]]))
 
 
 def test_faces_may_come_before_vertices(read: Read) -> None:
@@ -199,10 +193,7 @@ def test_colors(read: Read, kind: str, stored: list[float], expected: np.ndarray
     binary = ply(LITTLE, lines, ply_floats([[0, 0, 0]]) + np.array(stored, dtype=dtype).tobytes())
     text = ply("ascii", lines, f"0 0 0 {' '.join(map(str, stored))}\n".encode("ascii"))
     for content in (binary, text):
-        colors = read(content, ".ply").vertex_colors
-        assert colors is not None
-        assert colors.dtype == expected.dtype
-        assert colors.tolist() == [expected.tolist()]
+        assert_colors(read(content, ".ply").vertex_colors, expected[None])
 
 
 def test_face_colors_follow_their_triangles(read: Read) -> None:
@@ -212,8 +203,7 @@ def test_face_colors_follow_their_triangles(read: Read) -> None:
     body = b"".join(struct.pack(f"<B{row[0]}i4B", *row) for row in rows)
     mesh = read(ply(LITTLE, lines, ply_floats(SQUARE) + body), ".ply")
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
-    assert mesh.face_colors is not None
-    assert mesh.face_colors.tolist() == [[9, 8, 7, 6], [9, 8, 7, 6], [5, 4, 3, 2]]
+    assert_colors(mesh.face_colors, np.uint8([[9, 8, 7, 6], [9, 8, 7, 6], [5, 4, 3, 2]]))
 
 
 def test_no_faces_and_no_vertices_are_fine(read: Read) -> None:

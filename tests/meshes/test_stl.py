@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from msb.meshes import Mesh, text
+from msb.meshes import text
 
 from .builders import SQUARE, stl_binary, stl_facet, stl_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Read = Callable[[bytes, str], Mesh]
+    from .builders import Read
 
 TRIANGLES = [SQUARE[:3], [SQUARE[1]] * 3, SQUARE[:3]]
 """A face, one that is a point, and the first again: none may be merged or dropped."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,15 @@ def _diffsoup(
         if name not in ("positions", "indices")
     }
     return build_asset(arrays, domains, description)
+
+
+def channel_major(asset: Asset) -> Asset:
+    """Return `asset` with the coefficients of `f_rest` in the other order."""
+    rest = asset.buffers["f_rest"]
+    turned = np.ascontiguousarray(rest.reshape(len(rest), -1, 3).transpose(0, 2, 1).reshape(len(rest), -1))
+    appearance = {**asset.manifest.appearance, "f_rest_order": "channel_major"}
+    manifest = replace(asset.manifest, appearance=appearance)
+    return replace(asset, manifest=manifest, buffers={**asset.buffers, "f_rest": turned})
 
 
 def _stored(settings: dict[str, Any] | None) -> dict[str, StoredSetting]:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msb.errors import UsageError
 from msb.methods.two_dts.reference import MAX_ECCENTRICITY, coverage_alpha, reach
 from msb.reference import render_reference
 from msb.reference.blend import MIN_TRANSMITTANCE
@@ -255,11 +254,3 @@ def test_samples_stop_as_they_do_officially(method: str) -> None:
         assert (through <= MIN_TRANSMITTANCE).all()
     else:
         assert (through >= MIN_TRANSMITTANCE * 0.99).all()
-
-
-def test_unknown_modes_are_refused() -> None:
-    asset = soup("two_dts", random_triangles(1))
-    with pytest.raises(UsageError, match='there is no order "depth"; there are tile, global, none'):
-        render_reference(asset, front_camera(), order="depth")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match='there is no sampling "center"; there are official, engine'):
-        render_reference(asset, front_camera(), sampling="center")  # type: ignore[arg-type]

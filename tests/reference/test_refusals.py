@@ -111,30 +111,8 @@ def test_settings_that_are_none() -> None:
         render_reference(asset, front_camera(), settings={"sh_degree": 2})
 
 
-@pytest.mark.parametrize("background", [(0, 0), (0, 0, np.nan), 1.0])
-def test_backgrounds_that_are_none(background: Any) -> None:
-    with pytest.raises(UsageError, match="three finite numbers"):
-        render_reference(soup("two_dts", random_triangles(1)), front_camera(), background)
-
-
 def test_dtypes_that_are_none() -> None:
     with pytest.raises(UsageError, match="float16"):
         render_reference(soup("two_dts", random_triangles(1)), front_camera(), dtype=np.float16)
     with pytest.raises(UsageError, match="float99"):
         msb.Renderer(soup("two_dts", random_triangles(1)), tier="reference", dtype="float99")
-
-
-def test_the_shipped_asset_is_drawn(demo_asset: Any) -> None:
-    asset = msb.load(demo_asset)
-    bounds = asset.manifest.bounding_sphere
-    camera = msb.Camera.look_at(
-        np.array(bounds.center) + np.array([0, 0, 3 * bounds.radius]),
-        bounds.center,
-        up=(0, 1, 0),
-        width=32,
-        height=24,
-        fov_y=0.8,
-    )
-    frame = render_reference(asset, camera, (1, 1, 1), {"supersample": 1})
-    assert frame.image.shape == (24, 32, 3)
-    assert frame.alpha.max() > 0.5 or not frame.visible.any()

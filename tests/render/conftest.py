@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from msb.cl import open_device
-from tests.cl.conftest import SELECTOR, device, fresh, styled
+from tests.cl.conftest import SELECTOR, fresh, styled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from msb.cl import Device
 
-__all__ = ["device", "fresh", "styled"]
+__all__ = ["fresh", "styled"]
+
+device = styled
+"""In the CPU style, then in the GPU style, unless a module says otherwise."""
 
 
 @pytest.fixture(scope="module")

@@ -21,10 +21,11 @@ from msb.reference.standard import UNITS, render_standard
 from msb.render.dedicated import DedicatedRenderer
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_filter, enlarged
+from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -37,7 +38,7 @@ OFF = 2e-3
 """What is farther from the reference is off; of large numbers, this share of the largest. Rounding explains
 it if it moves the reference by a quarter of this."""
 MOVES = 16
-"""How often the reference draws again to see what rounding moves."""
+"""How often the reference draws again, at the most, to see what rounding moves."""
 ROUNDING = 2.0**-21
 """Share of a coordinate that several operations in float32 may round away."""
 
@@ -69,15 +70,12 @@ def difference(case: Case, device: Device) -> Difference:
     frame, wanted = draw(renderer, case, device), standard_twin(case) if standard else own_look(case)
     wrong = fields_apart(frame, wanted)
     explained = {name: np.zeros_like(where) for name, where in wrong.items()}
-    if any(where.any() for where in wrong.values()):
-        if standard:
-            others = [standard_twin(case, seed) for seed in range(MOVES)]
-        else:
-            others = [own_look(moved(case, seed)) for seed in range(MOVES)] + [own_look(case, np.float64)]
-        for other in others:
-            for name, where in fields_apart(other, wanted, OFF / 4).items():
-                if name in wrong:
-                    explained[name] |= wrong[name] & where
+    for other in others(case):
+        if all((where == explained[name]).all() for name, where in wrong.items()):
+            break
+        for name, where in fields_apart(other, wanted, OFF / 4).items():
+            if name in wrong:
+                explained[name] |= wrong[name] & where
     near = ~wrong["image"]
     error = (frame.image.astype(np.float64) - wanted.image)[near]
     squared = float(np.mean(error**2)) if error.size else 0.0
@@ -90,13 +88,20 @@ def difference(case: Case, device: Device) -> Difference:
     )
 
 
+def others(case: Case) -> Iterator[ReferenceFrame]:
+    """Yield what the reference shows in another precision, and with its corners moved by roundings."""
+    if case.method == STANDARD:
+        yield from (standard_twin(case, seed) for seed in range(MOVES))
+    else:
+        yield own_look(case, np.float64)
+        yield from (own_look(moved(case, seed)) for seed in range(MOVES))
+
+
 def draw(make: Any, case: Case, device: Device) -> Frame:
     """Return the frame of `case` by a renderer of class `make`."""
-    renderer = make(case.asset, device=device, settings=case.settings, **case.options)
-    try:
-        return renderer.render(case.camera, case.background)  # type: ignore[no-any-return]
-    finally:
-        renderer.close()
+    return frame_of(
+        make, case.asset, device, case.camera, case.background, settings=case.settings, **case.options
+    )
 
 
 def own_look(case: Case, dtype: type[Any] = np.float32) -> ReferenceFrame:

@@ -10,6 +10,7 @@ from msb.asset import Asset, Description, build_asset
 from msb.reference.standard import render_standard
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
+from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,11 +89,7 @@ def mesh_asset(mesh: Arrays, colors: NDArray[Any] | None = None, domain: str = "
 
 
 def draw(device: Device, asset: Asset, view: Camera, **settings: Any) -> Frame:
-    renderer = StandardRenderer(asset, device=device, settings=settings)
-    try:
-        return renderer.render(view, BACKGROUND)
-    finally:
-        renderer.close()
+    return frame_of(StandardRenderer, asset, device, view, BACKGROUND, settings=settings)
 
 
 def twin(mesh: Arrays, colors: NDArray[Any], view: Camera, domain: str = "vertex") -> ReferenceFrame:

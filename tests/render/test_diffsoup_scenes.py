@@ -13,11 +13,12 @@ from msb.asset import Description, build_asset
 from msb.asset.manifest import StoredSetting
 from msb.asset.reader import Asset
 from msb.cl import Device, open_device
-from msb.errors import AssetError, DeviceError, UsageError
+from msb.errors import AssetError, UsageError
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR, STYLES, open_styled
+from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,11 +107,7 @@ def camera(width: int = 61, height: int = 45, **changes: Any) -> Camera:
 
 
 def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK, **options: Any) -> Frame:
-    pipeline = DiffSoupPipeline(asset, device=device, **options)
-    try:
-        return pipeline.render(seen_by, background)
-    finally:
-        pipeline.close()
+    return frame_of(DiffSoupPipeline, asset, device, seen_by, background, **options)
 
 
 @pytest.mark.slow
@@ -241,15 +238,6 @@ def test_large_coordinates(device: Device) -> None:
     assert (frame.face_id == expected.face_id).mean() > 0.995
 
 
-@pytest.mark.slow
-def test_viewer_rounds_features_to_bytes(device: Device) -> None:
-    asset = model(*soup(2), 2)
-    frame = draw(device, asset, camera(), viewer=True)
-    levels = 255 * frame.raw["features"]
-    assert np.abs(levels - np.rint(levels)).max() < 1e-4
-    assert np.abs(frame.image - draw(device, asset, camera()).image).mean() > 0
-
-
 def changed(asset: Asset, **buffers: np.ndarray) -> Asset:
     """Return `asset` with other buffers, unchecked, as an opened file's values are."""
     return Asset(asset.manifest, MappingProxyType({**asset.buffers, **buffers}))
@@ -298,23 +286,3 @@ def test_settings(device: Device) -> None:
     for near, far in ((1.0, 1.0), (2.0, 1.0), (1e-200, 1e200)):
         with pytest.raises(UsageError, match="z_near"):
             draw(device, asset, camera(), settings={"z_near": near, "z_far": far})
-
-
-def test_device_of_ones_own_and_of_others() -> None:
-    asset = model(*soup(1), 1)
-    with open_device(SELECTOR) as shared:
-        pipeline = DiffSoupPipeline(asset, device=shared)
-        pipeline.render(camera(), BLACK)
-        held = pipeline.memory()
-        assert held["lattice features"] == asset.buffers["features.lattice"].nbytes
-        pipeline.close()
-        pipeline.close()
-        assert "lattice features" not in shared.memory()
-        assert "positions" not in pipeline.memory()
-        DiffSoupPipeline(asset, device=shared).render(camera(), BLACK)
-    own = DiffSoupPipeline(asset, device=SELECTOR)
-    own.render(camera(), BLACK)
-    assert own.memory().keys() == held.keys()
-    own.close()
-    with pytest.raises(DeviceError):
-        own.render(camera(), BLACK)

@@ -14,14 +14,13 @@ from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render.dedicated import DedicatedRenderer
 from msb.scenes import Camera
-from tests.cl.conftest import SELECTOR, open_styled
+from tests.cl.conftest import SELECTOR
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
+from tests.render.frames import assert_near, frame_of
 from tests.render.test_diffsoup import TAME, VIEWS, exported, raster_rows
 from tests.render.test_splatting import model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.asset import Asset
     from msb.render.frame import Frame
 
@@ -44,18 +43,8 @@ CASES = [
 GREEN = (0.2, 0.7, 0.4)
 
 
-@pytest.fixture(scope="module", params=["cpu", "gpu"])
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
-
-
 def draw(asset: Asset, device: Device, camera: Camera, background: Any = GREEN, **options: Any) -> Frame:
-    renderer = DedicatedRenderer(asset, device=device, **{"outputs": "all", **options})
-    try:
-        return renderer.render(camera, background)
-    finally:
-        renderer.close()
+    return frame_of(DedicatedRenderer, asset, device, camera, background, **{"outputs": "all", **options})
 
 
 def crossing(method: str, seed: int) -> Asset:
@@ -77,14 +66,7 @@ def test_equals_the_reference(
     assert wanted.alpha.mean() > 0.1
     for device in (cpu, gpu):
         frame = draw(asset, device, camera, settings=settings, order=order, sampling=sampling)
-        np.testing.assert_array_equal(frame.visible, wanted.visible)
-        for name in ("image", "alpha", "depth", "normal", "depth_median"):
-            found, right = getattr(frame, name), getattr(wanted, name)
-            if right is None or found is None:
-                continue
-            scale = max(1.0, float(np.abs(right).max()))
-            off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
-            assert (off > 1e-4).mean() <= 2e-3, name
+        assert_near(frame, wanted)
         for name in frame.raw.keys() & wanted.raw.keys():
             assert (
                 np.abs(frame.raw[name] - wanted.raw[name]) > 1e-4 * max(1, np.abs(wanted.raw[name]).max())
@@ -167,15 +149,8 @@ def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> Non
     wanted = render_reference(asset, camera, view.background, settings, sampling="engine")
     equal = {}
     for sampling in ("official", "engine"):
-        pipeline = DiffSoupPipeline(
-            asset,
-            device=device,
-            settings=settings,
-            viewer=True,
-            sampling=sampling,  # type: ignore[arg-type]
-        )
-        frame = pipeline.render(camera, view.background)
-        pipeline.close()
+        options = {"settings": settings, "viewer": True, "sampling": sampling}
+        frame = frame_of(DiffSoupPipeline, asset, device, camera, view.background, **options)
         levels = np.rint(255 * raster_rows(view, frame.image)) - view.shown["viewer_image"].astype(int)
         equal[sampling] = (np.abs(levels).max(axis=-1) == 0).mean()
     np.testing.assert_array_equal(frame.face_id, wanted.face_id)
@@ -196,14 +171,3 @@ def test_modes_are_refused_where_they_are_not() -> None:
             msb.Renderer(asset, tier=tier, sampling="center")  # type: ignore[arg-type]
         with pytest.raises(UsageError, match="there is no order"):
             msb.Renderer(soup("diffsoup", random_triangles(1)), tier=tier, order="depth")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("tier", ["dedicated", "reference"])
-@pytest.mark.parametrize("method", METHODS)
-def test_both_tiers_take_the_modes(tier: Any, method: str) -> None:
-    asset = soup(method, random_triangles(3, 20))
-    frames = [
-        msb.render(asset, front_camera(), tier=tier, order="none", sampling=sampling)
-        for sampling in ("official", "engine")
-    ]
-    assert all(frame.alpha.any() for frame in frames)

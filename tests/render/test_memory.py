@@ -11,7 +11,7 @@ import pytest
 from msb.errors import DeviceError
 from msb.render.dedicated import DedicatedRenderer
 from msb.render.splat import pipeline as splatting
-from tests.cl.conftest import SELECTOR, open_styled
+from tests.cl.conftest import open_styled
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
 
 if TYPE_CHECKING:
@@ -111,19 +111,3 @@ def test_samples_are_drawn_in_bands_that_fit(
     draw(asset, device, outputs=("normal",))
     with pytest.raises(DeviceError, match="MiB for splat planes do not fit"):
         draw(asset, device)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
-def test_memory_is_told_by_use(method: str) -> None:
-    asset = model(method)
-    with DedicatedRenderer(asset, device=SELECTOR)._pipeline._device as opened:  # type: ignore[attr-defined]
-        renderer = DedicatedRenderer(asset, device=opened)
-        before = dict(renderer.memory())
-        assert {"positions", "f_rest" if method != "diffsoup" else "lattice features"} <= before.keys()
-        renderer.render(CAMERA, BLACK)
-        after = renderer.memory()
-        image = "diffsoup image" if method == "diffsoup" else "splat image"
-        assert after[image] >= 90 * 60 * 12
-        assert sum(after.values()) > sum(before.values())
-        renderer.close()

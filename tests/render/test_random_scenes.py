@@ -25,32 +25,31 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-DRAWS = 6
+DRAWS = 5
 
 
 @pytest.mark.parametrize("method", [*METHODS, STANDARD])
 def test_equals_the_reference(method: str, cpu: Device, gpu: Device) -> None:
-    """At most a rounding away: the figures asked for are 0.1 % of the pixels and 60 dB."""
+    """At most a rounding away: the figures asked for are 0.1 % of the pixels and 60 dB.
+
+    Most scenes are near the reference in double precision, too: in some, rounding changes the order of
+    everything.
+    """
     pixels = explained = 0
-    for seed in range(DRAWS):
+    shares = []
+    for seed in range(100, 100 + DRAWS):
         case = draw_case(method, seed)
-        found = difference(case, cpu if case.style == "cpu" else gpu)
+        device = cpu if case.style == "cpu" else gpu
+        found = difference(case, device)
         assert not found.off, f"{case}: {found.off}"
         assert found.quality > (80 if method == STANDARD else 90), str(case)
         pixels, explained = pixels + found.pixels, explained + found.explained.get("image", 0)
-    assert pixels > 1500
+        if method != STANDARD:
+            frame = draw(DedicatedRenderer, case, device)
+            shares.append(apart(frame.image, own_look(case, np.float64).image, OFF).mean())
+    assert pixels > 700
     assert explained <= 0.01 * pixels
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_is_near_the_reference_in_double_precision(method: str, cpu: Device, gpu: Device) -> None:
-    """In most scenes: in some, rounding changes the order of everything."""
-    shares = []
-    for seed in range(100, 105):
-        case = draw_case(method, seed)
-        frame = draw(DedicatedRenderer, case, cpu if case.style == "cpu" else gpu)
-        shares.append(apart(frame.image, own_look(case, np.float64).image, OFF).mean())
-    assert np.median(shares) < 1e-3
+    assert not shares or np.median(shares) < 1e-3
 
 
 def test_draws_have_everything() -> None:

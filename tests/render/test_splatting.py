@@ -16,7 +16,8 @@ from msb.render.splat import view as splat_view
 from msb.render.splat.pipeline import SplattingPipeline
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR, open_styled
-from tests.reference.soups import SPLATTING, constant_color, front_camera, random_triangles, soup
+from tests.reference.soups import SPLATTING, channel_major, front_camera, random_triangles, soup
+from tests.render.frames import assert_near, frame_of
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -74,79 +75,32 @@ def draw(
     background: tuple[float, float, float] = (0.2, 0.7, 0.4),
     **options: Any,
 ) -> Frame:
-    pipeline = SplattingPipeline(asset, device=device, settings=settings, **options)
-    try:
-        return pipeline.render(camera, background)
-    finally:
-        pipeline.close()
+    return frame_of(SplattingPipeline, asset, device, camera, background, settings=settings, **options)
 
 
 @pytest.mark.slow
 @variants
 @pytest.mark.parametrize("seed", range(3))
-def test_equals_the_reference(method: str, settings: dict[str, Any], seed: int, cpu: Device) -> None:
+def test_equals_the_reference(
+    method: str, settings: dict[str, Any], seed: int, cpu: Device, gpu: Device
+) -> None:
     asset = model(method, seed)
     camera = (front_camera(75, 53), front_camera(64, 48, cx=20.5, cy=31.25), front_camera(33, 50))[seed]
-    frame = draw(asset, cpu, camera, settings, outputs="all")
     wanted = render_reference(asset, camera, (0.2, 0.7, 0.4), settings)
-    np.testing.assert_array_equal(frame.visible, wanted.visible)
-    for name in ("image", "alpha", "depth", "normal", "depth_median"):
-        found, right = getattr(frame, name), getattr(wanted, name)
-        if name in ("normal", "depth_median") and right is None:
-            assert found is None
-            continue
-        scale = max(1.0, float(np.abs(right).max()))
-        off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
-        assert (off > 1e-4).mean() <= 2e-3, name
-    if wanted.face_id is not None:
-        assert frame.face_id is not None
-        assert (frame.face_id != wanted.face_id).mean() <= 2e-3
-
-
-@pytest.mark.slow
-@variants
-def test_both_styles_agree(method: str, settings: dict[str, Any], cpu: Device, gpu: Device) -> None:
-    asset, camera = model(method, 7), front_camera(71, 45)
-    first, second = (draw(asset, device, camera, settings, outputs="all") for device in (cpu, gpu))
-    np.testing.assert_array_equal(first.visible, second.visible)
-    for name in ("image", "alpha", "depth", "normal"):
-        found, right = getattr(first, name), getattr(second, name)
-        assert (np.abs(found - right) > 1e-4 * max(1, np.abs(right).max())).mean() <= 1e-3, name
-
-
-@pytest.mark.slow
-@methods
-def test_same_device_same_bytes(method: str, cpu: Device, gpu: Device) -> None:
-    asset, camera = model(method, 3), front_camera(71, 45)
     for device in (cpu, gpu):
-        frames = [draw(asset, device, camera, outputs="all") for _ in range(3)]
-        for other in frames[1:]:
-            for name in ("image", "alpha", "depth", "normal"):
-                np.testing.assert_array_equal(getattr(other, name), getattr(frames[0], name))
+        frame = draw(asset, device, camera, settings, outputs="all")
+        assert_near(frame, wanted)
+        assert (frame.normal is None) == (wanted.normal is None)
+        if wanted.face_id is not None:
+            assert frame.face_id is not None
+            assert (frame.face_id != wanted.face_id).mean() <= 2e-3
 
 
 @pytest.mark.slow
 @methods
 def test_f_rest_may_be_channel_major(method: str, cpu: Device) -> None:
     asset, camera = model(method, 4), front_camera()
-    manifest = asset.manifest
-    rest = asset.buffers["f_rest"]
-    turned = np.ascontiguousarray(rest.reshape(len(rest), -1, 3).transpose(0, 2, 1)).reshape(rest.shape)
-    buffers = {**asset.buffers, "f_rest": turned}
-    from msb.asset import Description, build_asset
-
-    other = build_asset(
-        buffers,
-        {name: spec.domain for name, spec in manifest.buffers.items()},
-        Description(
-            method=method,
-            sh_degree=3,
-            coverage=manifest.coverage,
-            opacity=manifest.opacity,
-            appearance={**manifest.appearance, "f_rest_order": "channel_major"},
-            compositing=manifest.compositing,
-        ),
-    )
+    other = channel_major(asset)
     np.testing.assert_array_equal(draw(other, cpu, camera).image, draw(asset, cpu, camera).image)
 
 
@@ -179,23 +133,6 @@ def test_any_size(method: str, size: tuple[int, int], cpu: Device, gpu: Device) 
 
 @pytest.mark.slow
 @methods
-def test_one_triangle_over_everything(method: str, cpu: Device, gpu: Device) -> None:
-    corners = np.array([[[-9, -9, 4], [9, -9, 4], [0, 14, 4]]], np.float32)
-    rows = 3 if method == "mesh_splatting" else 1
-    opaque = {"opacity": np.full(rows, 9, np.float32), "f_dc": constant_color(rows, (0.9, 0.5, 0.1))}
-    if method == "triangle_splatting":
-        opaque["sigma"] = np.full(1, -9, np.float32)
-    camera = front_camera(90, 70)
-    for device in (cpu, gpu):
-        frame = draw(soup(method, corners, **opaque), device, camera)
-        wanted = render_reference(soup(method, corners, **opaque), camera, (0.2, 0.7, 0.4))
-        assert frame.alpha.min() > 0.4
-        np.testing.assert_allclose(frame.image, wanted.image, atol=1e-5)
-        np.testing.assert_allclose(frame.depth, 4, rtol=1e-5)
-
-
-@pytest.mark.slow
-@methods
 def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> None:
     """Nearly transparent ones, so that all are listed and most are blended: 100,000 of one method."""
     random = np.random.default_rng(0)
@@ -215,37 +152,18 @@ def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> No
     assert np.abs(second.image - wanted.image).max() <= 2e-4
 
 
-@methods
-def test_ties_keep_the_order_of_the_asset(method: str, cpu: Device, gpu: Device) -> None:
-    triangle = np.array([[-1, -1, 4], [1, -1, 4], [0, 1.2, 4]], np.float32)
-    rows = 3 if method == "mesh_splatting" else 1
-    colors = [constant_color(rows, c) for c in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-    asset = soup(
-        method,
-        np.stack([triangle] * 3),
-        f_dc=np.concatenate(colors),
-        opacity=np.full(3 * rows, 5, np.float32),
-        **({"sigma": np.full(3, -5, np.float32)} if method == "triangle_splatting" else {}),
-    )
-    for device in (cpu, gpu):
-        middle = draw(asset, device, front_camera(), background=(0, 0, 0)).image[14, 20]
-        assert middle[0] > 0.8
-        assert middle[0] > middle[1] >= middle[2]
-
-
 @pytest.mark.slow
-def test_an_8k_image_is_drawn_in_bands(cpu: Device) -> None:
-    """Planes of all samples, 4 x 4 to a pixel, would take 10 GB."""
+def test_a_large_image_is_drawn_in_bands(cpu: Device) -> None:
+    """Planes of all samples, 4 x 4 to a pixel, would take 650 MB."""
     asset = soup("mesh_splatting", random_triangles(1, 60, 0.2))
-    camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
+    camera = Camera(1920, 1080, 2016, 2160, 960, 540, np.eye(4))
     pipeline = SplattingPipeline(asset, device=cpu, outputs=())
     frame = pipeline.render(camera, (0, 0, 0))
     assert pipeline.memory()["splat planes"] <= (80 if cpu.style == "cpu" else 256) << 20
     pipeline.close()
-    assert frame.image.shape == (4320, 7680, 3)
-    small = Camera(480, 270, 504, 540, 240, 135, np.eye(4))
-    low = draw(asset, cpu, small, background=(0, 0, 0)).image
-    blocks = frame.image.reshape(270, 16, 480, 16, 3).mean(axis=(1, 3))
+    assert frame.image.shape == (1080, 1920, 3)
+    low = draw(asset, cpu, camera.resized(480, 270), background=(0, 0, 0)).image
+    blocks = frame.image.reshape(270, 4, 480, 4, 3).mean(axis=(1, 3))
     assert np.abs(blocks - low).mean() < 0.02
 
 
@@ -274,7 +192,7 @@ def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pyt
 
 
 @pytest.mark.slow
-@variants
+@pytest.mark.parametrize(("method", "settings"), [VARIANTS[1], VARIANTS[4], VARIANTS[6], VARIANTS[8]])
 def test_what_saves_time_changes_no_pixel(
     method: str, settings: dict[str, Any], cpu: Device, gpu: Device
 ) -> None:
@@ -361,13 +279,3 @@ def test_timings_and_memory_by_use() -> None:
     assert {"splat faces", "splat planes", lists, "splat image"} <= held.keys()
     pipeline.close()
     pipeline.close()
-
-
-def test_a_given_device_stays_open(cpu: Device) -> None:
-    before = cpu.memory()
-    pipeline = SplattingPipeline(model("two_dts", 1), device=cpu)
-    pipeline.render(front_camera(), (0, 0, 0))
-    assert set(pipeline._static) < set(pipeline.memory())
-    pipeline.close()
-    assert cpu.memory() == before
-    cpu.finish()

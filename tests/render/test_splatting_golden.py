@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from msb.render.splat.pipeline import SplattingPipeline
-from tests.cl.conftest import open_styled
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names, worst
+from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.cl import Device
     from msb.render.frame import Frame
 
@@ -24,21 +22,10 @@ VIEWS = [
 golden = pytest.mark.parametrize("view", VIEWS, ids=names)
 
 
-@pytest.fixture(scope="module", params=["cpu", "gpu"])
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
-
-
 def drawn(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
-    settings = {**view.settings, **overrides}
-    pipeline = SplattingPipeline(
-        exported(view.folder / "checkpoint"), device=device, settings=settings, outputs=outputs
-    )
-    red, green, blue = view.background
-    frame = pipeline.render(view.camera, (red, green, blue))
-    pipeline.close()
-    return frame
+    options = {"settings": {**view.settings, **overrides}, "outputs": outputs}
+    asset = exported(view.folder / "checkpoint")
+    return frame_of(SplattingPipeline, asset, device, view.camera, view.background, **options)
 
 
 @golden

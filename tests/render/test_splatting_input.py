@@ -46,7 +46,5 @@ def test_wrong_options_are_refused(cpu: Device) -> None:
     asset = model("two_dts", 1)
     with pytest.raises(UsageError, match="there is no output"):
         SplattingPipeline(asset, device=cpu, outputs=("normals",))
-    with pytest.raises(UsageError, match="there is no order"):
-        SplattingPipeline(asset, device=cpu, order="depth")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="no setting"):
         SplattingPipeline(asset, device=cpu, settings={"sigma": 1.0})

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-import msb
 from msb.cl import Device, open_device
 from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import SELECTOR, STYLES, open_styled
@@ -199,7 +198,7 @@ def test_infinitely_thin(device: Device) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (7, 3), (8, 1), (257, 129), (3, 300)])
 def test_sizes_of_images(devices: dict[str, Device], size: tuple[int, int]) -> None:
-    mesh = scene("everything", 13)
+    mesh = scene("small", 13)
     colors = random_colors(13, len(mesh[0]))
     view = camera(*size, focal=max(size))
     expected = twin(mesh, colors, view)
@@ -212,7 +211,7 @@ def test_sizes_of_images(devices: dict[str, Device], size: tuple[int, int]) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("principal", [(-30.3, 20.7), (60.25, 200.0), (4000.0, -9000.0)])
 def test_principal_point_off_the_middle(devices: dict[str, Device], principal: tuple[float, float]) -> None:
-    mesh = scene("everything", 17)
+    mesh = scene("large", 17)
     mesh = (mesh[0] + np.float32([41 - principal[0], 30 - principal[1], 0]) / 70 * 4, mesh[1])
     colors = random_colors(17, len(mesh[0]))
     view = camera(principal=principal)
@@ -261,16 +260,3 @@ def test_supersampling(device: Device) -> None:
     np.testing.assert_array_equal(frame.depth, np.where(np.isfinite(depth), depth, 0))
     samples = fine.face_id.reshape(30, 3, 40, 3).transpose(0, 2, 1, 3).reshape(30, 40, 9)
     assert (samples == frame.face_id[..., None]).any(axis=-1).all()
-
-
-def test_through_the_public_api() -> None:
-    mesh = scene("small", 29)
-    asset = mesh_asset(mesh, random_colors(29, len(mesh[0])))
-    frame = msb.render(asset, camera(), tier="standard", background=(1, 1, 1), device=SELECTOR)
-    assert frame.image.dtype == frame.depth.dtype == frame.alpha.dtype == np.float32
-    assert frame.face_id is not None
-    assert frame.face_id.dtype == np.int32
-    assert {"draw", "read"} < set(frame.timings)
-    with msb.Renderer(asset, device=SELECTOR) as renderer:
-        assert renderer.draw(camera()).span > 0
-        assert renderer.memory()["standard triangles"] >= 64 * len(mesh[1])

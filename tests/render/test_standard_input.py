@@ -9,7 +9,7 @@ import pytest
 
 from msb.asset import Asset
 from msb.asset.sh import SH_C0
-from msb.errors import AssetError, DeviceError, Unsupported, UsageError
+from msb.errors import AssetError, Unsupported, UsageError
 from msb.render.host_arrays import HostArrays
 from msb.render.standard.renderer import StandardRenderer
 from tests.reference.soups import random_triangles, soup
@@ -159,17 +159,6 @@ def test_host_arrays() -> None:
     assert pool.take((4, 3), np.int32).dtype == np.int32
     many = [pool.take((2,), np.float32) for _ in range(30)]
     assert len({array.ctypes.data for array in many}) == 30
-
-
-def test_closed_twice(fresh: Device) -> None:
-    renderer = StandardRenderer(mesh_asset(scene("small", 0)), device=fresh)
-    renderer.render(camera(), BACKGROUND)
-    renderer.close()
-    renderer.close()
-    assert fresh.memory().get("standard triangles", 0) == 0
-    with pytest.raises(DeviceError):
-        renderer.render(camera(), BACKGROUND)
-    fresh.finish()  # still open
 
 
 @pytest.mark.slow

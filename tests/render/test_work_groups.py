@@ -13,6 +13,7 @@ from msb.render.dedicated import DedicatedRenderer
 from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import open_styled
 from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
+from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,12 +35,7 @@ def model(method: str) -> Asset:
 
 
 def draw(tier: type, method: str, device: Device) -> Frame:
-    renderer = tier(model(method), device=device)
-    try:
-        frame: Frame = renderer.render(front_camera(90, 60), (0.0, 0.5, 1.0))
-    finally:
-        renderer.close()
-    return frame
+    return frame_of(tier, model(method), device, front_camera(90, 60), (0.0, 0.5, 1.0))
 
 
 @pytest.mark.slow

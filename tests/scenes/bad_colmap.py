@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from msb.scenes.colmap_models import MODELS
 
 from .builders import Bad, lens_bin, lens_parameters, many, point_bin, shot_bin
 
 LENSES, SHOTS = many(lens_bin()), many(shot_bin())
-TEXT = {
-    "cameras.txt": b"1 PINHOLE 40 30 50 49 20 15\n",
-    "images.txt": b"5 1 0 0 0 0 0 0 1 a.png\n1 2 -1\n",
-}
+TEXT = {"cameras.txt": b"1 PINHOLE 40 30 50 49 20 15\n", "images.txt": b"5 1 0 0 0 0 0 0 1 a.png\n1 2 -1\n"}
 
 
 def colmap(code: str, message: str, cameras: bytes = LENSES, images: bytes = SHOTS) -> Bad:
     return {"cameras.bin": cameras, "images.bin": images}, "", code, message
+
+
+def with_lens(code: str, message: str, *values: Any, **more: Any) -> Bad:
+    return colmap(code, message, many(lens_bin(*values, **more)))
+
+
+def with_shot(code: str, message: str, *values: Any, **more: Any) -> Bad:
+    return colmap(code, message, images=many(shot_bin(*values, **more)))
 
 
 def text(code: str, message: str, **change: bytes) -> Bad:
@@ -46,46 +52,30 @@ BAD_COLMAP: dict[str, Bad] = {
     "image cut in the points": colmap(
         "COLMAP_TRUNCATED", "the 2D points of image 0", images=many(shot_bin(points=3))[:-1]
     ),
-    "huge count of 2d points": colmap(
-        "COLMAP_TRUNCATED", "the 2D points of image 0", images=many(shot_bin(count=2**64 - 1))
-    ),
-    "model unknown": colmap(
-        "COLMAP_MODEL", "byte 8: camera id 1: the camera model is 11", many(lens_bin(1, 11))
-    ),
+    "huge count of 2d points": with_shot("COLMAP_TRUNCATED", "the 2D points of image 0", count=2**64 - 1),
+    "model unknown": with_lens("COLMAP_MODEL", "byte 8: camera id 1: the camera model is 11", 1, 11),
     "camera id twice": colmap("COLMAP_DUPLICATE_ID", "byte 64: camera id 1", many(lens_bin(), lens_bin())),
     "image name twice": colmap(
         "CAMERA_DUPLICATE", "cameras 0 and 1 are both called 'a.png'", images=many(shot_bin(), shot_bin(2))
     ),
     "no image": colmap("CAMERA_NONE", "there is no camera in it", images=many()),
-    "camera id unknown": colmap(
-        "COLMAP_CAMERA_ID", "names camera id 2, which cameras.bin", images=many(shot_bin(lens=2))
+    "camera id unknown": with_shot("COLMAP_CAMERA_ID", "names camera id 2, which cameras.bin", lens=2),
+    "quaternion zero": with_shot(
+        "COLMAP_QUATERNION", "image id 1 (a.png) has the quaternion 0 0 0 0", q=(0, 0, 0, 0)
     ),
-    "quaternion zero": colmap(
-        "COLMAP_QUATERNION",
-        "image id 1 (a.png) has the quaternion 0 0 0 0",
-        images=many(shot_bin(q=(0, 0, 0, 0))),
+    "quaternion nan": with_shot("COLMAP_QUATERNION", "nan 0 0 0", q=(math.nan, 0, 0, 0)),
+    "translation huge": with_shot("CAMERA_MATRIX", "translates by 1e+300", t=(0, 1e300, 0)),
+    "focal zero": with_lens(
+        "CAMERA_FOCAL", "byte 8: camera id 1: the focal length is 0.0", parameters=(0, 1, 2, 3)
     ),
-    "quaternion nan": colmap("COLMAP_QUATERNION", "nan 0 0 0", images=many(shot_bin(q=(math.nan, 0, 0, 0)))),
-    "translation huge": colmap(
-        "CAMERA_MATRIX", "translates by 1e+300", images=many(shot_bin(t=(0, 1e300, 0)))
-    ),
-    "focal zero": colmap(
-        "CAMERA_FOCAL",
-        "byte 8: camera id 1: the focal length is 0.0",
-        many(lens_bin(parameters=(0, 1, 2, 3))),
-    ),
-    "principal nan": colmap(
-        "CAMERA_PRINCIPAL_POINT", "is nan", many(lens_bin(parameters=(50, 49, 2, math.nan)))
-    ),
-    "width zero": colmap("CAMERA_SIZE", "width is 0", many(lens_bin(width=0))),
-    "width absurd": colmap("CAMERA_SIZE", "18446744073709551615", many(lens_bin(width=2**64 - 1))),
-    "pixels absurd": colmap("CAMERA_SIZE", "4294836225 pixels", many(lens_bin(width=65535, height=65535))),
-    "name up": colmap(
-        "CAMERA_NAME", "byte 8: image id 1 (../a.png): the name", images=many(shot_bin(name=b"../a.png\0"))
-    ),
-    "name empty": colmap("CAMERA_NAME", "1 to 1024 characters", images=many(shot_bin(name=b"\0"))),
-    "name with a line end": colmap("CAMERA_NAME", "control character", images=many(shot_bin(name=b"a\nb\0"))),
-    "name not utf-8": colmap("CAMERA_NAME", "is not UTF-8", images=many(shot_bin(name=b"\xff\xfe\0"))),
+    "principal nan": with_lens("CAMERA_PRINCIPAL_POINT", "is nan", parameters=(50, 49, 2, math.nan)),
+    "width zero": with_lens("CAMERA_SIZE", "width is 0", width=0),
+    "width absurd": with_lens("CAMERA_SIZE", "18446744073709551615", width=2**64 - 1),
+    "pixels absurd": with_lens("CAMERA_SIZE", "4294836225 pixels", width=65535, height=65535),
+    "name up": with_shot("CAMERA_NAME", "byte 8: image id 1 (../a.png): the name", name=b"../a.png\0"),
+    "name empty": with_shot("CAMERA_NAME", "1 to 1024 characters", name=b"\0"),
+    "name with a line end": with_shot("CAMERA_NAME", "control character", name=b"a\nb\0"),
+    "name not utf-8": with_shot("CAMERA_NAME", "is not UTF-8", name=b"\xff\xfe\0"),
     "images missing": (
         {"cameras.bin": LENSES},
         "",
@@ -100,18 +90,18 @@ BAD_COLMAP: dict[str, Bad] = {
     ),
     "a file of the model": ({"images.bin": SHOTS}, "images.bin", "CAMERA_SOURCE", "give the folder"),
     **{
-        f"{name} distorted": colmap(
+        f"{name} distorted": with_lens(
             "CAMERA_DISTORTED",
             f"camera id 1: the camera model is {name}",
-            many(lens_bin(1, model.number, parameters=lens_parameters(name, 0 if model.fisheye else 0.01))),
+            1,
+            model.number,
+            parameters=lens_parameters(name, 0 if model.fisheye else 0.01),
         )
         for name, model in MODELS.items()
         if model.distortions
     },
-    "distortion nan": colmap(
-        "CAMERA_DISTORTED",
-        "distortion nan",
-        many(lens_bin(1, 2, parameters=lens_parameters("SIMPLE_RADIAL", math.nan))),
+    "distortion nan": with_lens(
+        "CAMERA_DISTORTED", "distortion nan", 1, 2, parameters=lens_parameters("SIMPLE_RADIAL", math.nan)
     ),
 }
 
@@ -183,5 +173,5 @@ BAD_POINTS: dict[str, Bad] = {
         "",
         "COLMAP_FILE_MISSING",
         "points3D.bin or points3D.txt",
-    ),
+    )
 }

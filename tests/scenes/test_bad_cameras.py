@@ -1,10 +1,8 @@
-"""Files that are not valid: one error with the right code, soon, and without much memory."""
+"""Files that are not valid: one error with the right code. How much memory they take, tests/fuzz sees."""
 
 from __future__ import annotations
 
 import sys
-import time
-import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -20,9 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-SECONDS = 5.0
-"""Of processor time: far more than any file here takes, 16 MiB of JSON included."""
-
 
 def reader(name: str) -> Callable[[Path], Any]:
     return read_points if name.startswith("points") else msb.read_cameras
@@ -32,10 +27,8 @@ def reader(name: str) -> Callable[[Path], Any]:
 def test_bad_file(name: str, tmp_path: Path) -> None:
     files, target, code, message = BAD[name]
     write(tmp_path, files)
-    start = time.process_time()
     with pytest.raises(SceneError) as caught:
         reader(name)(tmp_path / target)
-    assert time.process_time() - start < SECONDS
     error = caught.value
     assert error.code == code
     assert message in error.message
@@ -60,23 +53,6 @@ def test_a_model_of_too_many_images(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     monkeypatch.setattr("msb.scenes.colmap.MAX_CAMERAS", 1)
     with pytest.raises(SceneError, match=r"CAMERA_TOO_MANY: .*images.txt: line 5: there are more than 1 im"):
         msb.read_cameras(tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [name for name in BAD if "huge" in name or "deep" in name or "absurd" in name]
-)
-def test_what_is_declared_takes_no_memory(name: str, tmp_path: Path) -> None:
-    files, target, *_ = BAD[name]
-    write(tmp_path, files)
-    tracemalloc.start()
-    try:
-        with pytest.raises(SceneError):
-            reader(name)(tmp_path / target)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 4 * sum(map(len, files.values())) + (1 << 21)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")

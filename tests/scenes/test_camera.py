@@ -9,7 +9,6 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
-import msb
 from msb.errors import SceneError
 from msb.scenes import Camera, from_opengl, invert_pose
 from msb.scenes.checks import MAX_PIXELS, MAX_SIDE
@@ -18,11 +17,6 @@ from msb.scenes.poses import quaternion_from_rotation, rotation_from_quaternion
 from .builders import pose, quaternion, rotation, some_cameras
 
 FRONT = Camera(200, 100, 50, 40, 90, 55, np.eye(4))
-
-
-def test_the_public_name_is_this_class() -> None:
-    assert msb.Camera is Camera
-    assert "read_cameras" in dir(msb)
 
 
 def test_a_point_lands_where_the_hand_computes_it() -> None:

@@ -84,14 +84,14 @@ def test_a_flight_passes_through_the_given_cameras(closed: bool) -> None:
 def test_a_flight_has_no_kinks(closed: bool) -> None:
     """Steps between frames change by less and less as the frames get denser: the velocity is continuous."""
     cameras = some_cameras(4)
-    frames = interpolated(cameras, 4001, closed=closed)
+    frames = interpolated(cameras, 1001, closed=closed)
     if closed:
         frames += frames[:2]
     centers = np.stack([frame.center for frame in frames])
     steps = np.diff(centers, axis=0)
     assert np.abs(np.diff(steps, axis=0)).max() < 0.02 * np.abs(steps).max()
     turns = np.array([angle_between(a, b) for a, b in itertools.pairwise(frames)])
-    assert turns.max() < 0.01
+    assert turns.max() < 0.02
     assert np.abs(np.diff(turns)).max() < 0.05 * turns.max()
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
+
 Face = tuple[int, int, int]
 Point = tuple[float, float, float]
 
@@ -72,6 +74,18 @@ def audit(points: list[Point], faces: list[Face]) -> dict[str, Any]:
         "is_soup": n_f > 0 and n_v == 3 * n_f and len({v for row in faces for v in row}) == n_v,
         "topology": "indexed_mesh" if vertex_is_shared(faces) else "triangle_soup",
     }
+
+
+def assert_agrees(report: Any, points: Any, faces: Any) -> dict[str, Any]:
+    """Assert that an audit of arrays is this module's, reals to 1e-9; return this module's."""
+    expected = audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
+    got = {**vars(report.counts), **vars(report.metrics)}
+    got |= {key: getattr(report, key) for key in ("valence_histogram", "is_soup", "topology")}
+    assert set(got) == set(expected)
+    for key, value in expected.items():
+        wanted = pytest.approx(value, rel=1e-9) if isinstance(value, float) else value
+        assert got[key] == wanted, (key, faces.tolist(), points.tolist())
+    return expected
 
 
 def edge_faces(faces: list[Face], proper: list[int]) -> dict[tuple[int, int], list[int]]:

@@ -1,4 +1,4 @@
-"""Boundary loops: against construction, against a walk in plain Python, and against two libraries."""
+"""Boundary loops: against construction and two libraries; test_properties.py walks them in plain Python."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import pytest
 from data_stubs.splat_like import splat_like
 from msb import audit
 from msb.topology.analysis import Analysis
-from tests.topology import brute_force
-from tests.topology.meshes import CASE, random_mesh
+from tests.topology.meshes import CASE
 
 
 def sheet(rows: int, columns: int, holes: tuple[tuple[int, int], ...] = ()) -> np.ndarray:
@@ -85,18 +84,6 @@ def test_chains_partition_the_boundary_edges() -> None:
     edges = analysis.mesh.edge_vertices[boundary.edges]
     rim = edges[boundary.closed[boundary.chain]]
     assert (np.bincount(rim.reshape(-1)) % 2 == 0).all()
-
-
-@pytest.mark.slow
-def test_loops_agree_with_a_walk_in_plain_python() -> None:
-    random = np.random.default_rng(21)
-    meshes = [random_mesh(random) for _ in range(300)] + [splat_like(14)]
-    for points, faces in meshes:
-        counts = audit(points, faces).counts
-        rows = [tuple(row) for row in faces.tolist()]
-        proper = [f for f, row in enumerate(rows) if len(set(row)) == 3]
-        walked = brute_force.boundary(rows, brute_force.edge_faces(rows, proper))
-        assert (counts.boundary_loops, counts.open_boundary_chains) == walked
 
 
 @pytest.mark.oracle

@@ -65,18 +65,6 @@ def test_duplicates_are_found_at_the_top_of_the_integer_range() -> None:
     assert extra_duplicates(faces).tolist() == [False, True, False]
 
 
-def test_duplicates_agree_with_sorted_rows_on_random_faces() -> None:
-    random = np.random.default_rng(5)
-    for _ in range(100):
-        faces = random.integers(0, 4, (int(random.integers(0, 30)), 3)).astype(np.int32)
-        seen: set[tuple[int, ...]] = set()
-        expected = []
-        for row in np.sort(faces, axis=1).tolist():
-            expected.append(tuple(row) in seen)
-            seen.add(tuple(row))
-        assert extra_duplicates(faces).tolist() == expected
-
-
 def test_no_faces_have_no_areas_and_no_duplicates() -> None:
     none = np.zeros((0, 3), np.int32)
     assert face_areas(np.zeros((0, 3)), none)[0].shape == (0,)

@@ -26,15 +26,11 @@ def assert_identity(analysis: Analysis) -> None:
     np.testing.assert_array_equal(analysis.fans.groups_per_vertex > 0, analysis.fans.fans_per_vertex > 0)
 
 
-@pytest.mark.parametrize("case", [c for c in CASES if c.valid], ids=lambda c: c.name)
-def test_several_fans_means_multifan_or_edge_endpoint(case: Case) -> None:
-    assert_identity(analysed(case))
-
-
-def test_several_fans_means_multifan_or_edge_endpoint_on_random_meshes() -> None:
+def test_several_fans_means_multifan_or_edge_endpoint() -> None:
     random = np.random.default_rng(11)
-    for _ in range(500):
-        points, faces = random_mesh(random)
+    for points, faces in [(c.vertices, c.faces) for c in CASES if c.valid] + [
+        random_mesh(random) for _ in range(300)
+    ]:
         assert_identity(Analysis(points, faces.astype(np.int32)))
 
 

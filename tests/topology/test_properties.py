@@ -16,7 +16,7 @@ from tests.topology import brute_force
 from tests.topology.meshes import random_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]
-QUICK = settings(max_examples=150, deadline=None, derandomize=True)
+QUICK = settings(max_examples=60, deadline=None, derandomize=True)
 
 
 @st.composite
@@ -154,24 +154,15 @@ def test_identities_hold_on_a_splat_like_mesh() -> None:
     assert_identities(splat_like(24))
 
 
-@pytest.mark.parametrize("count", [400, pytest.param(2000, marks=pytest.mark.slow)])
-def test_audit_agrees_with_the_brute_force_twin_on_random_meshes(count: int) -> None:
+def test_audit_agrees_with_the_brute_force_twin_on_random_meshes() -> None:
+    count = 400
     random = np.random.default_rng(2024)
     seen = dict.fromkeys(
         ["nonmanifold_edges", "multifan_vertices", "repeated_index_faces", "nonfinite_faces"], 0
     )
     for _ in range(count):
         points, faces = random_mesh(random)
-        report = audit(points, faces)
-        expected = brute_force.audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
-        got = {**vars(report.counts), **vars(report.metrics)}
-        got |= {k: getattr(report, k) for k in ("valence_histogram", "is_soup", "topology")}
-        assert set(got) == set(expected)
-        for key, value in expected.items():
-            if isinstance(value, float):
-                assert got[key] == pytest.approx(value, rel=1e-9), (key, faces.tolist(), points.tolist())
-            else:
-                assert got[key] == value, (key, faces.tolist(), points.tolist())
+        expected = brute_force.assert_agrees(audit(points, faces), points, faces)
         for key in seen:
             seen[key] += expected[key] > 0
     assert min(seen.values()) > 0.07 * count, seen  # the meshes are as rich as they claim
@@ -179,7 +170,4 @@ def test_audit_agrees_with_the_brute_force_twin_on_random_meshes(count: int) -> 
 
 def test_audit_agrees_with_the_brute_force_twin_on_a_splat_like_mesh() -> None:
     points, faces = splat_like(12)
-    report = audit(points, faces)
-    expected = brute_force.audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
-    for key, value in {**vars(report.counts), **vars(report.metrics)}.items():
-        assert value == pytest.approx(expected[key], rel=1e-9), key
+    brute_force.assert_agrees(audit(points, faces), points, faces)

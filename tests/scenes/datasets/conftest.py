@@ -22,6 +22,14 @@ class Copy(Protocol):
     def __call__(self, scene: str, to: str | None = None) -> Path: ...
 
 
+def text_model(root: Path, lenses: str, shots: str) -> None:
+    """Replace the COLMAP model of a copy by one in text."""
+    (root / "sparse/0/cameras.txt").write_text(lenses)
+    (root / "sparse/0/images.txt").write_text(shots)
+    for name in ("cameras", "images"):
+        (root / f"sparse/0/{name}.bin").unlink()
+
+
 @pytest.fixture
 def copy(tmp_path: Path) -> Copy:
     """Return a function that copies a stub scene below the test's folder and returns where it is."""

@@ -11,7 +11,7 @@ from PIL import Image
 from msb.errors import CODES, InputError, SceneError
 from msb.scenes.datasets import find_scenes, read_scene
 
-from .conftest import STUBS, Copy
+from .conftest import SCENES, STUBS, Copy, text_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,23 +28,13 @@ def no_model(root: Path) -> None:
         file.unlink()
 
 
-def distorted(root: Path) -> None:
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
-    (root / "sparse/0/cameras.txt").write_text("1 SIMPLE_RADIAL 256 192 270 128 96 0.01\n")
-    (root / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
+def one_image(lens: str) -> Callable[[Path], None]:
+    return lambda root: text_model(root, f"1 {lens}\n", "1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
 
 
 def same_name_twice(root: Path) -> None:
     data = (root / "sparse/0/images.bin").read_bytes()
     (root / "sparse/0/images.bin").write_bytes(data.replace(b"DSC07951", b"DSC07950"))
-
-
-def one_image(root: Path) -> None:
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
-    (root / "sparse/0/cameras.txt").write_text("1 PINHOLE 256 192 270 270 128 96\n")
-    (root / "sparse/0/images.txt").write_text("1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
 
 
 def remove(*names: str) -> Callable[[Path], None]:
@@ -74,27 +64,14 @@ def both(*changes: Callable[[Path], None]) -> Callable[[Path], None]:
     return run
 
 
-def nothing(root: Path) -> None:
-    pass
-
-
-MIP, TANDT, NERF, DTU = "mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble", "dtu/scan1"
-Options = dict[str, Any]
-BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]] = {
-    "no layout": (MIP, remove("sparse"), {}, "SCENE_LAYOUT", "", "it holds no scene: no sparse/0"),
-    "empty sparse": (MIP, no_model, {}, "SCENE_LAYOUT", "", "sparse/0 holds no COLMAP model"),
-    "half a model": (
-        MIP,
-        remove("sparse/0/cameras.bin"),
-        {},
-        "COLMAP_FILE_MISSING",
-        "sparse/0",
-        "cameras.bin",
-    ),
+MIP, _, NERF, DTU = SCENES
+BAD: dict[str, tuple[str, Callable[[Path], Any], str, str, str]] = {
+    "no layout": (MIP, remove("sparse"), "SCENE_LAYOUT", "", "it holds no scene: no sparse/0"),
+    "empty sparse": (MIP, no_model, "SCENE_LAYOUT", "", "sparse/0 holds no COLMAP model"),
+    "half a model": (MIP, remove("sparse/0/cameras.bin"), "COLMAP_FILE_MISSING", "sparse/0", "cameras.bin"),
     "test JSON missing": (
         NERF,
         remove("transforms_test.json"),
-        {},
         "SCENE_LAYOUT",
         "",
         "transforms_test.json is",
@@ -102,7 +79,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "photograph of a JSON missing": (
         NERF,
         remove("test/r_1.png"),
-        {},
         "CAMERA_IMAGE",
         "transforms_test.json",
         "r_1",
@@ -110,7 +86,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "all photographs missing": (
         MIP,
         lambda root: [path.unlink() for path in (root / "images_4").iterdir()],
-        {},
         "SCENE_IMAGE_MISSING",
         "images_4",
         "16 of 16 photographs are not there: DSC07951.JPG, DSC07952.JPG, DSC07953.JPG, DSC07954.JPG, ...",
@@ -118,7 +93,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "folder of photographs missing": (
         MIP,
         remove("images_4", "images"),
-        {},
         "SCENE_IMAGE_FOLDER",
         "",
         "taken from images_4, which is not there; there is images_2",
@@ -126,7 +100,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "photograph of another size": (
         MIP,
         lambda root: picture(root / "images_4/DSC07953.JPG", (64, 47)),
-        {},
         "SCENE_IMAGE_SIZE",
         "images_4/DSC07953.JPG",
         "it is 64 x 47 pixels, DSC07951.JPG 64 x 48",
@@ -134,18 +107,28 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "photograph that is none": (
         MIP,
         lambda root: (root / "images_4/DSC07953.JPG").write_bytes(b"GIF89a"),
-        {},
         "CAMERA_IMAGE",
         "images_4/DSC07953.JPG",
         "neither a PNG nor a JPEG",
     ),
-    "distorted": (MIP, distorted, {}, "CAMERA_DISTORTED", "sparse/0/cameras.txt", "SIMPLE_RADIAL"),
-    "same name twice": (MIP, same_name_twice, {}, "CAMERA_DUPLICATE", "sparse/0", "DSC07950.JPG"),
-    "one image": (MIP, one_image, {}, "SCENE_SPLIT", "", "none of its 1 views is a training view"),
+    "distorted": (
+        MIP,
+        one_image("SIMPLE_RADIAL 256 192 270 128 96 0.01"),
+        "CAMERA_DISTORTED",
+        "sparse/0/cameras.txt",
+        "SIMPLE_RADIAL",
+    ),
+    "same name twice": (MIP, same_name_twice, "CAMERA_DUPLICATE", "sparse/0", "DSC07950.JPG"),
+    "one image": (
+        MIP,
+        one_image("PINHOLE 256 192 270 270 128 96"),
+        "SCENE_SPLIT",
+        "",
+        "none of its 1 views is a training view",
+    ),
     "no alpha": (
         NERF,
         opaque("test"),
-        {},
         "SCENE_IMAGE_ALPHA",
         "",
         "4 of 4 test photographs have no alpha channel, test/r_0.png for one; they must be RGBA PNG",
@@ -153,7 +136,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "neither alpha nor masks": (
         DTU,
         both(opaque("images"), remove("mask")),
-        {},
         "SCENE_IMAGE_ALPHA",
         "",
         "or have masks in a folder mask",
@@ -161,7 +143,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "a mask missing": (
         DTU,
         both(opaque("images"), remove("mask/003.png")),
-        {},
         "SCENE_MASK",
         "mask",
         "there are 15 masks in it for 16 photographs",
@@ -169,7 +150,6 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "a mask of another size": (
         DTU,
         both(opaque("images"), lambda root: picture(root / "mask/000.png", (20, 20))),
-        {},
         "SCENE_MASK",
         "mask/000.png",
         "it is 20 x 20 pixels, its photograph 144 x 108",
@@ -177,45 +157,42 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], Options, str, str | None, str]]
     "more views than photographs": (
         DTU,
         remove("sparse", "images/0003.png"),
-        {},
         "SCENE_MATRICES",
         "cameras.npz",
         "it has 16 views for 15 photographs",
     ),
-    "no rule": (
-        DTU,
-        nothing,
-        {"rules": "two_dts"},
-        "SCENE_UNKNOWN",
-        "",
-        "2DTS has no rule for the dataset dtu",
-    ),
-    "rules": (
-        MIP,
-        nothing,
-        {"rules": "nerf"},
-        "SCENE_ARGUMENT",
-        None,
-        "there are no rules 'nerf'; there are ours",
-    ),
-    "convention": (MIP, nothing, {"camera_convention": "K"}, "SCENE_ARGUMENT", None, "gs_fov or full_K"),
-    "resolution": (MIP, nothing, {"resolution": 0}, "SCENE_ARGUMENT", None, "1, 2, 4 or 8"),
-    "background": (MIP, nothing, {"background": (1, 2, 0)}, "SCENE_ARGUMENT", None, "from 0 to 1"),
+}
+ARGUMENTS: dict[str, tuple[str, dict[str, Any], str, str]] = {
+    "no rule": (DTU, {"rules": "two_dts"}, "SCENE_UNKNOWN", "2DTS has no rule for the dataset dtu"),
+    "rules": (MIP, {"rules": "nerf"}, "SCENE_ARGUMENT", "there are no rules 'nerf'; there are ours"),
+    "convention": (MIP, {"camera_convention": "K"}, "SCENE_ARGUMENT", "gs_fov or full_K"),
+    "resolution": (MIP, {"resolution": 0}, "SCENE_ARGUMENT", "1, 2, 4 or 8"),
+    "background": (MIP, {"background": (1, 2, 0)}, "SCENE_ARGUMENT", "from 0 to 1"),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_scene(name: str, copy: Copy) -> None:
-    place, change, options, code, file, message = BAD[name]
+    place, change, code, file, message = BAD[name]
     root = copy(place)
     change(root)
+    assert_refused(root, code, str(root / file), message)
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_bad_arguments(name: str) -> None:
+    place, options, code, message = ARGUMENTS[name]
+    root = STUBS / place
+    assert_refused(root, code, None if code == "SCENE_ARGUMENT" else str(root), message, **options)
+
+
+def assert_refused(root: Path, code: str, file: str | None, message: str, **options: Any) -> None:
     with pytest.raises(SceneError) as caught:
         read_scene(root, **options)
     error = caught.value
-    assert error.code == code
+    assert (error.code, error.file) == (code, file)
     assert message in error.message
-    assert error.file == (None if file is None else str(root / file))
     assert str(error).isprintable()
     assert len(error.message) < 300
 
@@ -223,7 +200,7 @@ def test_bad_scene(name: str, copy: Copy) -> None:
 def test_every_error_code_is_met() -> None:
     warnings = {"SCENE_IMAGE_RESIZED", "SCENE_PRINCIPAL_POINT"}
     codes = {code for code in CODES if code.startswith("SCENE_")}
-    assert {bad[3] for bad in BAD.values()} | warnings >= codes
+    assert {bad[2] for bad in (*BAD.values(), *ARGUMENTS.values())} | warnings >= codes
 
 
 def test_a_folder_of_scenes_is_no_scene() -> None:

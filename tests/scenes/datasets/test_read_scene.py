@@ -20,7 +20,7 @@ from msb.scenes import Camera, sorted_by_stem, stem
 from msb.scenes.datasets import Scene, find_scenes, read_scene
 from tests.conftest import ROOT
 
-from .conftest import SCENES, STUBS, Copy
+from .conftest import SCENES, STUBS, Copy, text_model
 
 GOLDEN = ROOT / "tests/golden/metrics/scenes"
 LOADERS: dict[str, Any] = json.loads((GOLDEN / "cameras.json").read_text())
@@ -155,11 +155,8 @@ def test_a_missing_training_photograph_is_a_warning(copy: Copy) -> None:
 
 def test_photographs_of_another_shape_than_the_camera_are_a_warning(copy: Copy) -> None:
     root = copy("tanksandtemples/pebble")
-    (root / "sparse/0/cameras.txt").write_text("1 PINHOLE 223 120 300 300 111.5 60\n")
     shots = [f"{i} 1 0 0 0 0 0 4 1 {i:06d}.jpg\n\n" for i in range(1, 17)]
-    (root / "sparse/0/images.txt").write_text("".join(shots))
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
+    text_model(root, "1 PINHOLE 223 120 300 300 111.5 60\n", "".join(shots))
     scene = read_scene(root)
     assert codes(scene) == ["SCENE_IMAGE_SIZE"]
     assert scene.test[0].fov_y == pytest.approx(2 * np.arctan(120 / 600))
@@ -188,12 +185,8 @@ def test_transforms_json_without_splits(copy: Copy) -> None:
 
 def test_conventions_differ_by_the_principal_point(copy: Copy) -> None:
     root = copy("mipnerf360/pebble")
-    text = "1 PINHOLE 256 192 270 271 140 90\n"
-    (root / "sparse/0/cameras.txt").write_text(text)
     shots = [f"{i} 1 0 0 0 0 0 4 1 DSC{7949 + i:05d}.JPG\n\n" for i in range(1, 17)]
-    (root / "sparse/0/images.txt").write_text("".join(shots))
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
+    text_model(root, "1 PINHOLE 256 192 270 271 140 90\n", "".join(shots))
     fov, full = read_scene(root), read_scene(root, camera_convention="full_K")
     assert codes(fov) == ["SCENE_PRINCIPAL_POINT"]
     assert "3.0 pixels" in fov.warnings[-1].message
@@ -206,12 +199,9 @@ def test_conventions_differ_by_the_principal_point(copy: Copy) -> None:
 def test_diffsoup_takes_the_first_lens_of_the_file_for_all(copy: Copy) -> None:
     root = copy("mipnerf360/pebble")
     lenses = "7 PINHOLE 256 192 270 270 140 90\n1 PINHOLE 512 384 300 300 256 192\n"
-    (root / "sparse/0/cameras.txt").write_text(lenses)
     order = [16, *range(1, 16)]  # the last name first
     shots = [f"{i} 1 0 0 0 0 0 4 {7 if i == 16 else 1} DSC{7949 + i:05d}.JPG\n\n" for i in order]
-    (root / "sparse/0/images.txt").write_text("".join(shots))
-    for name in ("cameras", "images"):
-        (root / f"sparse/0/{name}.bin").unlink()
+    text_model(root, lenses, "".join(shots))
     scene = read_scene(root, rules="diffsoup")
     assert scene.camera_convention == "full_K"
     for camera in (*scene.train, *scene.test):
