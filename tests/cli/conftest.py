@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 from typer.main import get_command
 
+from msb.cl.devices import try_devices
 from msb.cli.app import app
 from msb.cli.process import run as run_here
 from tests.cli.forks import run_msb
@@ -19,6 +20,8 @@ from tests.conftest import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from msb.cl.devices import Tried
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class Result:
 
 
 Refused = Callable[[str | list[str]], str]
+Here = Callable[..., Result]
 
 
 class Msb(Protocol):
@@ -57,17 +61,42 @@ def msb() -> Msb:
 
 
 @pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refused:
-    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    """Return a function that runs `msb` in this process: a tenth of the time of one of its own."""
     group = get_command(app)
     monkeypatch.setattr("typer.main.get_command", lambda _: group)
 
+    def run(*args: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["msb", *map(str, args)])
+        capsys.readouterr()
+        status = run_here(app, "msb")
+        return Result(status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def refused(here: Here) -> Refused:
+    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+
     def line_of(line: str | list[str]) -> str:
-        monkeypatch.setattr(sys, "argv", ["msb", *(shlex.split(line) if isinstance(line, str) else line)])
-        assert run_here(app, "msb") == 2, sys.argv
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.count("\n") == 1
-        return err.rstrip()
+        result = here(*(shlex.split(line) if isinstance(line, str) else line))
+        assert (result.status, result.out, result.err.count("\n")) == (2, "", 1), result
+        return result.err.rstrip()
 
     return line_of
+
+
+@pytest.fixture(scope="session")
+def tried() -> list[Tried]:
+    """Every device, tried once."""
+    return try_devices()
+
+
+@pytest.fixture
+def devices(here: Here, tried: list[Tried], monkeypatch: pytest.MonkeyPatch) -> Here:
+    """Return a function that runs `msb devices` in this process, which tries no device again."""
+    monkeypatch.setattr("msb.cl.devices.try_devices", lambda: tried)
+    for variable in ("MSB_DEVICE", "PYOPENCL_CTX"):
+        monkeypatch.setenv(variable, "")
+    return lambda *args: here("devices", *args)

@@ -30,7 +30,6 @@ ASSET = "data_stubs/splat_like.triasset"
         f"audit {ASSET}",
         "audit --explain vf_ratio",
         "config show",
-        "devices",
         "eval tests/golden/metrics/pred tests/golden/metrics/gt",
         f"info {ASSET}",
         "methods",
@@ -40,7 +39,7 @@ ASSET = "data_stubs/splat_like.triasset"
         f"validate {ASSET}",
         "validate --explain USAGE",
     ],
-)  # export, render and bench: tests of their own
+)  # devices, export, render and bench: tests of their own
 def test_a_document_names_its_schema_and_our_version(msb: Msb, line: str) -> None:
     command, *rest = line.split()
     where = [command, "show"] if command == "config" else [command]
