@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,6 +61,30 @@ def msb() -> Msb:
         return Result(done.returncode, done.stdout.decode(), done.stderr.decode())
 
     return run
+
+
+def on_terminal(*args: object) -> str:
+    """Run `msb` in a process whose two streams are a terminal; return what is shown there, status 0."""
+    import pty
+
+    clean = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "FORCE_COLOR"}}
+    main, side = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "msb", *map(str, args)],
+        stdin=subprocess.DEVNULL,
+        stdout=side,
+        stderr=side,
+        cwd=ROOT,
+        env={**clean, "TERM": "xterm-256color", "COLUMNS": "100"},
+    )
+    os.close(side)
+    data = b""
+    with contextlib.suppress(OSError):  # what Linux says at the end
+        while part := os.read(main, 65536):
+            data += part
+    os.close(main)
+    assert process.wait(60) == 0
+    return data.decode()
 
 
 @pytest.fixture
