@@ -19,6 +19,13 @@ ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
 """In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
+SHORT = {
+    "MSB_BENCH_REPEAT": "2",
+    "MSB_BENCH_SECONDS": "0",
+    "MSB_REPORT_TOPOLOGY": "none",
+    "MSB_VIEW_SIZE": "320x240",
+}
+"""Variables with which commands that are only to succeed end sooner."""
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -1,7 +1,8 @@
 """All commands and Python that README and docs show are run; shipped data stands in for placeholders.
 
 What is shown as ``console`` is a command a line, or, where a line starts with $, commands and what they
-print. A document's commands run one after the other, in one process, in a folder of their own.
+print. A document's commands run one after the other, in one process, in a folder of their own; those of all
+documents that need the same extra, together.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 import typer.main
@@ -26,7 +27,7 @@ from msb.bench.protocol import read_protocol
 from msb.bench.run import run_protocol
 from msb.cli.app import app
 from msb.render.backend import what_is_missing
-from tests.conftest import ROOT
+from tests.conftest import ROOT, SHORT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,23 +101,23 @@ def first(table: dict[str, str], command: str) -> str | None:
     return next((value for pattern, value in table.items() if re.match(pattern, command)), None)
 
 
-def cases() -> list[Any]:
-    """Return what to run: (document, need, commands), each command where it is shown first."""
+def cases() -> dict[str, list[str]]:
+    """Return what to run by document or need, each command where it is shown first."""
     seen: set[str] = set()
-    found: dict[tuple[str, str], list[str]] = {}
+    found: dict[str, list[str]] = {}
     for document in DOCUMENTS:
         for command in commands(document):
             if command not in seen and first(NOT_RUN, command) is None:
-                found.setdefault((document, first(NEEDS, command) or ""), []).append(command)
+                found.setdefault(first(NEEDS, command) or document, []).append(command)
             seen.add(command)
-    return [pytest.param(*key, value, id="-".join(filter(None, key))) for key, value in found.items()]
+    return found
 
 
 def skip_without(need: str) -> None:
     if need in PEERS:
         if importlib.util.find_spec(PEERS[need]) is None:
             pytest.skip(f"extra {need} is not installed")
-    elif need and (missing := what_is_missing(need)) is not None:
+    elif (missing := what_is_missing(need)) is not None:
         pytest.skip(f"renderer {need}: {missing}")
 
 
@@ -149,18 +150,17 @@ def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("document", "need", "lines"), cases())
-def test_every_command_runs(
-    document: str, need: str, lines: list[str], stand_ins: Path, tmp_path: Path
-) -> None:
-    skip_without(need)
+@pytest.mark.parametrize(("shown", "lines"), cases().items(), ids=cases())
+def test_every_command_runs(shown: str, lines: list[str], stand_ins: Path, tmp_path: Path) -> None:
+    if shown not in DOCUMENTS:
+        skip_without(shown)
     shutil.copytree(stand_ins, tmp_path, symlinks=True, dirs_exist_ok=True)
     for line in lines:
         if line.startswith("msb export "):  # it writes what else would stand in for it
             (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
     paths = [str(ROOT), str(ROOT / "viewers")]
-    if document == "docs/extending.md":
-        site = installed(document, tmp_path / "site")
+    if shown == "docs/extending.md":
+        site = installed(shown, tmp_path / "site")
         paths.append(str(site))
         shutil.copy(site / "facets.toml", tmp_path)
         subprocess.run([sys.executable, site / "make_facets.py"], cwd=tmp_path, check=True)
@@ -172,6 +172,7 @@ def test_every_command_runs(
         cwd=tmp_path,
         env={
             **os.environ,
+            **SHORT,
             "PYTHONPATH": os.pathsep.join(paths),
             "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
         },
@@ -179,7 +180,7 @@ def test_every_command_runs(
     )
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     assert done.stdout.count("\n$ ") + 1 >= len(lines)
-    if document == "docs/extending.md":
+    if shown == "docs/extending.md":
         report = tmp_path / "out" / "facets-report"
         assert any("Facets" in path.read_text() for path in report.glob("*.html"))
 
@@ -187,17 +188,10 @@ def test_every_command_runs(
 @pytest.mark.parametrize(
     "document", [name for name in DOCUMENTS if blocks(name, "python") and name not in PYTHON_NOT_RUN]
 )
-def test_python_runs(document: str, stand_ins: Path, tmp_path: Path) -> None:
+def test_python_runs(document: str, stand_ins: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(stand_ins, tmp_path, symlinks=True, dirs_exist_ok=True)
-    done = subprocess.run(
-        [sys.executable, "-c", "\n".join(blocks(document, "python"))],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
+    monkeypatch.chdir(tmp_path)
+    exec(compile("\n".join(blocks(document, "python")), document, "exec"), {"__name__": "shown"})
 
 
 def installed(document: str, site: Path) -> Path:

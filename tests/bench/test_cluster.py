@@ -67,14 +67,9 @@ class Cluster:
         self.processes[1].kill()
 
     def stop(self) -> None:
-        for process in self.processes[::-1]:
-            process.terminate()
         for process in self.processes:
-            try:
-                process.wait(20)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            process.kill()  # asked to end, a worker waits for a scheduler that ends as well
+            process.wait()
 
 
 @pytest.fixture

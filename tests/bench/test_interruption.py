@@ -74,7 +74,7 @@ def test_killed_again_and_again_it_ends_as_if_it_never_had_been(
 ) -> None:
     moments = random.Random(5)
     done: set[str] = set()
-    for stage in (b"cells", b"models", b"models"):
+    for stage in (b"cells", b"models"):
         process = start()
         wait_for(process, stage)
         time.sleep(moments.random())

@@ -11,12 +11,14 @@ import pytest
 from msb import metrics
 from msb.bench.protocol_tables import VideosTable
 from msb.bench.run import run_protocol
-from tests.bench.protocols import protocol
+from tests.bench.protocols import planned
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
 
@@ -29,13 +31,12 @@ def frames(path: Path) -> list[NDArray[np.uint8]]:
 
 
 @pytest.mark.parametrize("path", ["flight", "test"])
-def test_conditions_stand_side_by_side(tmp_path: Path, path: str) -> None:
-    file = protocol(tmp_path, ("mesh_splatting",))
+def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
     options = VideosTable(path=path, frames=8, fps=8)  # type: ignore[arg-type]
-    file = replace(file, protocol=file.protocol.model_copy(update={"videos": options}))
-    only = ["dedicated", "standard"]
-    run_protocol(file, only=only)
-    film = file.results / "videos" / "nerf_synthetic" / "pebble" / "mesh_splatting.mp4"
+    file = replace(again, protocol=again.protocol.model_copy(update={"videos": options}))
+    only = ["two_dts/dedicated", "two_dts/standard"]
+    assert set(planned(run_protocol(file, only=only)).values()) == {"done"}
+    film = file.results / "videos" / "nerf_synthetic" / "pebble" / "two_dts.mp4"
     shown = frames(film)
     assert len(shown) == 8
     columns = 2 if path == "flight" else 3

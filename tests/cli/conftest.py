@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 from typer.main import get_command
 
+from msb.cl.devices import try_devices
 from msb.cli.app import app
 from msb.cli.process import run as run_here
 from tests.cli.forks import run_msb
@@ -19,6 +23,8 @@ from tests.conftest import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from msb.cl.devices import Tried
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class Result:
 
 
 Refused = Callable[[str | list[str]], str]
+Here = Callable[..., Result]
 
 
 class Msb(Protocol):
@@ -56,18 +63,67 @@ def msb() -> Msb:
     return run
 
 
+def on_terminal(*args: object) -> str:
+    """Run `msb` in a process whose two streams are a terminal; return what is shown there, status 0."""
+    import pty
+
+    clean = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "FORCE_COLOR"}}
+    main, side = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "msb", *map(str, args)],
+        stdin=subprocess.DEVNULL,
+        stdout=side,
+        stderr=side,
+        cwd=ROOT,
+        env={**clean, "TERM": "xterm-256color", "COLUMNS": "100"},
+    )
+    os.close(side)
+    data = b""
+    with contextlib.suppress(OSError):  # what Linux says at the end
+        while part := os.read(main, 65536):
+            data += part
+    os.close(main)
+    assert process.wait(60) == 0
+    return data.decode()
+
+
 @pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refused:
-    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    """Return a function that runs `msb` in this process: a tenth of the time of one of its own."""
     group = get_command(app)
     monkeypatch.setattr("typer.main.get_command", lambda _: group)
 
+    def run(*args: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["msb", *map(str, args)])
+        capsys.readouterr()
+        status = run_here(app, "msb")
+        return Result(status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def refused(here: Here) -> Refused:
+    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+
     def line_of(line: str | list[str]) -> str:
-        monkeypatch.setattr(sys, "argv", ["msb", *(shlex.split(line) if isinstance(line, str) else line)])
-        assert run_here(app, "msb") == 2, sys.argv
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.count("\n") == 1
-        return err.rstrip()
+        result = here(*(shlex.split(line) if isinstance(line, str) else line))
+        assert (result.status, result.out, result.err.count("\n")) == (2, "", 1), result
+        return result.err.rstrip()
 
     return line_of
+
+
+@pytest.fixture(scope="session")
+def tried() -> list[Tried]:
+    """Every device, tried once."""
+    return try_devices()
+
+
+@pytest.fixture
+def devices(here: Here, tried: list[Tried], monkeypatch: pytest.MonkeyPatch) -> Here:
+    """Return a function that runs `msb devices` in this process, which tries no device again."""
+    monkeypatch.setattr("msb.cl.devices.try_devices", lambda: tried)
+    for variable in ("MSB_DEVICE", "PYOPENCL_CTX"):
+        monkeypatch.setenv(variable, "")
+    return lambda *args: here("devices", *args)

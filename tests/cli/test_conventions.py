@@ -7,12 +7,11 @@ import io
 import json
 import os
 import re
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cli.conftest import on_terminal
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -30,7 +29,6 @@ ASSET = "data_stubs/splat_like.triasset"
         f"audit {ASSET}",
         "audit --explain vf_ratio",
         "config show",
-        "devices",
         "eval tests/golden/metrics/pred tests/golden/metrics/gt",
         f"info {ASSET}",
         "methods",
@@ -40,7 +38,7 @@ ASSET = "data_stubs/splat_like.triasset"
         f"validate {ASSET}",
         "validate --explain USAGE",
     ],
-)  # export, render and bench: tests of their own
+)  # devices, export, render and bench: tests of their own
 def test_a_document_names_its_schema_and_our_version(msb: Msb, line: str) -> None:
     command, *rest = line.split()
     where = [command, "show"] if command == "config" else [command]
@@ -93,33 +91,7 @@ def test_colour_is_as_asked_for(msb: Msb, args: tuple[str, ...], env: dict[str, 
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
 def test_on_a_terminal_results_for_programs_stay_alone() -> None:
     """Neither a spinner nor an escape sequence, on either stream, when both are the terminal."""
-    import pty
-
-    clean = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "FORCE_COLOR"}}
-    shown = {}
-    for option in ("--json -", "-q"):
-        main, side = pty.openpty()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "msb", "validate", *option.split(), ASSET],
-            stdin=subprocess.DEVNULL,
-            stdout=side,
-            stderr=side,
-            cwd=ROOT,
-            env={**clean, "TERM": "xterm-256color"},
-        )
-        os.close(side)
-        data = b""
-        while True:
-            try:
-                part = os.read(main, 65536)
-            except OSError:  # what Linux says at the end
-                break
-            if not part:
-                break
-            data += part
-        os.close(main)
-        assert process.wait(60) == 0
-        shown[option] = data.decode()
+    shown = {option: on_terminal("validate", *option.split(), ASSET) for option in ("--json -", "-q")}
     assert "\x1b" not in shown["--json -"]
     assert shown["--json -"].startswith("{")
     assert "\x1b[1mvalid\x1b[0m" in shown["-q"]

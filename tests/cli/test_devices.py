@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
+from msb._version import __version__
 
-CLEAN = {"MSB_DEVICE": "", "PYOPENCL_CTX": ""}
+if TYPE_CHECKING:
+    from tests.cli.conftest import Here, Msb
 
 
 @pytest.mark.slow
-def test_the_table_says_what_to_type_and_what_is_taken(msb: Msb) -> None:
-    result = msb("devices", **CLEAN)
+def test_the_table_says_what_to_type_and_what_is_taken(devices: Here) -> None:
+    result = devices()
     assert result.status == 0
     assert result.err == ""
     lines = result.out.splitlines()
@@ -27,24 +27,21 @@ def test_the_table_says_what_to_type_and_what_is_taken(msb: Msb) -> None:
 
 
 @pytest.mark.slow
-def test_verbose_shows_every_capability(msb: Msb) -> None:
-    result = msb("devices", "-v", **CLEAN)
+def test_verbose_shows_every_capability_and_quiet_leaves_hints_out(devices: Here) -> None:
+    result = devices("-v", "--device", "cpu")
     for text in ("max work group", "int64 atomics", "alignment", "opencl c", "host unified"):
         assert text in result.out
     assert max(map(len, result.out.splitlines())) <= 80
+    assert "because of --device cpu" in result.out
+    assert not [line for line in devices("-q").out.splitlines() if line.startswith("- ")]
 
 
 @pytest.mark.slow
-def test_quiet_leaves_hints_out(msb: Msb) -> None:
-    assert not [line for line in msb("devices", "-q", **CLEAN).out.splitlines() if line.startswith("- ")]
-
-
-@pytest.mark.slow
-def test_json(msb: Msb) -> None:
-    result = msb("devices", "--json", "-", **CLEAN)
+def test_json(devices: Here) -> None:
+    result = devices("--json", "-")
     assert result.status == 0
     data = result.json
-    assert data["schema"] == "msb.devices/1"
+    assert (data["schema"], data["tool_version"]) == ("msb.devices/1", __version__)
     assert data["chosen"] == "pocl:0"
     assert data["chosen_by"] == "default"
     taken = next(device for device in data["devices"] if device["selector"] == "pocl:0")
@@ -83,15 +80,15 @@ def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> 
 
 
 @pytest.mark.slow
-def test_why_is_told(msb: Msb) -> None:
-    assert "because of --device cpu" in msb("devices", "--device", "cpu").out
-    assert "because of MSB_DEVICE pocl" in msb("devices", MSB_DEVICE="pocl").out
+def test_a_variable_that_decides_is_told(devices: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MSB_DEVICE", "pocl")
+    assert "because of MSB_DEVICE pocl" in devices().out
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("json_wanted", [False, True])
-def test_a_device_that_is_not_there_ends_with_5_after_the_list(msb: Msb, json_wanted: bool) -> None:
-    result = msb("devices", "--device", "nosuch:3", *(["--json", "-"] if json_wanted else []))
+def test_a_device_that_is_not_there_ends_with_5_after_the_list(devices: Here, json_wanted: bool) -> None:
+    result = devices("--device", "nosuch:3", *(["--json", "-"] if json_wanted else []))
     assert result.status == 5
     assert result.err.startswith("DEVICE_NOT_FOUND: device 'nosuch:3'")
     assert result.err.count("\n") == 1
@@ -101,7 +98,7 @@ def test_a_device_that_is_not_there_ends_with_5_after_the_list(msb: Msb, json_wa
 
 
 @pytest.mark.slow
-def test_wrong_text_ends_with_2(msb: Msb) -> None:
-    result = msb("devices", "--device", "a:b:c")
+def test_wrong_text_ends_with_2(devices: Here) -> None:
+    result = devices("--device", "a:b:c")
     assert result.status == 2
     assert result.err.startswith("DEVICE_SELECTOR: ")

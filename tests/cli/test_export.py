@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pty
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +12,7 @@ from msb.meshes import read_mesh
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, write_model
 from tests.adapters.test_bad_models import gaussians
+from tests.cli.conftest import on_terminal
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -107,27 +104,8 @@ def test_statuses_of_what_cannot_be_exported(msb: Msb, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_progress_bars_on_a_terminal_only(tmp_path: Path) -> None:
-    leader, follower = pty.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "msb", "export", str(RING), str(tmp_path / "a.triasset")],
-        stdout=subprocess.DEVNULL,
-        stderr=follower,
-        cwd=ROOT,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
-    )
-    os.close(follower)
-    shown = b""
-    while True:
-        try:
-            piece = os.read(leader, 4096)
-        except OSError:
-            break
-        if not piece:
-            break
-        shown += piece
-    os.close(leader)
-    assert process.wait() == 0
-    for stage in (b"hashing the source", b"hashing buffers", b"writing"):
+    shown = on_terminal("export", RING, tmp_path / "a.triasset")
+    for stage in ("hashing the source", "hashing buffers", "writing"):
         assert stage in shown
 
 

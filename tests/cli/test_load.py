@@ -14,7 +14,7 @@ from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
 
-PROCESSES = 3
+PROCESSES = 2
 
 
 def start(folder: Path, number: int, cache: Path) -> subprocess.Popen[bytes]:

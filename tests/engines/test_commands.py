@@ -10,24 +10,25 @@ import pytest
 from msb.engines.blender import VARIABLE as BLENDER
 from msb.engines.browser import VARIABLE as BROWSER
 from msb.render.backend import ENGINES
-from tests.cli.conftest import msb
+from tests.cli.conftest import devices, here, msb, tried
 from tests.conftest import ROOT
 from tests.engines.conftest import need
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.cli.conftest import Msb
+    from tests.cli.conftest import Here, Msb
 
 pytestmark = pytest.mark.slow
 
-__all__ = ["msb"]
+__all__ = ["devices", "here", "msb", "tried"]
 VIEWS = ROOT / "data_stubs" / "views.json"
 
 
-def test_devices_lists_renderers_and_what_is_missing(msb: Msb) -> None:
-    nothing = {BROWSER: "no-such-browser", BLENDER: "no-such-python"}
-    result = msb("devices", **nothing)
+def test_devices_lists_renderers_and_what_is_missing(devices: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(BROWSER, "no-such-browser")
+    monkeypatch.setenv(BLENDER, "no-such-python")
+    result = devices()
     lines = result.out.splitlines()
     rows = [line.split() for line in lines]
     assert ["standard", "yes"] in rows
@@ -35,7 +36,7 @@ def test_devices_lists_renderers_and_what_is_missing(msb: Msb) -> None:
         assert any(row and row[0] == name for row in rows)
     assert "apt-get install chromium" in result.out or "MSB_BROWSER" in result.out
     assert max(map(len, lines)) <= 80
-    listed = {row["name"]: row for row in msb("devices", "--json", "-", **nothing).json["renderers"]}
+    listed = {row["name"]: row for row in devices("--json", "-").json["renderers"]}
     assert listed["standard"] == {
         "name": "standard",
         "from": "msb.render.standard.renderer:StandardRenderer",
@@ -43,7 +44,7 @@ def test_devices_lists_renderers_and_what_is_missing(msb: Msb) -> None:
     }
     assert "MSB_BROWSER" in listed["threejs"]["missing"]
     assert "MSB_BLENDER" in listed["blender_cycles"]["missing"]
-    assert ["threejs", "no"] in [line.split() for line in msb("devices", "-q", **nothing).out.splitlines()]
+    assert ["threejs", "no"] in [line.split() for line in devices("-q").out.splitlines()]
 
 
 def test_render_and_bench_with_an_engine(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:

@@ -53,17 +53,24 @@ class Machine(NamedTuple):
     tests: tuple[str, ...]
 
 
+ELSEWHERE_ALIKE = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "render/test_images")
+"""How platforms are found and tried, which each of these tests sets up itself; and what runs no kernel."""
 # The slow ones are the same kernels on larger and random scenes.
-QUICK = *ALL_CORES, "-m", "not slow", "tests/cl"
+QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in ELSEWHERE_ALIKE)
 PICTURES = tuple(
     f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard", "work_groups")
 )
 MACHINES = {
     # Both styles of kernels on the system's PoCL; `make test` has the wheel's alone.
-    "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, (*QUICK, "tests/render")),
-    # As on a processor that the wheel does not know, so that it has to be mended: the same library otherwise.
+    "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, (*QUICK, "tests/cl", "tests/render")),
+    # As on a processor that the wheel does not know, so that it has to be mended: the same library otherwise,
+    # which makes other machine code.
     "unknown": Machine(
-        "pocl-binary-distribution", "", "pocl", {"PYTHONPATH": str(UNKNOWN_CPU)}, (*QUICK, *PICTURES)
+        "pocl-binary-distribution",
+        "",
+        "pocl",
+        {"PYTHONPATH": str(UNKNOWN_CPU)},
+        (*QUICK, "tests/cl/test_scan_sort.py", *PICTURES),
     ),
     # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for what is left out: large and
     # random scenes, comparisons with the references. Golden images and work-groups are in.
@@ -72,7 +79,7 @@ MACHINES = {
         "libRusticlOpenCL",
         "rusticl",
         {"RUSTICL_ENABLE": "llvmpipe"},
-        (*QUICK, "-k", "not 8k", *PICTURES),
+        (*QUICK, "-k", "not 8k", "tests/cl", *PICTURES),
     ),
     # An interpreter that looks for races, a thousand times as slow: a small scene of each kind.
     "oclgrind": Machine(

@@ -3,45 +3,19 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import pytest
 
-from msb.cli.app import app
-from msb.cli.process import run
+from tests.cli.conftest import here
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 
-@dataclass(frozen=True)
-class Result:
-    """What a command ended with and said on standard error."""
-
-    status: int
-    err: str
-
-
-class Here(Protocol):
-    """Run a command: ``here("audit", path)``."""
-
-    def __call__(self, *args: object) -> Result: ...
-
-
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    """Return a function that runs `msb` in this process: a tenth of the time of one of its own."""
-
-    def command(*args: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["msb", *map(str, args)])
-        capsys.readouterr()
-        status = run(app, "msb")
-        return Result(status, capsys.readouterr().err)
-
-    return command
+__all__ = ["here"]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from tests.conftest import ROOT
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tests.robustness.conftest import Disk, Here
+    from tests.cli.conftest import Here
+    from tests.robustness.conftest import Disk
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from tests.robustness.conftest import Here
+    from tests.cli.conftest import Here
 
     Refused = Callable[..., tuple[int, str]]
 

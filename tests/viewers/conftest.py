@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,6 +80,23 @@ def faults() -> ViewModel:
 def demo(demo_asset: Path) -> ViewModel:
     mesh = read_viewed_mesh(demo_asset)
     return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
+
+
+@pytest.fixture
+def no_pyvista(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Return an environment in which VTK and pyvista cannot be imported."""
+    folder = tmp_path_factory.mktemp("blocked")
+    (folder / "sitecustomize.py").write_text(
+        "import importlib.util as u, sys\n"
+        "find = u.find_spec\n"
+        "u.find_spec = lambda name, *a: None if name in ('pyvista', 'vtkmodules') else find(name, *a)\n"
+        "class Block:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.partition('.')[0] in ('pyvista', 'vtkmodules', 'vtk'):\n"
+        "            raise ModuleNotFoundError(name)\n"
+        "sys.meta_path.insert(0, Block())\n"
+    )
+    return {"PYTHONPATH": os.pathsep.join((str(folder), str(ROOT), str(ROOT / "viewers")))}
 
 
 __all__ = ["HAS_PYVISTA", "ROOT"]

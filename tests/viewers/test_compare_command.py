@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,23 +25,6 @@ def compare(*args: object, **env: str) -> Any:
     return view(*args, command="compare", **env)
 
 
-@pytest.fixture
-def no_pyvista(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return an environment in which VTK and pyvista cannot be imported."""
-    folder = tmp_path_factory.mktemp("blocked")
-    (folder / "sitecustomize.py").write_text(
-        "import importlib.util as u, sys\n"
-        "find = u.find_spec\n"
-        "u.find_spec = lambda name, *a: None if name in ('pyvista', 'vtkmodules') else find(name, *a)\n"
-        "class Block:\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name.partition('.')[0] in ('pyvista', 'vtkmodules', 'vtk'):\n"
-        "            raise ModuleNotFoundError(name)\n"
-        "sys.meta_path.insert(0, Block())\n"
-    )
-    return {"PYTHONPATH": os.pathsep.join((str(folder), str(ROOT), str(ROOT / "viewers")))}
-
-
 @pytest.mark.slow
 def test_pictures_and_pages_need_neither_vtk_nor_a_display(
     tmp_path: Path, no_pyvista: dict[str, str]
@@ -64,14 +46,6 @@ def test_pictures_and_pages_need_neither_vtk_nor_a_display(
     assert [view["name"] for view in meta["views"]] == ["turntable_00002", "turntable_00005"]
     assert (meta["views"][0]["width"], meta["layout"]) == (64, "difference")
     assert all(20 < view["decibels"]["dedicated standard"] < 100 for view in meta["views"])
-
-
-@pytest.mark.slow
-def test_a_window_without_pyvista_says_which_extra(no_pyvista: dict[str, str]) -> None:
-    result = compare(CHECKPOINT, **no_pyvista)
-    assert result.returncode == 2
-    assert result.stderr.startswith("EXTRA_MISSING: ")
-    assert "meshsplatbench[view]" in result.stderr
 
 
 @needs_pyvista

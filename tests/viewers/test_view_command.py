@@ -17,6 +17,7 @@ from msb.cli.app import app
 from msb.cli.defaults import options, single_commands
 from msb.cli.options import MOVED
 from msb.meshes import Mesh, write_mesh
+from tests.cli.conftest import here, refused
 from tests.cli.forks import run_msb
 from tests.conftest import BOOK
 from tests.viewers.conftest import HAS_PYVISTA, ROOT
@@ -24,6 +25,9 @@ from tests.viewers.conftest import HAS_PYVISTA, ROOT
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from tests.cli.conftest import Here, Refused
+
+__all__ = ["here", "refused"]
 NO_DISPLAY = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
 _LIBRARIES = [
     f"lib{name}{version}"
@@ -130,14 +134,9 @@ def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_pat
 
 
 @pytest.mark.slow
-def test_without_pyvista_the_message_says_which_extra(book: Path, tmp_path: Path) -> None:
-    blocked = tmp_path / "sitecustomize.py"
-    blocked.write_text(
-        "import importlib.util as u, sys\nfind = u.find_spec\n"
-        "u.find_spec = lambda name, *a: None if name in ('pyvista', 'vtkmodules') else find(name, *a)\n"
-    )
-    path = os.pathsep.join((str(tmp_path), str(ROOT), str(ROOT / "viewers")))
-    result = view("--screenshot", tmp_path / "x.png", book, PYTHONPATH=path)
+@pytest.mark.parametrize("command", ["view", "compare"])
+def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str], command: str) -> None:
+    result = view(ROOT / "data_stubs" / "checkpoint", command=command, **no_pyvista)
     assert result.returncode == 2
     assert result.stderr.startswith("EXTRA_MISSING: ")
     assert "meshsplatbench[view]" in result.stderr
@@ -145,36 +144,27 @@ def test_without_pyvista_the_message_says_which_extra(book: Path, tmp_path: Path
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("args", "code", "status"),
+    ("args", "code"),
     [
-        (["--html", "a.png"], "USAGE", 2),
-        (["--screenshot", "a.jpg"], "USAGE", 2),
-        (["--figure", "a.txt"], "USAGE", 2),
-        (["--size", "10x10", "--html", "a.html"], "USAGE", 2),
-        (["--html", "a.html", "--at", "nonmanifold_edges:2"], "VIEW_ELEMENT", 2),
-        (["--html", "a.html", "--vertex", "5"], "VIEW_ELEMENT", 2),
-        (["--html", "a.html", "--component", "2"], "VIEW_ELEMENT", 2),
-        (["--html", "a.html", "--show", "edges"], "VIEW_ELEMENT", 2),
-        (["--html", "a.html", "--colors", "own"], "VIEW_ELEMENT", 2),
-        (["--html", "a.html", "--at", "boundary_edges:1", "--vertex", "0"], "USAGE", 2),
+        (["--html", "a.png"], "USAGE"),
+        (["--screenshot", "a.jpg"], "USAGE"),
+        (["--figure", "a.txt"], "USAGE"),
+        (["--size", "10x10", "--html", "a.html"], "USAGE"),
+        (["--html", "a.html", "--at", "nonmanifold_edges:2"], "VIEW_ELEMENT"),
+        (["--html", "a.html", "--vertex", "5"], "VIEW_ELEMENT"),
+        (["--html", "a.html", "--component", "2"], "VIEW_ELEMENT"),
+        (["--html", "a.html", "--show", "edges"], "VIEW_ELEMENT"),
+        (["--html", "a.html", "--colors", "own"], "VIEW_ELEMENT"),
+        (["--html", "a.html", "--at", "boundary_edges:1", "--vertex", "0"], "USAGE"),
     ],
-)  # fmt: skip
+)
 def test_wrong_use_is_one_line(
-    capfd: pytest.CaptureFixture[str], book: Path, args: list[str], code: str, status: int,
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
-) -> None:  # fmt: skip
-    from msb.cli import main
-
+    here: Here, book: Path, args: list[str], code: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["msb", "view", *args, str(book)])
-    try:
-        found = main()
-    except SystemExit as stop:
-        found = stop.code
-    assert found == status
-    error = capfd.readouterr().err
-    assert error.startswith(f"{code}: ")
-    assert error.count("\n") == 1
+    result = here("view", *args, book)
+    assert (result.status, result.err.count("\n")) == (2, 1)
+    assert result.err.startswith(f"{code}: ")
     assert not list(tmp_path.glob("a.*"))
 
 
@@ -188,16 +178,8 @@ def test_wrong_use_is_one_line(
         ("--cameras=x.json", "msb compare and msb web"),
     ],
 )
-def test_options_that_moved_name_the_command_that_has_them(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, option: str, now: str
-) -> None:
-    from msb.cli import main
-
-    monkeypatch.setattr(sys, "argv", ["msb", "view", option, "x.ply"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2
-    error = capfd.readouterr().err
+def test_options_that_moved_name_the_command_that_has_them(refused: Refused, option: str, now: str) -> None:
+    error = refused(["view", option, "x.ply"])
     assert error.startswith(f"USAGE: {option.partition('=')[0]} is ")
     assert f" {now} (usage: msb view " in error
 
