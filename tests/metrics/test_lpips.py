@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from msb import metrics
-from msb.errors import InputError, MetricError, UsageError
+from msb.errors import InputError, MetricError
 from msb.metrics.vgg import LAYERS, read_heads, read_vgg
 from tests.metrics.conftest import GOLDEN, golden
 from tests.metrics.synthetic_vgg import synthetic_vgg
@@ -124,14 +124,6 @@ def test_the_package_s_linear_layers_are_version_0_1() -> None:
     assert [len(head) for head in heads] == [64, 128, 256, 512, 512]
     assert all((head >= 0).all() for head in heads)
     assert sha256.startswith("a78928a0")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(HAS_EXTRA, reason="extra lpips is installed")
-def test_without_the_extra_the_error_names_it(vgg_file: Path) -> None:
-    image = np.zeros((16, 16, 3))
-    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*torch.*meshsplatbench\[lpips\]"):
-        metrics.lpips_vgg(image, image, vgg_weights=vgg_file)
 
 
 def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
