@@ -12,7 +12,7 @@ import pytest
 
 from msb.adapters import export
 from msb.adapters.official import write_official
-from msb.asset import Description, build_asset, load, write_asset
+from msb.asset import Description, build_asset, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.engines.mesh import engine_mesh
@@ -63,11 +63,6 @@ def test_a_converted_file_holds_no_colour_outside_of_0_to_1() -> None:
     header, _, rows = file.getvalue().partition(b"end_header\n")
     assert b"property float red" in header
     assert np.array_equal(np.frombuffer(rows[:72], "<f4").reshape(3, 6)[:, 3:], TAME)
-
-
-def test_the_asset_itself_keeps_what_it_was_given(tmp_path: Path) -> None:
-    write_asset(wild(), tmp_path / "a.triasset")
-    assert np.array_equal(load(tmp_path / "a.triasset").buffers["color"], WILD)
 
 
 def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import shutil
 from typing import TYPE_CHECKING
 
@@ -160,21 +159,3 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
     assert bad.status == 3
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")
-
-
-@pytest.mark.slow
-def test_importing_stays_light(msb: Msb) -> None:
-    import subprocess
-    import sys
-
-    from tests.conftest import ROOT
-
-    code = (
-        "import sys, msb; light = {*sys.modules}; msb.metrics.psnr; from msb import metrics;"
-        "import json; print(json.dumps([sorted(light), sorted(sys.modules)]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    before, after = (set(names) for names in json.loads(done.stdout))
-    assert not {"numpy", "msb.metrics"} & before
-    assert "msb.metrics" in after
-    assert not {"scipy", "skimage", "trimesh", "PIL", "OpenEXR", "torch"} & after

@@ -155,16 +155,6 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [(1, 1), (7, 1), (1, 9), (8, 16), (17, 33)])
-def test_small_images(device: Device, size: tuple[int, int]) -> None:
-    asset = model(*soup(3), 1)
-    seen_by = camera(*size)
-    frame, expected = draw(device, asset, seen_by), render_reference(asset, seen_by)
-    assert (frame.face_id == expected.face_id).mean() > 0.995
-    assert frame.image.shape == (*size[::-1], 3)
-
-
-@pytest.mark.slow
 def test_large_image() -> None:
     """8K: a band of it is drawn, the rest is background."""
     positions = np.array([[-9, -0.02, 3], [9, -0.02, 3], [9, 0.02, 3], [-9, 0.02, 3]])

@@ -121,18 +121,6 @@ def test_an_empty_view_is_background(method: str, cpu: Device, gpu: Device) -> N
 
 @pytest.mark.slow
 @methods
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (17, 16), (15, 33), (129, 3)])
-def test_any_size(method: str, size: tuple[int, int], cpu: Device, gpu: Device) -> None:
-    asset, camera = model(method, 5), front_camera(*size)
-    wanted = render_reference(asset, camera, (0.2, 0.7, 0.4))
-    for device in (cpu, gpu):
-        frame = draw(asset, device, camera)
-        assert frame.image.shape == (size[1], size[0], 3)
-        assert np.abs(frame.image - wanted.image).max() <= 2e-3
-
-
-@pytest.mark.slow
-@methods
 def test_many_triangles_in_one_tile(method: str, cpu: Device, gpu: Device) -> None:
     """Nearly transparent ones, so that all are listed and most are blended: 100,000 of one method."""
     random = np.random.default_rng(0)

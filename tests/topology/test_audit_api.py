@@ -304,11 +304,3 @@ def test_vertex_in_every_one_of_100000_faces_is_manifold_when_they_fan() -> None
     assert report.counts.nonmanifold_vertices == 0
     assert report.counts.boundary_loops == 1
     assert report.valence_histogram == {3: n, n: 1}
-
-
-@pytest.mark.slow
-def test_one_face_stored_100000_times_is_three_crowded_edges() -> None:
-    n = 100_000
-    counts = audit(POINTS, np.tile([[0, 1, 2]], (n, 1))).counts
-    assert (counts.edges, counts.nonmanifold_edges, counts.duplicate_faces) == (3, 3, n - 1)
-    assert (counts.components, counts.components_manifold_edges) == (1, n)

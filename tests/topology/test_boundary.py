@@ -1,4 +1,4 @@
-"""Boundary loops: against construction and two libraries; test_properties.py walks them in plain Python."""
+"""Boundary loops: against construction and libigl; test_properties.py walks them in plain Python."""
 
 from __future__ import annotations
 
@@ -93,13 +93,3 @@ def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
         counts = audit(grid_points(faces), faces).counts
         assert counts.nonmanifold_vertices == 0
         assert counts.boundary_loops == len(igl.boundary_loop_all(faces))
-
-
-@pytest.mark.oracle
-def test_loops_of_manifold_sheets_agree_with_trimesh() -> None:
-    trimesh = pytest.importorskip("trimesh")
-    pytest.importorskip("networkx", reason="trimesh walks outlines with it (extra crosscheck)")
-    for faces in torn_sheets():
-        points = grid_points(faces)
-        outline = trimesh.Trimesh(points, faces, process=False).outline()
-        assert audit(points, faces).counts.boundary_loops == len(outline.entities)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import fields
 
 import pytest
@@ -14,7 +12,7 @@ from msb.errors import UsageError
 from msb.topology.audit import Metrics
 from msb.topology.explain import EXPLANATIONS, explain
 from msb.topology.findings import Counts
-from tests.conftest import BOOK, ROOT
+from tests.conftest import BOOK
 from tests.topology.meshes import COUNT_OF, METRIC_OF
 
 KEYS = [f.name for kind in (Counts, Metrics) for f in fields(kind)]
@@ -27,8 +25,6 @@ def test_every_count_and_metric_is_explained(key: str) -> None:
     for text in (entry.title, entry.formula, entry.definition, entry.matters, entry.source):
         assert len(text) > 1
     assert "\n" not in entry.formula
-    assert entry.definition.endswith(".")
-    assert entry.matters.endswith(".")
 
 
 def test_every_variant_is_explained_by_its_path() -> None:
@@ -83,10 +79,3 @@ def test_unknown_name_lists_the_nearest() -> None:
 
 def test_manual_is_current() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run python -m docs.make_definitions"
-
-
-@pytest.mark.slow
-def test_explaining_loads_nothing_heavy() -> None:
-    code = "from msb.topology.explain import explain; explain('E'); import sys; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert not {"scipy", "trimesh", "igl", "pymeshlab", "networkx", "rich"} & set(done.stdout.split())
