@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -154,6 +156,7 @@ def part_named(names: Sequence[str]) -> str:
     )
 
 
+@cache
 def imports_of(path: Path) -> list[tuple[str, bool]]:
     """Return every imported module and whether the import runs when the file is loaded."""
     tree = ast.parse(path.read_text())
@@ -276,31 +279,35 @@ def test_rules_cover_every_part() -> None:
     assert {part_of(path) for path in MODULES} <= set(ALLOWED) | ANYTHING
 
 
-def test_importing_msb_loads_nothing_heavy() -> None:
-    code = "import msb, sys; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert not {"numpy", "scipy", "typer", "rich", "pyopencl"} & set(loaded.split())
+HELP = (
+    "import sys; sys.argv = ['msb', {!r}, '--help']\nfrom msb.cli import main\n"
+    "try:\n    main()\nexcept SystemExit as stop:\n    assert stop.code == 0\n"
+)
+HEAVY = {"numpy", "scipy", "pyopencl", "trimesh", "rich"}
+PEERS_AND_MORE = {"torch", "trimesh", "igl", "pymeshlab", "networkx", "pyopencl", "skimage"}
 
 
-def test_help_loads_nothing_heavy() -> None:
-    code = (
-        "import sys\nsys.argv = ['msb', 'audit', '--help']\nfrom msb.cli import main\n"
-        "try:\n    main()\nexcept SystemExit as stop:\n    assert stop.code == 0\nprint(*sys.modules)"
+@pytest.mark.parametrize(
+    ("code", "spared"),
+    [
+        ("import msb", HEAVY | {"typer"}),
+        (HELP.format("audit"), HEAVY),
+        (HELP.format("view"), HEAVY | {"pyvista", "vtkmodules"}),
+        ("import msb; msb.audit(msb.load('data_stubs/splat_like.triasset'))", PEERS_AND_MORE),
+    ],
+    ids=["import", "help", "help of view", "audit"],
+)
+def test_nothing_is_loaded_that_is_not_needed(code: str, spared: set[str]) -> None:
+    show = "\nimport sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    path = os.pathsep.join((str(ROOT), str(ROOT / "viewers")))
+    done = subprocess.run(
+        [sys.executable, "-c", code + show],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": path},
     )
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    modules = loaded.splitlines()[-1].split()
-    assert "typer" in modules
-    assert not {"numpy", "scipy", "rich", "pyopencl", "trimesh"} & set(modules)
-
-
-def test_auditing_an_asset_needs_only_numpy_and_scipy() -> None:
-    code = (
-        "import msb, sys; msb.audit(msb.load('data_stubs/splat_like.triasset'));"
-        "print(*{name.partition('.')[0] for name in sys.modules})"
-    )
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    ).stdout
-    assert not {"torch", "trimesh", "igl", "pymeshlab", "networkx", "pyopencl", "skimage"} & set(
-        loaded.split()
-    )
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "msb" in loaded
+    assert not spared & loaded
