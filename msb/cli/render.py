@@ -49,7 +49,7 @@ EPILOG = epilog(
     "msb render --turntable 12 --film out/t.mp4 data_stubs/checkpoint",
     "msb render --cameras data_stubs/views.json -o out data_stubs/checkpoint",
     "msb render --tier both --turntable 2 -o out/both data_stubs/checkpoint",
-    "msb render --scene data_stubs/scenes/nerf_synthetic/pebble --split test -o out/test \\\n"
+    "msb render --scene data_stubs/scenes/nerf_synthetic/pebble -o out/test \\\n"
     "      data_stubs/models/pebble/two_dts",
 )
 SCHEMA = "msb.render/1"
