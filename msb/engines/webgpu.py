@@ -58,6 +58,7 @@ class WgpuRenderer(Engine):
     """
 
     name = "wgpu"
+    tiers = ("standard", "dedicated")
 
     def __init__(
         self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None
@@ -97,6 +98,15 @@ class WgpuRenderer(Engine):
             self._pipelines = {ids: self._pipeline(ids) for ids in {False, self._numbered}}
             self._make_clock()
         self._size: tuple[int, int] | None = None
+
+    @classmethod
+    def of_tier(cls, tier: str) -> Any:
+        """Return what draws `tier`: on the dedicated one, the blended methods' own look."""
+        if tier == "standard":
+            return cls
+        from msb.engines.hardware.renderer import HardwareRenderer
+
+        return HardwareRenderer
 
     @classmethod
     def missing(cls) -> str | None:
