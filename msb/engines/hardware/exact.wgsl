@@ -10,6 +10,8 @@ fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
 fn keep2(x: vec2<f32>) -> vec2<f32> { return bitcast<vec2<f32>>(bitcast<vec2<u32>>(x) ^ vec2<u32>(view.zero)); }
 fn keep3(x: vec3<f32>) -> vec3<f32> { return bitcast<vec3<f32>>(bitcast<vec3<u32>>(x) ^ vec3<u32>(view.zero)); }
 
+fn keep4(x: vec4<f32>) -> vec4<f32> { return bitcast<vec4<f32>>(bitcast<vec4<u32>>(x) ^ vec4<u32>(view.zero)); }
+
 fn mul(a: f32, b: f32) -> f32 { return keep(a * b); }
 fn add(a: f32, b: f32) -> f32 { return keep(a + b); }
 

@@ -197,6 +197,21 @@ class HardwareRenderer:
         finally:
             buffer.unmap()
 
+    def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
+        """Return what decided about faces in the last frame, with `debug`.
+
+        Returns
+        -------
+        keys : (F,) uint32
+            The bits of the depth key; from 0xfffffffe on for faces that are not drawn, 0xffffffff for those
+            that the official culling drops.
+        rectangles : (F, 4) int32
+            The official tiles x0, y0, x1, y1 of kept faces, high ends excluded; 0 for the others.
+        """
+        count = self._packed.faces
+        keys = self._runs.read("keys").view(np.uint32)[:count]
+        return keys, self._runs.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
+
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
         return {name: _nbytes(thing) for name, thing in self._runs.held.items()}

@@ -27,6 +27,10 @@ fn corners_of(number: u32) -> vec3<u32> {
 #endif
 }
 
+fn positions_of(rows: vec3<u32>) -> array<vec3<f32>, 3> {
+    return array<vec3<f32>, 3>(position(rows.x), position(rows.y), position(rows.z));
+}
+
 // What a method's `project_face` says of a face, besides its record for the fragments (`Face`).
 struct Projected {
     kept: bool,         // by the official culling

@@ -6,6 +6,16 @@ const MAX_ALPHA = 0.99;
 const MIN_DETERMINANT = 1e-3;
 const COVERAGE = 4u; // opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim
 
+#if ENGINE
+struct Face {
+    quad: vec4<f32>,
+    along_x: vec4<f32>,
+    along_y: vec4<f32>,
+    constant: vec4<f32>,
+    color: vec4<f32>, // then opacity
+    window: vec4<f32>, // sigma
+}
+#else
 struct Face {
     quad: vec4<f32>,
     normal_x: vec4<f32>, // of the three edges; then 1 / inradius
@@ -13,10 +23,14 @@ struct Face {
     offset: vec4<f32>,   // then opacity
     color: vec4<f32>,    // then depth
 }
+#endif
 
 #if COMPUTE
 #include "source.wgsl"
 #include "window.wgsl"
+#if ENGINE
+#include "engine.wgsl"
+#endif
 
 fn point_seen(rows: vec3<u32>) -> vec3<f32> {
     let center = center_of(position(rows.x), position(rows.y), position(rows.z));
@@ -63,9 +77,18 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     if (opacity < MIN_OPACITY) {
         return found;
     }
-    let rows = corners_of(number);
+    let corners = positions_of(corners_of(number));
+#if ENGINE
+    let t = project_engine(corners, true);
+    (*face).along_x = t.along_x;
+    (*face).along_y = t.along_y;
+    (*face).constant = t.constant;
+    (*face).color.w = opacity;
+    (*face).window.x = coverage[COVERAGE * number + 1u];
+    return Projected(t.seen, t.depth, engine_tiles(t.samples), t.samples);
+#else
     var w: Window;
-    found.kept = project_window(array<vec3<f32>, 3>(position(rows.x), position(rows.y), position(rows.z)), &w);
+    found.kept = project_window(corners, &w);
     if (!found.kept) {
         return found;
     }
@@ -80,6 +103,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).offset = vec4<f32>(w.edge_offset[0], w.edge_offset[1], w.edge_offset[2], opacity);
     (*face).color.w = w.depth;
     return found;
+#endif
 }
 
 #if RECORDING
@@ -91,10 +115,20 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 #include "exact.wgsl"
 #include "window.wgsl"
 #include "fragment.wgsl"
+#if ENGINE
+#include "engine.wgsl"
+
+fn cover(face: Face, x: f32, y: f32) -> Seen {
+    let f = fragment_of(face.along_x, face.along_y, face.constant, x, y);
+    let alpha = min(MAX_ALPHA, face.color.w * window_power(f.phi, face.window.x));
+    return Seen(face.color.xyz, select(0.0, alpha, f.inside), f.depth);
+}
+#else
 
 fn cover(face: Face, x: f32, y: f32) -> Seen {
     let nearest = nearest_edge(face.normal_x.xyz, face.normal_y.xyz, face.offset.xyz, x, y);
     let alpha = min(MAX_ALPHA, face.offset.w * window_power(nearest * face.normal_x.w, face.normal_y.w));
     return Seen(face.color.xyz, select(0.0, alpha, nearest <= 0.0), face.color.w);
 }
+#endif
 #endif
