@@ -115,7 +115,7 @@ def test_every_golden_view_is_the_official_image(method: str, view: View) -> Non
     ours.close()
     assert decibels(frame.alpha, own.alpha) >= 50
     seen = own.alpha > 0.01
-    assert np.median(np.abs(frame.depth - own.depth)[seen] / own.depth[seen]) <= 1e-3
+    assert np.median(np.abs(frame.depth - own.depth)[seen] / own.depth[seen]) <= 1e-2
 
 
 @few
