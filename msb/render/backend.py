@@ -81,6 +81,7 @@ class Backend(Protocol):
     - The attribute `device_info` is a mapping with `platform`, `name` and `kind` ("cpu" or "gpu"). It
       describes what draws if that is no OpenCL device.
     - The class attribute `tiers` lists the tiers that the class draws. Without it, it draws all of them.
+    - The class method `of_tier(tier)` returns the class that draws a tier, where that is another one.
     - The class method `missing()` returns what must be installed first, or None. It must be quick.
     - The class method `installed()` returns the version string without starting the engine. A renderer whose
       `version` is known only after its first frame needs it, because `msb run` draws again when it changes.
@@ -188,6 +189,12 @@ def check_tier(make: Factory, tier: str, name: str) -> None:
     drawn = getattr(make, "tiers", TIERS)
     if tier not in drawn:
         raise UsageError("USAGE", f"{name} draws tier {', '.join(drawn)}, not {tier}")
+
+
+def of_tier(make: Factory, tier: str) -> Factory:
+    """Return what draws `tier` for a renderer: the class itself, unless it names another."""
+    choose: Callable[[str], Factory] | None = getattr(make, "of_tier", None)
+    return make if choose is None else choose(tier)
 
 
 def check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name: str) -> None:

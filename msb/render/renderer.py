@@ -18,6 +18,7 @@ from msb.render.backend import (
     check_tier,
     find_renderer,
     groups_of,
+    of_tier,
 )
 from msb.render.frame import Frame
 from msb.scenes import Camera
@@ -106,6 +107,7 @@ class Renderer:
         self._official = asset.manifest.appearance.get("background")
         make = find_renderer(name or tier)
         check_tier(make, tier, f"renderer {name}")
+        make = of_tier(make, tier)
         check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
         self._backend: Backend = make(asset, device=device, settings=settings or {}, **options)
 

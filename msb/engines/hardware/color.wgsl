@@ -1,0 +1,44 @@
+// Colours of faces or vertices by spherical harmonics.
+
+// max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all three methods evaluate it
+// (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies).
+// Coefficients of a row: red, green, blue of coefficient 1, then of 2, ... `row` counts from the beginning of
+// the bound part of f_rest.
+fn term(start: u32, number: u32, basis: f32) -> vec3<f32> {
+    let at = start + 3u * number - 3u;
+    return basis * vec3<f32>(f_rest[at], f_rest[at + 1u], f_rest[at + 2u]);
+}
+
+fn color_of(first: vec3<f32>, row: u32, towards: vec3<f32>) -> vec3<f32> {
+    var sum = first * 0.28209479177387814;
+    let away = towards - view.center;
+    let d = away / sqrt(away.x * away.x + away.y * away.y + away.z * away.z);
+    let start = row * REST_STRIDE;
+    let xx = d.x * d.x;
+    let yy = d.y * d.y;
+    let zz = d.z * d.z;
+    if (view.degree > 0u) {
+        sum += term(start, 1u, -0.4886025119029199 * d.y);
+        sum += term(start, 2u, 0.4886025119029199 * d.z);
+        sum += term(start, 3u, -0.4886025119029199 * d.x);
+    }
+    if (view.degree > 1u) {
+        sum += term(start, 4u, 1.0925484305920792 * d.x * d.y);
+        sum += term(start, 5u, -1.0925484305920792 * d.y * d.z);
+        sum += term(start, 6u, 0.31539156525252005 * (2.0 * zz - xx - yy));
+        sum += term(start, 7u, -1.0925484305920792 * d.x * d.z);
+        sum += term(start, 8u, 0.5462742152960396 * (xx - yy));
+    }
+    if (view.degree > 2u) {
+        sum += term(start, 9u, -0.5900435899266435 * d.y * (3.0 * xx - yy));
+        sum += term(start, 10u, 2.890611442640554 * d.x * d.y * d.z);
+        sum += term(start, 11u, -0.4570457994644658 * d.y * (4.0 * zz - xx - yy));
+        sum += term(start, 12u, 0.3731763325901154 * d.z * (2.0 * zz - 3.0 * xx - 3.0 * yy));
+        sum += term(start, 13u, -0.4570457994644658 * d.x * (4.0 * zz - xx - yy));
+        sum += term(start, 14u, 1.445305721320277 * d.z * (xx - yy));
+        sum += term(start, 15u, -0.5900435899266435 * d.x * (xx - 3.0 * yy));
+    }
+    sum += 0.5;
+    // Also where the direction is NaN.
+    return select(vec3<f32>(0.0), sum, sum > vec3<f32>(0.0));
+}

@@ -1,0 +1,56 @@
+// One quad for each drawn face, from front to back, blended by fixed hardware. A method's file stands before
+// this one: it defines `Face` and `cover`.
+//
+// The quad's corners are edges of samples, half a sample from any centre, so no rounding of the hardware's
+// changes which samples it has. `Face` comes as instance-stepped vertex attributes and goes on unchanged
+// (flat): no storage buffer is read here, so no limit of one holds.
+
+struct Band {
+    first: vec2<u32>, // pixel of the frame
+    size: vec2<u32>,  // pixels
+    output: u32,      // where its pixels begin, in floats
+}
+@group(0) @binding(1) var<uniform> band: Band;
+
+struct Between {
+    @builtin(position) place: vec4<f32>,
+BETWEEN_MEMBERS
+}
+
+@vertex
+fn corner(@builtin(vertex_index) index: u32, face: Face) -> Between {
+    let right = (index & 1u) == 1u;
+    let low = (index & 2u) == 2u;
+    let sample = vec2<f32>(select(face.quad.x, face.quad.z + 1.0, right),
+                           select(face.quad.y, face.quad.w + 1.0, low));
+    let inside = (sample - vec2<f32>(band.first * SCALE)) / vec2<f32>(band.size * SCALE);
+    var between: Between;
+    between.place = vec4<f32>(2.0 * inside.x - 1.0, 1.0 - 2.0 * inside.y, 0.5, 1.0);
+BETWEEN_COPIES
+    return between;
+}
+
+// The colour is premultiplied. The target's alpha holds 1 - T, not T: what is left is computed from one minus
+// it, and in half floats the steps near 0 are finer than those near 1, where most of a sample's faces are.
+struct Targets {
+    @location(0) image: vec4<f32>,
+#if DEPTH
+    @location(1) depth: vec4<f32>,
+#endif
+}
+
+@fragment
+fn blend(between: Between) -> Targets {
+    // Sample (i, j) has its centre at (i, j); hardware has it at (i + 0.5, j + 0.5) of this band.
+    let sample = floor(between.place.xy) + vec2<f32>(band.first * SCALE);
+    let seen = cover(Face(FACE_VALUES), sample.x, sample.y);
+    if (!(seen.alpha >= MIN_ALPHA)) {
+        discard;
+    }
+    var targets: Targets;
+    targets.image = vec4<f32>(seen.color * seen.alpha, seen.alpha);
+#if DEPTH
+    targets.depth = vec4<f32>(seen.depth * seen.alpha, 0.0, 0.0, seen.alpha);
+#endif
+    return targets;
+}

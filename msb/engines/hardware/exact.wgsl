@@ -1,0 +1,117 @@
+// Arithmetic that rounds as the official kernels do, on compilers that may not let it.
+//
+// WGSL lets a compiler fuse a product into a sum, and some compilers also reorder sums. Then a depth key, an
+// edge distance or a tile rectangle differs in its last bit, and a face is blended in another place or a whole
+// tile is lost. `keep` hides a value behind an exclusive or with a number that is 0 but that only the uniform
+// buffer knows, so the value must be computed and rounded there and then.
+#include "view.wgsl"
+
+fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
+fn keep2(x: vec2<f32>) -> vec2<f32> { return bitcast<vec2<f32>>(bitcast<vec2<u32>>(x) ^ vec2<u32>(view.zero)); }
+fn keep3(x: vec3<f32>) -> vec3<f32> { return bitcast<vec3<f32>>(bitcast<vec3<u32>>(x) ^ vec3<u32>(view.zero)); }
+
+fn keep4(x: vec4<f32>) -> vec4<f32> { return bitcast<vec4<f32>>(bitcast<vec4<u32>>(x) ^ vec4<u32>(view.zero)); }
+
+fn mul(a: f32, b: f32) -> f32 { return keep(a * b); }
+fn add(a: f32, b: f32) -> f32 { return keep(a + b); }
+
+// a b = p + this, exactly: each factor is split into its upper and its lower twelve bits, whose products need
+// no rounding (Dekker). WGSL's fma may round twice, so it is of no use here.
+fn product_error(a: f32, b: f32, p: f32) -> f32 {
+    let ah = bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
+    let bh = bitcast<f32>(bitcast<u32>(b) & 0xfffff000u);
+    let al = keep(a - ah);
+    let bl = keep(b - bh);
+    return add(add(add(keep(mul(ah, bh) - p), mul(ah, bl)), mul(al, bh)), mul(al, bl));
+}
+
+// WGSL allows a division to be wrong by 2.5 units in the last place, and sqrt more. What remains is computed
+// exactly and divided once more, which gives the correctly rounded result wherever nothing over- or
+// underflows.
+fn div(a: f32, b: f32) -> f32 {
+    let q = keep(a / b);
+    let p = mul(q, b);
+    let size = abs(q);
+    let whole = abs(p);
+    let better = keep(q + keep(keep(keep(a - p) - product_error(q, b, p)) / b));
+    return select(q, better, size > 1e-25 && size < 1e25 && whole > 1e-25 && whole < 1e25 && abs(b) < 1e25);
+}
+fn root(a: f32) -> f32 {
+    let s = keep(sqrt(a));
+    let p = mul(s, s);
+    let better = keep(s + keep(keep(keep(a - p) - product_error(s, s, p)) / (2.0 * s)));
+    return select(s, better, a > 1e-25 && a < 1e25);
+}
+
+// With NaN the second argument is returned. (What WGSL's own min and max return then is not defined.)
+fn lesser(a: f32, b: f32) -> f32 { return select(b, a, a < b); }
+fn greater(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
+
+// ---- vectors; sums run from the first component to the last
+
+fn dot2(a: vec2<f32>, b: vec2<f32>) -> f32 { return add(mul(a.x, b.x), mul(a.y, b.y)); }
+fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 { return keep(mul(a.x, b.y) - mul(a.y, b.x)); }
+fn length2(a: vec2<f32>) -> f32 { return root(dot2(a, a)); }
+fn sub2(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> { return keep2(a - b); }
+fn add2(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> { return keep2(a + b); }
+fn scale2(a: vec2<f32>, s: f32) -> vec2<f32> { return keep2(a * s); }
+
+fn dot3(a: vec3<f32>, b: vec3<f32>) -> f32 { return add(add(mul(a.x, b.x), mul(a.y, b.y)), mul(a.z, b.z)); }
+fn length3(a: vec3<f32>) -> f32 { return root(dot3(a, a)); }
+fn sub3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> { return keep3(a - b); }
+fn add3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> { return keep3(a + b); }
+fn scale3(a: vec3<f32>, s: f32) -> vec3<f32> { return keep3(a * s); }
+fn div3(a: vec3<f32>, s: f32) -> vec3<f32> { return vec3<f32>(div(a.x, s), div(a.y, s), div(a.z, s)); }
+fn cross3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(cross2(a.yz, b.yz), cross2(a.zx, b.zx), cross2(a.xy, b.xy));
+}
+fn center_of(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> vec3<f32> { return div3(add3(add3(a, b), c), 3.0); }
+
+fn affine(row: vec4<f32>, p: vec3<f32>) -> f32 { return add(dot3(row.xyz, p), row.w); }
+fn to_camera(p: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(affine(view.world_to_camera[0], p), affine(view.world_to_camera[1], p),
+                     affine(view.world_to_camera[2], p));
+}
+fn rotate_to_camera(v: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot3(view.world_to_camera[0].xyz, v), dot3(view.world_to_camera[1].xyz, v),
+                     dot3(view.world_to_camera[2].xyz, v));
+}
+
+// ((ndc + 1) size - 1) / 2, which upstream evaluates in double and rounds once: pixel i has its centre at the
+// integer i. Here as the unevaluated sum of two floats, product and sum with their rounding errors.
+fn to_sample(ndc: f32, size: u32) -> f32 {
+    let n = f32(size);
+    let m = n - 1.0;
+    let product = mul(ndc, n);
+    let sum = add(product, m);
+    let part = keep(sum - product);
+    let sum_error = add(keep(product - keep(sum - part)), keep(m - part));
+    let whole = add(sum, add(product_error(ndc, n, product), sum_error));
+    return select(sum, whole, abs(sum) < 1e25) * 0.5;
+}
+
+// ---- tiles and boxes of samples: (x0, y0, x1, y1)
+
+// Conversion as on the GPUs of the official kernels: towards zero, saturating, NaN gives 0; at most `limit`.
+fn tile_number(value: f32, limit: u32) -> i32 {
+    let low = select(0.0, value, value > 0.0);
+    return i32(floor(select(f32(limit), low, low < f32(limit))));
+}
+
+// The same of the value rounded up to a whole number.
+fn tile_after(value: f32, limit: u32) -> i32 {
+    let low = select(0.0, value, value > 0.0);
+    return i32(ceil(select(f32(limit), low, low < f32(limit))));
+}
+
+// The samples of [low, high], clamped to the raster, both ends included; NaN (nothing is known) gives all.
+fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
+    let w = f32(view.width) - 1.0;
+    let h = f32(view.height) - 1.0;
+    // A sample beyond the raster stands for "none".
+    let x0 = select(0.0, select(w + 1.0, low.x, low.x < w), low.x > 0.0);
+    let y0 = select(0.0, select(h + 1.0, low.y, low.y < h), low.y > 0.0);
+    let x1 = select(w, select(-1.0, high.x, high.x >= 0.0), high.x < w);
+    let y1 = select(h, select(-1.0, high.y, high.y >= 0.0), high.y < h);
+    return vec4<i32>(vec4<f32>(floor(x0 + 0.999), floor(y0 + 0.999), floor(x1), floor(y1)));
+}

@@ -1,0 +1,317 @@
+"""Renderer `wgpu` on the dedicated tier: the official look by an ordinary graphics pipeline."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from msb.asset.settings import check_modes
+from msb.engines.engine import WALL_CLOCK, device_kind
+from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
+from msb.engines.hardware.packing import pack
+from msb.engines.hardware.program import Limits, make_plan
+from msb.engines.webgpu import WgpuRenderer
+from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped
+from msb.errors import DeviceError, UsageError
+from msb.render.backend import Drawn
+from msb.render.frame import Frame
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from contextlib import AbstractContextManager
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.methods import Order, Sampling
+    from msb.scenes import Camera
+
+    Color = tuple[float, float, float]
+
+FLOAT, HALF = "rgba32float", "rgba16float"
+_BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
+_ROOM = {FLOAT: 1 << 23, HALF: 1 << 24}
+"""The most samples of a band: 256 MiB of two targets."""
+
+
+_GROUPS = {
+    **dict.fromkeys(("positions", "indices"), "geometry"),
+    **dict.fromkeys(("coverage", "f_dc", "f_rest"), "appearance"),
+    **dict.fromkeys(("image", "depth", "pixels,", "pixels"), "targets"),
+}
+"""First word of a use -> its group."""
+_LIMITS = (
+    "max-storage-buffer-binding-size",
+    "max-buffer-size",
+    "max-texture-dimension-2d",
+    "max-storage-buffers-per-shader-stage",
+    "max-vertex-attributes",
+    "max-color-attachment-bytes-per-sample",
+)
+"""What is asked of the adapter, as much as it has."""
+_NEEDED = {
+    "max-storage-buffers-per-shader-stage": 8,
+    "max-vertex-attributes": 9,
+    "max-compute-workgroup-storage-size": 9216,
+    "max-compute-invocations-per-workgroup": 256,
+}
+"""What WebGPU guarantees, and OpenGL-like adapters may not have."""
+
+
+class HardwareRenderer:
+    """Draws an asset of a blended method as quads in depth order, through wgpu-py.
+
+    Parameters
+    ----------
+    asset : Asset
+    device : {"cpu", "gpu"}, optional
+        "cpu" is a software adapter, "gpu" anything else; a GPU where there is one if not given.
+    settings : mapping, optional
+        Overrides of the asset's settings.
+    order, sampling : str
+        As for the dedicated tier in OpenCL.
+    half : bool
+        Whether to blend into half floats even where the adapter can blend float32.
+
+    Raises
+    ------
+    UsageError
+        `ENGINE_MISSING`, `DEVICE_SELECTOR`, `SETTING_UNKNOWN`, `SETTING_VALUE`, `USAGE`.
+    Unsupported
+        `UNSUPPORTED_TIER`: the method's package brings no WGSL.
+    AssetError
+        Values that cannot be drawn.
+    DeviceError
+        `ENGINE_FAILED`, `DEVICE_NOT_FOUND`, `DEVICE_MEMORY`.
+    """
+
+    name = "wgpu"
+    tiers: ClassVar[tuple[str, ...]] = ("dedicated",)
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: Any = None,
+        settings: Mapping[str, Any] | None = None,
+        order: Order = "tile",
+        sampling: Sampling = "official",
+        half: bool = False,
+        debug: bool = False,
+    ) -> None:
+        kind = device_kind(device, self.name)
+        check_modes(order, sampling)
+        missing = WgpuRenderer.missing()
+        if missing is not None:
+            raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}", value=self.name)
+        self._packed = pack(asset, settings)
+        import wgpu
+
+        self.version = wgpu.__version__
+        self._gpu = wgpu
+        adapter = choose_adapter(kind)
+        about = dict(adapter.info)
+        features = [name for name in ("timestamp-query", "float32-blendable") if name in adapter.features]
+        self._format = FLOAT if "float32-blendable" in features and not half else HALF
+        self.device_info = {
+            "platform": ", ".join(
+                filter(None, (about["backend_type"], about["description"], _BLENDS[self._format]))
+            ),
+            "name": about["device"],
+            "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
+        }
+        self._limits = limits = _limits_of(adapter)
+        self._plan = plan = make_plan(
+            self._packed,
+            limits,
+            about["device"],
+            order=order,
+            sampling=sampling,
+            form=self._format,
+            debug=debug,
+        )
+        with self._told("opening the device"):
+            self._device = adapter.request_device_sync(
+                required_features=features,
+                required_limits={name: adapter.limits[name] for name in _LIMITS},
+            )
+            self._runs = DevicePlan(wgpu, self._device, plan)
+            timed = self.device_info["kind"] == "gpu" and "timestamp-query" in features
+            self._tick = nanoseconds_a_tick(self._device) if timed else None
+        self._size: tuple[int, int] | None = None
+        self._queries: Any = None
+
+    def render(self, camera: Camera, background: Color) -> Frame:
+        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
+        self._check_open()
+        with self._told("drawing"):
+            drawn = self._run(camera, background, read=True)
+            pixels = read_mapped(self._runs.held["pixels, read back"]).view(np.float32)
+            keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
+        found = np.zeros((camera.height, camera.width, 5), np.float32)
+        for band in self._runs.bands:
+            first = band.offset // 4
+            here = pixels[first : first + 5 * band.width * band.height]
+            place = found[band.y : band.y + band.height, band.x : band.x + band.width]
+            place[:] = here.reshape(band.height, band.width, 5)
+        return Frame(
+            image=np.ascontiguousarray(found[..., :3]),
+            alpha=np.ascontiguousarray(found[..., 3]),
+            depth=np.ascontiguousarray(found[..., 4]),
+            visible=keys != np.uint32(0xFFFFFFFF),
+            timings=drawn.stages,
+        )
+
+    def draw(self, camera: Camera, background: Color) -> Drawn:
+        """Draw and wait, reading nothing back."""
+        self._check_open()
+        with self._told("drawing"):
+            return self._run(camera, background, read=False)
+
+    def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
+        self._make_targets(camera.width, camera.height)
+        view = self._packed.view_bytes(camera, background)
+        self._device.queue.write_buffer(self._runs.held["view"], 0, view)
+        drawn = self._in_steps() if self.device_info["kind"] == "cpu" else self._at_once()
+        if read:
+            encoder = self._device.create_command_encoder()
+            self._copy(encoder, "pixels")
+            self._device.queue.submit([encoder.finish()])
+        return drawn
+
+    def _in_steps(self) -> Drawn:
+        """Draw one stage after the other, and wait for each.
+
+        A software adapter computes where we wait, so this costs nothing; lavapipe's timestamps do not say
+        how long a compute pass took, because they are written when the next draw is.
+        """
+        found: dict[str, float] = {}
+        begun = time.perf_counter()
+        for stage, steps in self._runs.stages():
+            start = time.perf_counter()
+            encoder = self._device.create_command_encoder()
+            self._runs.encode(encoder, steps, {})
+            self._wait(encoder)
+            found[stage] = found.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
+        return Drawn(found, 1000 * (time.perf_counter() - begun))
+
+    def _at_once(self) -> Drawn:
+        """Submit a frame as one, timed by the device itself where it can."""
+        start = time.perf_counter()
+        encoder = self._device.create_command_encoder()
+        stages = self._runs.stages()
+        for k, (_, steps) in enumerate(stages):
+            timed: dict[str, Any] = {
+                "query_set": self._queries,
+                "beginning_of_pass_write_index": 2 * k,
+                "end_of_pass_write_index": 2 * k + 1,
+            }
+            self._runs.encode(encoder, steps, {"timestamp_writes": timed} if self._queries else {})
+        if self._queries is not None:
+            encoder.resolve_query_set(self._queries, 0, 2 * len(stages), self._runs.held["times"], 0)
+        times = self._wait(encoder).view(np.uint64).reshape(-1, 2).astype(np.float64)
+        waited = 1000 * (time.perf_counter() - start)
+        if self._queries is None or self._tick is None:
+            return Drawn({WALL_CLOCK: waited}, waited)
+        times *= self._tick / 1e6
+        found: dict[str, float] = {}
+        for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
+            found[stage] = found.get(stage, 0.0) + max(0.0, ended - began)
+        return Drawn(found, max(0.0, float(times[-1, 1] - times[0, 0])))
+
+    def _wait(self, encoder: Any) -> NDArray[np.uint8]:
+        """Submit commands and return the timestamps; that they can be read says that all is done."""
+        self._copy(encoder, "times")
+        self._device.queue.submit([encoder.finish()])
+        return read_mapped(self._runs.held["times, read back"])
+
+    def _copy(self, encoder: Any, name: str) -> None:
+        held = self._runs.held
+        encoder.copy_buffer_to_buffer(held[name], 0, held[f"{name}, read back"], 0, held[name].size)
+
+    def _make_targets(self, width: int, height: int) -> None:
+        if self._size == (width, height):
+            return
+        self._size = None
+        runs, scale, limits = self._runs, self._plan.scale, self._limits
+        room = min(_ROOM[self._format] // scale**2, limits.binding // PIXEL_BYTES)
+        bands = bands_of(width, height, scale, limits.side, room)
+        size = bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
+        if size > limits.buffer:
+            text = f"{self.device_info['name']} takes buffers of {limits.buffer} bytes, "
+            text += f"{width} x {height} pixels need one of {size}"
+            raise DeviceError("DEVICE_MEMORY", text, value=[width, height], limit=limits.buffer)
+        runs.set_bands(bands)
+        count = 2 * len(runs.stages())
+        if self._tick is not None:
+            if self._queries is not None:
+                self._queries.destroy()
+            self._queries = self._device.create_query_set(type="timestamp", count=count)
+        runs.buffer("times", 8 * count, "query_resolve", "copy_src", "copy_dst")
+        runs.buffer("times, read back", 8 * count, "copy_dst", "map_read")
+        self._size = width, height
+
+    def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
+        """Return what decided about faces in the last frame, with `debug`.
+
+        Returns
+        -------
+        keys : (F,) uint32
+            The bits of the depth key; from 0xfffffffe on for faces that are not drawn, 0xffffffff for those
+            that the official culling drops.
+        rectangles : (F, 4) int32
+            The official tiles x0, y0, x1, y1 of kept faces, high ends excluded; 0 for the others.
+        """
+        count = self._packed.faces
+        keys = self._runs.read("keys").view(np.uint32)[:count]
+        return keys, self._runs.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes of every buffer and texture."""
+        return {name: _nbytes(thing) for name, thing in self._runs.held.items()}
+
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group."""
+        return {name: _GROUPS[word] for name in self._runs.held if (word := name.split()[0]) in _GROUPS}
+
+    def close(self) -> None:
+        """Release everything."""
+        self._runs.close()
+        self._device.destroy()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if not self._runs.held:
+            raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device_info['name']})")
+
+    def _told(self, doing: str) -> AbstractContextManager[None]:
+        return errors_of(self.device_info["name"], doing)
+
+
+def _limits_of(adapter: Any) -> Limits:
+    """Return what the adapter takes.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_MEMORY`: it has less than WebGPU guarantees.
+    """
+    for name, needed in _NEEDED.items():
+        if adapter.limits[name] < needed:
+            text = f"{adapter.info['device']}: {name} is {adapter.limits[name]}, {needed} are needed"
+            raise DeviceError("DEVICE_MEMORY", text, value=adapter.limits[name], limit=needed)
+    return Limits(*(adapter.limits[name] for name in _LIMITS[:3]))
+
+
+def _nbytes(thing: Any) -> int:
+    if hasattr(thing, "map_sync"):
+        return int(thing.size)
+    width, height, _ = thing.size
+    return int(width * height * (16 if thing.format == FLOAT else 8))

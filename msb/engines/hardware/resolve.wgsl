@@ -1,0 +1,46 @@
+// From samples to the pixels of a frame: red, green, blue over the background, alpha, depth.
+#include "view.wgsl"
+
+struct Band {
+    first: vec2<u32>,
+    size: vec2<u32>,
+    output: u32,
+}
+@group(0) @binding(1) var<uniform> band: Band;
+@group(0) @binding(2) var image: texture_2d<f32>;
+#if DEPTH
+@group(0) @binding(3) var depth: texture_2d<f32>;
+#endif
+@group(0) @binding(4) var<storage, read_write> pixels: array<f32>;
+
+// Samples FIRST_SAMPLE..LAST_SAMPLE of each axis of a pixel count: all of them for a box mean, the middle one
+// or two for bilinear interpolation at pixel centres.
+@compute @workgroup_size(64)
+fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (id.x >= band.size.x || id.y >= band.size.y) {
+        return;
+    }
+    var color = vec4<f32>(0.0);
+    var far = 0.0;
+    for (var v = FIRST_SAMPLE; v <= LAST_SAMPLE; v++) {
+        for (var u = FIRST_SAMPLE; u <= LAST_SAMPLE; u++) {
+            let at = vec2<i32>(id.xy * SCALE + vec2<u32>(u, v));
+            color += textureLoad(image, at, 0);
+#if DEPTH
+            far += textureLoad(depth, at, 0).x;
+#endif
+        }
+    }
+    let samples = f32((LAST_SAMPLE - FIRST_SAMPLE + 1u) * (LAST_SAMPLE - FIRST_SAMPLE + 1u));
+    color /= samples;
+    let out = 5u * (id.y * band.size.x + id.x);
+    let rgb = color.rgb + (1.0 - color.a) * view.background;
+    pixels[out] = rgb.x;
+    pixels[out + 1u] = rgb.y;
+    pixels[out + 2u] = rgb.z;
+    pixels[out + 3u] = color.a;
+    pixels[out + 4u] = 0.0;
+    if (color.a > 0.0) {
+        pixels[out + 4u] = far / samples / color.a;
+    }
+}

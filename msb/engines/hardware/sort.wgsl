@@ -1,0 +1,184 @@
+// A stable radix sort of 4-bit digits over the bits of the depth keys. No sub-groups, no atomics: each
+// invocation counts the digits of its own run of consecutive items, so equal keys keep their order.
+//
+// The first pass also drops the faces that are not drawn, so what it moves is compact from then on. The number
+// that remains is known to the device alone, which therefore writes the arguments of its own later dispatches
+// and draws.
+
+const DIGITS = 16u;
+const WORKERS = 128u;
+const RUN = 16u;                // items of an invocation
+const BLOCK = WORKERS * RUN;    // items of a work-group
+const UNLISTED = 0xfffffffeu;   // keys from here on are not drawn: DROPPED and UNSEEN of project.wgsl
+
+struct Step {
+    shift: u32,
+    mask: u32,    // 0 in the only pass of order "none", which keeps the order of the asset
+    items: u32,   // of the first pass
+    blocks: u32,  // the most there can be: the stride of `sums`
+    ranges: u32,  // of records: `arguments`
+    range: u32,   // faces of a range
+}
+@group(0) @binding(0) var<uniform> current: Step;
+@group(0) @binding(1) var<storage, read> keys_in: array<u32>;
+#if !FIRST
+@group(0) @binding(2) var<storage, read> faces_in: array<u32>;
+#endif
+@group(0) @binding(3) var<storage, read_write> keys_out: array<u32>;
+@group(0) @binding(4) var<storage, read_write> faces_out: array<u32>;
+@group(0) @binding(5) var<storage, read_write> sums: array<u32>; // of digit d in block b: [d blocks + b]
+#if FIRST
+@group(0) @binding(6) var<storage, read_write> arguments: array<u32>; // see `tell`
+#else
+@group(0) @binding(6) var<storage, read> arguments: array<u32>;
+#endif
+
+var<workgroup> digits: array<u32, 2048>; // DIGITS x WORKERS, digit by digit
+var<workgroup> tops: array<u32, 256>;
+
+#if FIRST
+fn items() -> u32 { return current.items; }
+fn takes_part(key: u32) -> bool { return key < UNLISTED; }
+fn face_of(item: u32) -> u32 { return item; }
+#else
+fn items() -> u32 { return arguments[0]; }
+fn takes_part(key: u32) -> bool { return true; }
+fn face_of(item: u32) -> u32 { return faces_in[item]; }
+#endif
+
+fn digit_of(key: u32) -> u32 { return (key >> current.shift) & current.mask; }
+
+fn count_run(start: u32, end: u32, me: u32) {
+    for (var d = 0u; d < DIGITS; d++) {
+        digits[d * WORKERS + me] = 0u;
+    }
+    for (var i = start; i < end; i++) {
+        let key = keys_in[i];
+        if (takes_part(key)) {
+            digits[digit_of(key) * WORKERS + me] += 1u;
+        }
+    }
+}
+
+@compute @workgroup_size(128)
+fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) me: u32) {
+    let start = group.x * BLOCK + me * RUN;
+    count_run(start, min(start + RUN, items()), me);
+    workgroupBarrier();
+    if (me < DIGITS) {
+        var sum = 0u;
+        for (var k = 0u; k < WORKERS; k++) {
+            sum += digits[me * WORKERS + k];
+        }
+        sums[me * current.blocks + group.x] = sum;
+    }
+}
+
+// One work-group: sums become starts; the first pass also says what is to be drawn.
+@compute @workgroup_size(256)
+fn scan(@builtin(local_invocation_index) me: u32) {
+    let blocks = (items() + BLOCK - 1u) / BLOCK;
+    let entries = DIGITS * blocks;
+    let each = (entries + 255u) / 256u;
+    let start = min(me * each, entries);
+    let end = min(start + each, entries);
+    var sum = 0u;
+    for (var k = start; k < end; k++) {
+        sum += sums[(k / blocks) * current.blocks + k % blocks];
+    }
+    tops[me] = sum;
+    workgroupBarrier();
+    for (var reach = 1u; reach < 256u; reach *= 2u) {
+        var before = 0u;
+        if (me >= reach) {
+            before = tops[me - reach];
+        }
+        workgroupBarrier();
+        tops[me] += before;
+        workgroupBarrier();
+    }
+    var running = tops[me] - sum;
+    for (var k = start; k < end; k++) {
+        let at = (k / blocks) * current.blocks + k % blocks;
+        let here = sums[at];
+        sums[at] = running;
+        running += here;
+    }
+#if FIRST
+    if (me == 255u) {
+        tell(tops[255]);
+    }
+#endif
+}
+
+#if FIRST
+
+// [0]: listed; [1..4): work-groups of a later pass; then for each range of records the work-groups that write
+// it and the four numbers of the draw that reads it.
+fn tell(listed: u32) {
+    arguments[0] = listed;
+    arguments[1] = (listed + BLOCK - 1u) / BLOCK;
+    arguments[2] = 1u;
+    arguments[3] = 1u;
+    for (var k = 0u; k < current.ranges; k++) {
+        let first = min(k * current.range, listed);
+        let here = min(listed - first, current.range);
+        let at = 4u + 7u * k;
+        arguments[at] = (here + 63u) / 64u;
+        arguments[at + 1u] = 1u;
+        arguments[at + 2u] = 1u;
+        arguments[at + 3u] = 4u; // the corners of a quad
+        arguments[at + 4u] = here;
+        arguments[at + 5u] = 0u;
+        arguments[at + 6u] = 0u;
+    }
+}
+#endif
+
+@compute @workgroup_size(128)
+fn place(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) me: u32) {
+    let start = group.x * BLOCK + me * RUN;
+    let end = min(start + RUN, items());
+    count_run(start, end, me);
+    workgroupBarrier();
+    // Counts become places: a digit after the other, in each the invocations in their order.
+    let row = me * DIGITS;
+    var sum = 0u;
+    for (var k = 0u; k < DIGITS; k++) {
+        sum += digits[row + k];
+    }
+    tops[me] = sum;
+    workgroupBarrier();
+    for (var reach = 1u; reach < WORKERS; reach *= 2u) {
+        var before = 0u;
+        if (me >= reach) {
+            before = tops[me - reach];
+        }
+        workgroupBarrier();
+        tops[me] += before;
+        workgroupBarrier();
+    }
+    var running = tops[me] - sum;
+    for (var k = 0u; k < DIGITS; k++) {
+        let here = digits[row + k];
+        digits[row + k] = running;
+        running += here;
+    }
+    workgroupBarrier();
+    // The first place of a digit in this block.
+    if (me < DIGITS) {
+        tops[me] = digits[me * WORKERS];
+    }
+    workgroupBarrier();
+    for (var i = start; i < end; i++) {
+        let key = keys_in[i];
+        if (!takes_part(key)) {
+            continue;
+        }
+        let d = digit_of(key);
+        let at = sums[d * current.blocks + group.x] + digits[d * WORKERS + me] - tops[d];
+        digits[d * WORKERS + me] += 1u;
+        keys_out[at] = key;
+        faces_out[at] = face_of(i);
+    }
+}

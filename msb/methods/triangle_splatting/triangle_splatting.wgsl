@@ -1,0 +1,134 @@
+// Triangle-Splatting: free triangles with a window that falls off from the incentre to the edges. The text of
+// triangle_splatting.cl for graphics hardware; its comments say more.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+
+const MAX_ALPHA = 0.99;
+const MIN_DETERMINANT = 1e-3;
+const COVERAGE = 4u; // opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim
+
+#if ENGINE
+struct Face {
+    quad: vec4<f32>,
+    along_x: vec4<f32>,
+    along_y: vec4<f32>,
+    constant: vec4<f32>,
+    color: vec4<f32>, // then opacity
+    window: vec4<f32>, // sigma
+}
+#else
+struct Face {
+    quad: vec4<f32>,
+    normal_x: vec4<f32>, // of the three edges; then 1 / inradius
+    normal_y: vec4<f32>, // then sigma
+    offset: vec4<f32>,   // then opacity
+    color: vec4<f32>,    // then depth
+}
+#endif
+
+#if COMPUTE
+#include "source.wgsl"
+#include "window.wgsl"
+#if ENGINE
+#include "engine.wgsl"
+#endif
+
+fn point_seen(rows: vec3<u32>) -> vec3<f32> {
+    let center = center_of(position(rows.x), position(rows.y), position(rows.z));
+    // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
+    // are right only with this.
+    return select(center, center.zzz, view.broadcast_z == 1u);
+}
+
+// The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected.
+fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
+    var offset: array<f32, 3>;
+    var distance = 0.0;
+    for (var k = 0; k < 3; k++) {
+        // One edge's distance serves all three, unless it underflowed to 0.
+        if (distance == 0.0) {
+            distance = mul((*w).inradius[k], shrunk);
+        }
+        offset[k] = keep(div((*w).edge_offset[k], length2((*w).edge_normal[k])) - distance);
+    }
+    var found = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
+    for (var pair = 0; pair < 3; pair++) {
+        let current = (pair + 1) % 3;
+        let n = (*w).edge_normal[current];
+        let m = (*w).edge_normal[pair];
+        let t = offset[current];
+        let s = offset[pair];
+        let determinant = cross2(n, m);
+        if (abs(determinant) < MIN_DETERMINANT) {
+            continue;
+        }
+        let x = div(-keep(mul(t, m.y) - mul(s, n.y)), determinant);
+        let y = div(-keep(mul(s, n.x) - mul(t, m.x)), determinant);
+        let low = vec2<i32>(tile_number(x / 16.0, view.columns), tile_number(y / 16.0, view.rows));
+        let high = vec2<i32>(tile_number(keep(keep(x + 16.0) - 1.0) / 16.0, view.columns),
+                             tile_number(keep(keep(y + 16.0) - 1.0) / 16.0, view.rows));
+        found = vec4<i32>(min(found.xy, low), max(found.zw, high));
+    }
+    return found;
+}
+
+fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
+    var found: Projected;
+    let opacity = coverage[COVERAGE * number];
+    if (opacity < MIN_OPACITY) {
+        return found;
+    }
+    let corners = positions_of(corners_of(number));
+#if ENGINE
+    let t = project_engine(corners, true);
+    (*face).along_x = t.along_x;
+    (*face).along_y = t.along_y;
+    (*face).constant = t.constant;
+    (*face).color.w = opacity;
+    (*face).window.x = coverage[COVERAGE * number + 1u];
+    return Projected(t.seen, t.depth, engine_tiles(t.samples), t.samples);
+#else
+    var w: Window;
+    found.kept = project_window(corners, &w);
+    if (!found.kept) {
+        return found;
+    }
+    found.depth = w.depth;
+    found.tiles = contour_tiles(&w, coverage[COVERAGE * number + 2u]);
+    // As upstream: the product of unsigned extents, so a face all of whose corners were skipped is kept.
+    found.kept = found.tiles.x != found.tiles.z && found.tiles.y != found.tiles.w;
+    found.samples = window_box(&w, coverage[COVERAGE * number + 3u]);
+    let n = w.edge_normal;
+    (*face).normal_x = vec4<f32>(n[0].x, n[1].x, n[2].x, div(1.0, w.inradius[2]));
+    (*face).normal_y = vec4<f32>(n[0].y, n[1].y, n[2].y, coverage[COVERAGE * number + 1u]);
+    (*face).offset = vec4<f32>(w.edge_offset[0], w.edge_offset[1], w.edge_offset[2], opacity);
+    (*face).color.w = w.depth;
+    return found;
+#endif
+}
+
+#if RECORDING
+fn color_face(number: u32, face: ptr<function, Face>) {
+    (*face).color = vec4<f32>(color_at(number), (*face).color.w);
+}
+#endif
+#else
+#include "exact.wgsl"
+#include "window.wgsl"
+#include "fragment.wgsl"
+#if ENGINE
+#include "engine.wgsl"
+
+fn cover(face: Face, x: f32, y: f32) -> Seen {
+    let f = fragment_of(face.along_x, face.along_y, face.constant, x, y);
+    let alpha = min(MAX_ALPHA, face.color.w * window_power(f.phi, face.window.x));
+    return Seen(face.color.xyz, select(0.0, alpha, f.inside), f.depth);
+}
+#else
+
+fn cover(face: Face, x: f32, y: f32) -> Seen {
+    let nearest = nearest_edge(face.normal_x.xyz, face.normal_y.xyz, face.offset.xyz, x, y);
+    let alpha = min(MAX_ALPHA, face.offset.w * window_power(nearest * face.normal_x.w, face.normal_y.w));
+    return Seen(face.color.xyz, select(0.0, alpha, nearest <= 0.0), face.color.w);
+}
+#endif
+#endif
