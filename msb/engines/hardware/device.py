@@ -46,10 +46,10 @@ def bands_of(width: int, height: int, scale: int, side: int, room: int) -> list[
     side : int
         The most samples of a band along each axis.
     room : int
-        The most samples of a band.
+        The most pixels of a band.
     """
-    columns = min(width, side // scale)
-    rows = max(min(height, side // scale, room // (columns * scale * scale)), 1)
+    columns = min(width, side // scale, room)
+    rows = max(min(height, side // scale, room // columns), 1)
     found, offset = [], 0
     for y in range(0, height, rows):
         for x in range(0, width, columns):
@@ -179,47 +179,36 @@ class DevicePlan:
             offset = SLOT * k
         return {"buffer": held, "offset": offset, "size": held.size - offset if size is None else size}
 
-    def stages(self) -> list[str]:
-        """Return the stage of each group of commands that is timed: a compute pass or a render pass."""
-        found: list[str] = []
-        for step in self._plan.passes:
-            if not found or found[-1] != step.stage:
-                found.append(step.stage)
-        return found + [step.stage for _ in self.bands for step in self._plan.band_passes]
+    def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
+        """Return what a frame runs in order: a stage, and steps by their number and their band.
 
-    def encode(self, encoder: Any, queries: Any | None) -> None:
-        """Encode a frame; each entry of `stages` writes two timestamps into `queries`."""
-        timed = 0
-
-        def timestamps() -> dict[str, Any]:
-            nonlocal timed
-            timed += 1
-            if queries is None:
-                return {}
-            writes = {
-                "query_set": queries,
-                "beginning_of_pass_write_index": 2 * timed - 2,
-                "end_of_pass_write_index": 2 * timed - 1,
-            }
-            return {"timestamp_writes": writes}
-
-        open_pass, stage = None, ""
+        Dispatches of one stage that follow each other are one pass of commands; a draw is one of its own.
+        """
+        found: list[tuple[str, list[tuple[int, int]]]] = []
         for number, step in enumerate(self._plan.passes):
-            if open_pass is None or step.stage != stage:
-                if open_pass is not None:
-                    open_pass.end()
-                open_pass, stage = encoder.begin_compute_pass(**timestamps()), step.stage
-            self._dispatch(open_pass, number, step, 0)
-        if open_pass is not None:
-            open_pass.end()
-        for k in range(len(self.bands)):
-            for number, drawn in enumerate(self._plan.band_passes, len(self._plan.passes)):
-                if isinstance(drawn, Draws):
-                    self._draw(encoder, number, drawn, k, timestamps())
-                else:
-                    computing = encoder.begin_compute_pass(**timestamps())
-                    self._dispatch(computing, number, drawn, k)
-                    computing.end()
+            if not found or found[-1][0] != step.stage:
+                found.append((step.stage, []))
+            found[-1][1].append((number, 0))
+        first = len(self._plan.passes)
+        for band in range(len(self.bands)):
+            for number, drawn in enumerate(self._plan.band_passes, first):
+                found.append((drawn.stage, [(number, band)]))
+        return found
+
+    def encode(self, encoder: Any, steps: list[tuple[int, int]], timed: dict[str, Any]) -> None:
+        """Encode the steps of one entry of `stages`; `timed` says where its timestamps go."""
+        whole = (*self._plan.passes, *self._plan.band_passes)
+        number, band = steps[0]
+        drawn = whole[number]
+        if isinstance(drawn, Draws):
+            self._draw(encoder, number, drawn, band, timed)
+            return
+        computing = encoder.begin_compute_pass(**timed)
+        for number, band in steps:
+            step = whole[number]
+            assert isinstance(step, Compute)
+            self._dispatch(computing, number, step, band)
+        computing.end()
 
     def _dispatch(self, computing: Any, number: int, step: Compute, k: int) -> None:
         computing.set_pipeline(self._pipelines[number])

@@ -106,10 +106,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a device takes: bytes of a storage binding and of a buffer."""
+    """What a device takes: bytes of a storage binding and of a buffer, and texels of a target's side."""
 
     binding: int
     buffer: int
+    side: int
 
 
 class _Planner:

@@ -10,7 +10,7 @@ import numpy as np
 
 from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
-from msb.engines.hardware.device import DevicePlan, bands_of
+from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.program import Limits, make_plan
 from msb.engines.webgpu import WgpuRenderer
@@ -33,6 +33,24 @@ if TYPE_CHECKING:
 FLOAT, HALF = "rgba32float", "rgba16float"
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24}
 """The most samples of a band: 256 MiB of two targets."""
+
+
+_LIMITS = (
+    "max-storage-buffer-binding-size",
+    "max-buffer-size",
+    "max-texture-dimension-2d",
+    "max-storage-buffers-per-shader-stage",
+    "max-vertex-attributes",
+    "max-color-attachment-bytes-per-sample",
+)
+"""What is asked of the adapter, as much as it has."""
+_NEEDED = {
+    "max-storage-buffers-per-shader-stage": 8,
+    "max-vertex-attributes": 9,
+    "max-compute-workgroup-storage-size": 9216,
+    "max-compute-invocations-per-workgroup": 256,
+}
+"""What WebGPU guarantees, and OpenGL-like adapters may not have."""
 
 
 class HardwareRenderer:
@@ -95,30 +113,23 @@ class HardwareRenderer:
             "name": about["device"],
             "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
         }
-        limits = {
-            name: adapter.limits[name]
-            for name in (
-                "max-buffer-size",
-                "max-storage-buffer-binding-size",
-                "max-texture-dimension-2d",
-            )
-        }
-        self._side = limits["max-texture-dimension-2d"]
-        room = Limits(limits["max-storage-buffer-binding-size"], limits["max-buffer-size"])
-        plan = make_plan(
+        self._limits = limits = _limits_of(adapter)
+        self._plan = plan = make_plan(
             self._packed,
-            room,
+            limits,
             about["device"],
             order=order,
             sampling=sampling,
             form=self._format,
             debug=debug,
         )
-        self._plan = plan
         with self._told("opening the device"):
-            self._device = adapter.request_device_sync(required_features=features, required_limits=limits)
+            self._device = adapter.request_device_sync(
+                required_features=features,
+                required_limits={name: adapter.limits[name] for name in _LIMITS},
+            )
             self._runs = DevicePlan(wgpu, self._device, plan)
-            timed = "timestamp-query" in features
+            timed = self.device_info["kind"] == "gpu" and "timestamp-query" in features
             self._tick = nanoseconds_a_tick(self._device) if timed else None
         self._size: tuple[int, int] | None = None
         self._queries: Any = None
@@ -150,42 +161,84 @@ class HardwareRenderer:
 
     def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
         self._make_targets(camera.width, camera.height)
-        start = time.perf_counter()
-        runs, queue = self._runs, self._device.queue
-        queue.write_buffer(runs.held["view"], 0, self._packed.view_bytes(camera, background))
-        encoder = self._device.create_command_encoder()
-        runs.encode(encoder, self._queries)
-        stages = runs.stages()
+        view = self._packed.view_bytes(camera, background)
+        self._device.queue.write_buffer(self._runs.held["view"], 0, view)
+        drawn = self._in_steps() if self.device_info["kind"] == "cpu" else self._at_once()
         if read:
-            size = runs.held["pixels"].size
-            encoder.copy_buffer_to_buffer(runs.held["pixels"], 0, runs.held["pixels, read back"], 0, size)
-        if self._queries is not None:
-            encoder.resolve_query_set(self._queries, 0, 2 * len(stages), runs.held["times"], 0)
-        size = runs.held["times"].size
-        encoder.copy_buffer_to_buffer(runs.held["times"], 0, runs.held["times, read back"], 0, size)
-        queue.submit([encoder.finish()])
-        times = self._mapped("times, read back").view(np.uint64).reshape(-1, 2)
-        waited = 1000 * (time.perf_counter() - start)
-        if self._tick is None:
-            return Drawn({WALL_CLOCK: waited}, waited)
+            encoder = self._device.create_command_encoder()
+            self._copy(encoder, "pixels")
+            self._device.queue.submit([encoder.finish()])
+        return drawn
+
+    def _in_steps(self) -> Drawn:
+        """Draw one stage after the other, and wait for each.
+
+        A software adapter computes where we wait, so this costs nothing; lavapipe's timestamps do not say
+        how long a compute pass took, because they are written when the next draw is.
+        """
         found: dict[str, float] = {}
-        for stage, (began, ended) in zip(stages, times.tolist(), strict=True):
-            found[stage] = found.get(stage, 0.0) + max(0, ended - began) * self._tick / 1e6
-        return Drawn(found, max(0, int(times[-1, 1]) - int(times[0, 0])) * self._tick / 1e6)
+        begun = time.perf_counter()
+        for stage, steps in self._runs.stages():
+            start = time.perf_counter()
+            encoder = self._device.create_command_encoder()
+            self._runs.encode(encoder, steps, {})
+            self._wait(encoder)
+            found[stage] = found.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
+        return Drawn(found, 1000 * (time.perf_counter() - begun))
+
+    def _at_once(self) -> Drawn:
+        """Submit a frame as one, timed by the device itself where it can."""
+        start = time.perf_counter()
+        encoder = self._device.create_command_encoder()
+        stages = self._runs.stages()
+        for k, (_, steps) in enumerate(stages):
+            timed: dict[str, Any] = {
+                "query_set": self._queries,
+                "beginning_of_pass_write_index": 2 * k,
+                "end_of_pass_write_index": 2 * k + 1,
+            }
+            self._runs.encode(encoder, steps, {"timestamp_writes": timed} if self._queries else {})
+        if self._queries is not None:
+            encoder.resolve_query_set(self._queries, 0, 2 * len(stages), self._runs.held["times"], 0)
+        times = self._wait(encoder).view(np.uint64).reshape(-1, 2).astype(np.float64)
+        waited = 1000 * (time.perf_counter() - start)
+        if self._queries is None or self._tick is None:
+            return Drawn({WALL_CLOCK: waited}, waited)
+        times *= self._tick / 1e6
+        found: dict[str, float] = {}
+        for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
+            found[stage] = found.get(stage, 0.0) + max(0.0, ended - began)
+        return Drawn(found, max(0.0, float(times[-1, 1] - times[0, 0])))
+
+    def _wait(self, encoder: Any) -> NDArray[np.uint8]:
+        """Submit commands and return the timestamps; that they can be read says that all is done."""
+        self._copy(encoder, "times")
+        self._device.queue.submit([encoder.finish()])
+        return self._mapped("times, read back")
+
+    def _copy(self, encoder: Any, name: str) -> None:
+        held = self._runs.held
+        encoder.copy_buffer_to_buffer(held[name], 0, held[f"{name}, read back"], 0, held[name].size)
 
     def _make_targets(self, width: int, height: int) -> None:
         if self._size == (width, height):
             return
         self._size = None
-        runs = self._runs
-        runs.set_bands(bands_of(width, height, self._plan.scale, self._side, _ROOM[self._format]))
+        runs, scale, limits = self._runs, self._plan.scale, self._limits
+        room = min(_ROOM[self._format] // scale**2, limits.binding // PIXEL_BYTES)
+        bands = bands_of(width, height, scale, limits.side, room)
+        size = bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
+        if size > limits.buffer:
+            text = f"{self.device_info['name']} takes buffers of {limits.buffer} bytes, "
+            text += f"{width} x {height} pixels need one of {size}"
+            raise DeviceError("DEVICE_MEMORY", text, value=[width, height], limit=limits.buffer)
+        runs.set_bands(bands)
         count = 2 * len(runs.stages())
         if self._tick is not None:
             if self._queries is not None:
                 self._queries.destroy()
             self._queries = self._device.create_query_set(type="timestamp", count=count)
-        # Each frame ends with a copy of these; that they can be read says that the frame is done.
-        runs.buffer("times", 8 * count, "query_resolve", "copy_src")
+        runs.buffer("times", 8 * count, "query_resolve", "copy_src", "copy_dst")
         runs.buffer("times, read back", 8 * count, "copy_dst", "map_read")
         self._size = width, height
 
@@ -232,6 +285,21 @@ class HardwareRenderer:
         except (self._gpu.GPUError, RuntimeError) as error:
             text = f"{self.device_info['name']}: {doing}: {shorten(str(error), 200)}"
             raise DeviceError("ENGINE_FAILED", text) from error
+
+
+def _limits_of(adapter: Any) -> Limits:
+    """Return what the adapter takes.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_MEMORY`: it has less than WebGPU guarantees.
+    """
+    for name, needed in _NEEDED.items():
+        if adapter.limits[name] < needed:
+            text = f"{adapter.info['device']}: {name} is {adapter.limits[name]}, {needed} are needed"
+            raise DeviceError("DEVICE_MEMORY", text, value=adapter.limits[name], limit=needed)
+    return Limits(*(adapter.limits[name] for name in _LIMITS[:3]))
 
 
 def _nbytes(thing: Any) -> int:
