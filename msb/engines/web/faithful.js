@@ -57,7 +57,8 @@ function showFaithful() {
   byId("views").replaceChildren(top, body);
   byId("views").hidden = head.length === 1;
   byId("measure").hidden = !official;
-  byId("costs").textContent = about.costs.map((cost) => `${cost.what}: ${decibels(cost.psnr)} to the whole model.`).join(" ");
+  byId("costs").textContent = "What the smaller page costs. " +
+    about.costs.map((cost) => `${cost.what}: ${decibels(cost.psnr)}.`).join(" ");
   byId("costs").hidden = !about.costs.length;
 }
 byId("measure").addEventListener("click", async () => {
