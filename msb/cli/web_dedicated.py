@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cli.output import Output
     from msb.engines.dedicated_page.measure import Measured
-    from msb.engines.dedicated_page.page import Cost, TestView
+    from msb.engines.dedicated_page.page import CheckView, Cost
     from msb.reference import ReferenceFrame
     from msb.scenes import Camera
 
@@ -53,7 +53,7 @@ def write_page(
     """Write the page of `asset`, measured where a browser is at hand; tell what became of it."""
     from msb.atomic import new_file
     from msb.cli.camera_options import around
-    from msb.engines.dedicated_page.page import TestView, make_page
+    from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
 
     with output.progress("checking the model"):
@@ -67,7 +67,7 @@ def write_page(
         views = [_at_most(camera) for camera in spread(seen, TEST_VIEWS)]
         frames = _drawn(asset, views, background, settings, output, "drawing test views")
         images = [_bytes(frame.image) for frame in frames]
-        tests = [TestView(*pair) for pair in zip(views, [background] * len(views), images, strict=True)]
+        tests = [CheckView(*pair) for pair in zip(views, [background] * len(views), images, strict=True)]
         against = "the reference renderer"
     smaller, costs = _smaller(
         asset, output, spread(seen, WEIGHING_VIEWS), tests, settings, quantise=quantise, faces=faces
@@ -160,7 +160,7 @@ def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     return image if image.dtype == np.uint8 else to_bytes(image)
 
 
-def _given(camera: Camera, folder: Path, background: Color) -> TestView:
+def _given(camera: Camera, folder: Path, background: Color) -> CheckView:
     """Return a test view with the image of that camera in a folder, in the image's size.
 
     Raises
@@ -172,7 +172,7 @@ def _given(camera: Camera, folder: Path, background: Color) -> TestView:
     """
     from pathlib import PurePosixPath
 
-    from msb.engines.dedicated_page.page import TestView
+    from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 
     if camera.name is None:
@@ -181,14 +181,14 @@ def _given(camera: Camera, folder: Path, background: Color) -> TestView:
     places = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _RENDERS]
     place = next((one for one in places if one.is_file()), places[-2])
     image = _bytes(read_image(place))
-    return TestView(camera.resized(image.shape[1], image.shape[0]), background, image)
+    return CheckView(camera.resized(image.shape[1], image.shape[0]), background, image)
 
 
 def _smaller(
     asset: Asset,
     output: Output,
     seen: Sequence[Camera],
-    tests: Sequence[TestView],
+    tests: Sequence[CheckView],
     settings: Mapping[str, Any],
     *,
     quantise: bool,

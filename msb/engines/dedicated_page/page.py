@@ -47,7 +47,7 @@ _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>
 
 
 @dataclass(frozen=True)
-class TestView:
+class CheckView:
     """A view by which a page is measured.
 
     Attributes
@@ -103,7 +103,7 @@ def make_page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: Color = (0.0, 0.0, 0.0),
-    tests: Sequence[TestView] = (),
+    tests: Sequence[CheckView] = (),
     against: str = "the reference renderer",
     costs: Sequence[Cost] = (),
     all_faces: int | None = None,
@@ -123,7 +123,7 @@ def make_page(
     up : str
         The axis about which the model is turned.
     background : 3 floats
-    tests : sequence of TestView
+    tests : sequence of CheckView
     against : str
         What made the images of `tests`.
     costs : sequence of Cost

@@ -151,7 +151,7 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
     if len(np.unique(sample)) > len(sample) // 2 and len(np.unique(rows[:_SAMPLE])) > _SAMPLE // 2:
         return None
     found, code = np.unique(rows, return_inverse=True)
-    if len(found) > min(_MOST_ROWS, len(rows) // 2):
+    if len(found) > min(_MOST_ROWS, len(rows) // 4):
         return None
     dtype = np.dtype(np.uint8 if len(found) <= LEVELS else np.uint16)
     return {"how": "rows", "codes": dtype.name}, [_split(code[:, None].astype(dtype)), found.tobytes()]
@@ -174,7 +174,7 @@ def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
 
 def _as_grid(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
     """Return values that are multiples of a power of two, at most 65,535 of it apart in a chunk."""
-    if table.shape[1] != 3:
+    if table.shape[1] != 3 or not np.isfinite(table).all():
         return None
     if len(table) > 2 * _SAMPLE and _as_grid(table[: _SAMPLE // CHUNK * CHUNK]) is None:
         return None
