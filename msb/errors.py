@@ -285,6 +285,10 @@ CODES: dict[str, Code] = {
                 "A condition of --fail-on or of the --profile holds.",
                 "Look at the sample elements of the audit, repair the mesh, or relax the condition.",
             ),
+            "WEB_UNFAITHFUL": (
+                "A page of the dedicated tier shows a test view less faithfully than --at-least asks for.",
+                "Compare browsers and graphics cards; a page with --quantise or --faces needs a lower bar.",
+            ),
             "BENCH_SLOWER": (
                 "It is slower than --fail-slower allows.",
                 "Measure again on an idle machine, look at the stages, or allow more.",

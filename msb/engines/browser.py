@@ -61,6 +61,13 @@ _FLAGS = (
 )
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _ANY = ("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+_WEBGPU = ("--enable-unsafe-webgpu",)
+_WEBGPU_SOFTWARE = (
+    "--use-webgpu-adapter=swiftshader",
+    # A canvas can take what WebGPU draws only if the browser's own compositor has Vulkan, too.
+    "--enable-features=Vulkan",
+    "--use-vulkan=swiftshader",
+)
 _START_SECONDS = 120
 _LONGEST_SECONDS = 600
 _MAX_ANSWER = 1 << 31
@@ -108,6 +115,8 @@ class Page:
         The part of the page's address behind the question mark.
     software : bool, optional
         Whether to draw on the CPU. Otherwise the browser takes a GPU if it finds one.
+    webgpu : bool, optional
+        Whether the page needs WebGPU, which browsers leave off in software.
 
     Raises
     ------
@@ -116,7 +125,13 @@ class Page:
     """
 
     def __init__(
-        self, browser: str, content: Mapping[str, bytes], query: str, *, software: bool = False
+        self,
+        browser: str,
+        content: Mapping[str, bytes],
+        query: str,
+        *,
+        software: bool = False,
+        webgpu: bool = False,
     ) -> None:
         self._tasks: queue.Queue[bytes] = queue.Queue()
         self._answers: queue.Queue[bytes] = queue.Queue()
@@ -128,6 +143,8 @@ class Page:
         self._log: IO[bytes] = (Path(self._folder.name) / "log").open("w+b")
         address = f"http://127.0.0.1:{self._server.server_address[1]}/{self._secret}/page.html?{query}"
         command = [browser, *_FLAGS, *(_SOFTWARE if software else _ANY)]
+        if webgpu:
+            command += [*_WEBGPU, *(_WEBGPU_SOFTWARE if software else ())]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             command.append("--no-sandbox")  # Chromium refuses to start as root with one
         command += [f"--user-data-dir={self._folder.name}/profile", address]
@@ -147,7 +164,7 @@ class Page:
         # Also when nobody closes this before the program ends.
         self.close = weakref.finalize(self, _end, self._process, self._server, self._log, self._folder)
         try:
-            self.about = self._wait(_START_SECONDS).head
+            self.about = self._wait(_LONGEST_SECONDS if webgpu else _START_SECONDS).head
         except BaseException:
             self.close()
             raise

@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Any
 from msb.atomic import new_file
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from msb.asset import Asset
     from msb.scenes import Camera
 
 LARGE = 3_000_000
 """Number of faces from which a page with the asset in it is more than most browsers hold."""
+_SCRIPTS = ("page.js", "hands.js", "files.js", "start.js")
 
 
 def write_web_page(
@@ -33,6 +35,7 @@ def write_web_page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    lit: bool = False,
 ) -> None:
     """Write the page.
 
@@ -48,13 +51,15 @@ def write_web_page(
     up : str
         The axis about which the mesh is turned, such as "+y".
     background : 3 floats
+    lit : bool
+        Whether the mesh is lit in grey, because it brings no colours.
 
     Raises
     ------
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
-    data = page(glb, name=name, cameras=cameras, up=up, background=background)
+    data = page(glb, name=name, cameras=cameras, up=up, background=background, lit=lit)
     with new_file(path) as file:
         file.write(data)
 
@@ -66,32 +71,67 @@ def page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    lit: bool = False,
     served: bool = False,
 ) -> bytes:
     """Return the page, UTF-8. `served`: it asks its server what to draw (`browser.py`)."""
-    folder = files("msb.engines") / "web"
-    three = folder / "three"
+    scene = {**scene_data(name, cameras, up, background), "lit": lit}
+    encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
+    return filled(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
+
+
+def scene_data(
+    name: str, cameras: Sequence[Camera], up: str, background: tuple[float, float, float]
+) -> dict[str, Any]:
+    """Return what every page is told of its scene."""
     listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
-    scene = {"name": name, "cameras": listed, "up": up, "background": list(background)}
-    script = (folder / "page.js").read_text("utf-8")
-    if served:
-        script += (folder / "remote.js").read_text("utf-8").replace('"use strict";\n', "", 1)
+    return {"name": name, "cameras": listed, "up": up, "background": list(background)}
+
+
+def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = "") -> bytes:
+    """Return web/page.html with everything in it, UTF-8.
+
+    Parameters
+    ----------
+    scene : mapping
+        As `scene_data`, and more; JSON.
+    scripts : sequence of str
+        Files of msb/engines/web, in their order.
+    glb, arrays : str
+        Base64, and elements that hold arrays.
+    """
+    three = files("msb.engines") / "web" / "three"
     # Each mark is looked for in what is left of the template only: a name may look like one.
-    rest = (folder / "page.html").read_text("utf-8")
+    rest = read_script("page.html")
     parts = []
     for mark, value in (
-        ("@TITLE@", html.escape(name or "MeshSplatBench")),
+        ("@TITLE@", html.escape(str(scene["name"]) or "MeshSplatBench")),
         # "</" would end the element it stands in.
-        ("@SCENE@", json.dumps(scene).replace("<", "\\u003c")),
-        ("@GLB@", "" if glb is None else base64.b64encode(glb).decode("ascii")),
+        ("@SCENE@", json.dumps(scene, allow_nan=False).replace("<", "\\u003c")),
+        ("@GLB@", glb),
+        ("@ARRAYS@", arrays),
         ("@LICENSE@", (three / "LICENSE").read_text("utf-8").rstrip()),
         ("@THREE@", (three / "three.min.js").read_text("utf-8")),
         ("@LOADER@", (three / "GLTFLoader.js").read_text("utf-8")),
-        ("@SCRIPT@", script),
+        ("@SCRIPT@", '"use strict";\n' + "".join(read_script(name) for name in scripts)),
     ):
         before, rest = rest.split(mark, 1)
         parts += [before, value]
     return "".join([*parts, rest]).encode(errors="backslashreplace")  # a file name need not be text
+
+
+def read_script(name: str) -> str:
+    """Return a file of msb/engines/web, to stand behind another one."""
+    text = (files("msb.engines") / "web" / name).read_text("utf-8")
+    return text.removeprefix('"use strict";\n')
+
+
+def up_of(asset: Asset) -> str:
+    """Return the axis that points up: as stored, of mesh files +y, else -y as in COLMAP scenes."""
+    stored = asset.manifest.coordinate_frame.up
+    if stored != "unknown":
+        return stored
+    return "+y" if asset.manifest.method == "mesh" else "-y"
 
 
 def camera_data(camera: Camera) -> dict[str, Any]:

@@ -82,6 +82,7 @@ def composite(
     width: int,
     height: int,
     dtype: type[Any],
+    weights: NDArray[np.float64] | None = None,
 ) -> Composite:
     """Return the faces of every tile composited front to back.
 
@@ -95,6 +96,8 @@ def composite(
     shade : callable
         Given N faces and the columns and rows of a sample each, all (N,), what the faces look like there. It
         is asked only where a face is blended.
+    weights : (F,) float64, optional
+        What each face contributes is added here: the sum over all samples of its alpha times T.
     """
     image = Composite(
         color=np.zeros((height * width, 3), dtype),
@@ -120,6 +123,8 @@ def composite(
             # Pairs of a sample and a face, front to back in every sample.
             sample, face = np.nonzero(blended.T)
             layers = shade(faces[face], x[sample], y[sample])
+            if weights is not None:
+                weights[faces] += np.where(blended, alpha * before, 0).sum(axis=1, dtype=np.float64)
             _add(image, pixels[sample], faces[face], layers, alpha[face, sample], before[face, sample], rule)
             pixels, x, y = pixels[goes_on], x[goes_on], y[goes_on]
             if not len(pixels):

@@ -36,6 +36,9 @@ class ReferenceFrame:
     visible : (F,) bool
         Faces that the preprocessing keeps: official radius above 0. DiffSoup has no such notion: faces that
         are seen in at least one pixel.
+    contribution : (F,) float64, optional
+        Of each face the sum of its weights, alpha times transmittance, over all samples of the raster; None
+        where nothing is blended.
     raw : dict
         The official kernel's own buffers, at its resolution, in its row order; docs/reference.md lists them.
     timings : dict
@@ -49,5 +52,6 @@ class ReferenceFrame:
     normal: NDArray[np.floating[Any]] | None
     face_id: NDArray[np.int32] | None
     visible: NDArray[np.bool_]
+    contribution: NDArray[np.float64] | None = None
     raw: dict[str, Any] = field(default_factory=dict)
     timings: dict[str, float] = field(default_factory=dict)

@@ -128,7 +128,7 @@ HANDS = """
     look();
     at("pointerdown", 100, 100); at("pointermove", 100, 9000, { buttons: 1 }); at("pointerup", 0, 0);
     look();
-    canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, cancelable: true })); look();
+    canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, cancelable: true, bubbles: true })); look();
     at("pointerdown", 100, 100, { shiftKey: true });
     at("pointermove", 150, 100, { buttons: 1, shiftKey: true }); at("pointerup", 0, 0); look();
     window.dispatchEvent(new KeyboardEvent("keydown", { key: "f" })); look();

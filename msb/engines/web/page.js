@@ -1,5 +1,6 @@
 "use strict";
-// Shows one GLB with three.js as the standard tier does: unlit, two-sided, nearest face, colours as stored.
+// Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face, colours as stored. A
+// mesh that brings no colours is lit from the camera, in grey.
 const NEAR = 0.01;
 const FOV_Y = 40 * Math.PI / 180;
 const byId = (id) => document.getElementById(id);
@@ -8,7 +9,10 @@ const start = JSON.parse(byId("scene").textContent);
 const say = (text) => { byId("message").textContent = text; byId("message").hidden = !text; };
 
 const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
-if (!gl) say("This browser has no WebGL 2.");
+if (!gl) {
+  say("This browser has no WebGL 2.");
+  throw new Error("no WebGL 2");
+}
 const renderer = new THREE.WebGLRenderer({ canvas, context: gl });
 renderer.autoClear = false;
 renderer.setPixelRatio(1);
@@ -95,9 +99,11 @@ function show() {
   requestAnimationFrame(() => { queued = false; showNow(); });
 }
 
-function showNow() {
-  const view = state.view;
-  if (!view) return;
+// What is shown besides the mesh, or in its place: functions of a view.
+const layers = [showMesh];
+function showNow() { if (state.view) for (const layer of layers) layer(state.view); }
+
+function showMesh(view) {
   if (canvas.width !== view.width || canvas.height !== view.height) renderer.setSize(view.width, view.height, false);
   aim(view);
   const into = target(floats ? THREE.FloatType : THREE.UnsignedByteType, view.width, view.height);
@@ -109,25 +115,51 @@ function showNow() {
 
 // ---- the mesh
 
+// Grey, by how a face is turned towards the camera, whichever of its sides that is.
+const lit = () => new THREE.ShaderMaterial({
+  side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
+  vertexShader: `varying vec3 place;
+    void main() { vec4 seen = modelViewMatrix * vec4(position, 1.0); place = seen.xyz; gl_Position = projectionMatrix * seen; }`,
+  fragmentShader: `varying vec3 place;
+    void main() {
+      vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
+      gl_FragColor = vec4(vec3(0.22 + 0.56 * abs(dot(normal, normalize(place)))), 1.0);
+    }`,
+});
+
+function materialOf(geometry, old) {
+  const colored = geometry.attributes.color !== undefined;
+  if (start.lit || (!colored && !old?.map)) return lit();
+  return new THREE.MeshBasicMaterial({
+    vertexColors: colored, color: old ? old.color : 0xffffff, map: old?.map || null, side: THREE.DoubleSide,
+    // At equal depths the first face stays.
+    toneMapped: false, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
+  });
+}
+
 async function open(buffer, name) {
   say(`Reading ${name} ...`);
   await new Promise((done) => setTimeout(done, 20));  // for the message to be seen
   const gltf = await new Promise((done, failed) => new THREE.GLTFLoader().parse(buffer, "", done, failed));
+  gltf.scene.traverse((node) => { if (node.isMesh && node.material.map) node.material.map.encoding = THREE.LinearEncoding; });
+  const faces = setMesh(gltf.scene);
+  const sphere = new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
+  setName(name, faces, sphere.center, sphere.radius);
+  say("");
+}
+
+// Shows the meshes of a group in place of what was shown; returns the number of faces.
+function setMesh(group) {
   if (world.mesh) {
     world.mesh.traverse((node) => { if (node.geometry) node.geometry.dispose(); });
     scene.remove(world.mesh);
   }
   let faces = 0;
   world.bytes = {};
-  gltf.scene.traverse((node) => {
+  group.traverse((node) => {
     if (!node.isMesh) return;
-    const { geometry } = node, old = node.material, colored = geometry.attributes.color !== undefined;
-    if (old.map) old.map.encoding = THREE.LinearEncoding;
-    node.material = new THREE.MeshBasicMaterial({
-      vertexColors: colored, color: old.color, map: old.map || null, side: THREE.DoubleSide, toneMapped: false,
-      // At equal depths the first face stays.
-      depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
-    });
+    const { geometry } = node;
+    node.material = materialOf(geometry, node.material);
     node.frustumCulled = false;
     faces += (geometry.index || geometry.attributes.position).count / 3;
     const { position, color } = geometry.attributes;
@@ -135,17 +167,18 @@ async function open(buffer, name) {
       if (part) world.bytes[use] = (world.bytes[use] || 0) + part.array.byteLength;
     }
   });
-  world.mesh = gltf.scene;
+  world.mesh = group;
   canvas.hidden = false;
-  scene.add(gltf.scene);
+  scene.add(group);
   scene.updateMatrixWorld(true);
-  const sphere = new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
-  world.center.copy(sphere.center);
-  world.radius = sphere.radius > 0 ? sphere.radius : 1;
+  return faces;
+}
+
+function setName(name, faces, center, radius) {
+  world.center.copy(center);
+  world.radius = radius > 0 ? radius : 1;
   byId("name").textContent = byId("name").title = name;
   byId("facts").textContent = `${Math.round(faces).toLocaleString("en")} faces`;
-  say("");
-  return faces;
 }
 
 async function openFile(file) {
@@ -155,189 +188,3 @@ async function openFile(file) {
     fit();
   } catch (error) { say(`${file.name} cannot be shown: ${error.message || error}`); }
 }
-
-// ---- cameras
-
-function upVector() {
-  const [sign, axis] = byId("up").value;
-  const up = new THREE.Vector3();
-  up[axis] = sign === "-" ? -1 : 1;
-  return up;
-}
-
-// Rows of world_to_camera are the camera's x, y (down) and z (forward) axes.
-function placed(view, eye, right, down, forward) {
-  const rows = [right, down, forward].map((axis) => [axis.x, axis.y, axis.z, -axis.dot(eye)]);
-  return { ...view, world_to_camera: [...rows, [0, 0, 0, 1]] };
-}
-function axes(view) {
-  const m = view.world_to_camera;
-  const [right, down, forward] = [0, 1, 2].map((i) => new THREE.Vector3(m[i][0], m[i][1], m[i][2]));
-  const eye = new THREE.Vector3();
-  for (const [i, axis] of [right, down, forward].entries()) eye.addScaledVector(axis, -m[i][3]);
-  return { eye, right, down, forward };
-}
-
-function windowView() {
-  const ratio = window.devicePixelRatio || 1;
-  const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
-  const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-  const f = height / 2 / Math.tan(FOV_Y / 2);
-  return { width, height, fx: f, fy: f, cx: width / 2, cy: height / 2 };
-}
-
-function fit() {
-  state.fitted = true;
-  byId("cameras").value = "";
-  const view = windowView();
-  const half = Math.min(FOV_Y / 2, Math.atan(Math.tan(FOV_Y / 2) * view.width / view.height));
-  const up = upVector();
-  const side = new THREE.Vector3(0.5, -1, 1);  // of the three, what is level
-  side[byId("up").value[1]] = 0;
-  const forward = side.normalize().addScaledVector(up, 0.4).normalize().negate();
-  const right = new THREE.Vector3().crossVectors(forward, up).normalize();
-  const down = new THREE.Vector3().crossVectors(forward, right);
-  const eye = world.center.clone().addScaledVector(forward, -1.05 * world.radius / Math.sin(half));
-  state.target.copy(world.center);
-  state.view = placed(view, eye, right, down, forward);
-  show();
-}
-
-function choose(index) {
-  if (index === "") { fit(); return; }
-  state.fitted = false;
-  state.view = views[Number(index)];
-  // Turn about the point on the camera's axis that is nearest to the middle of the mesh.
-  const { eye, forward } = axes(state.view);
-  const ahead = Math.max(world.center.clone().sub(eye).dot(forward), 0.1 * world.radius);
-  state.target.copy(eye).addScaledVector(forward, ahead);
-  show();
-}
-
-let views = [];
-function setCameras(list) {
-  views = list;
-  const options = [["", "free: all of the mesh"], ...views.map((view, i) => [i, view.name || String(i)])];
-  byId("cameras").parentElement.hidden = !views.length;
-  byId("cameras").replaceChildren(...options.map(([value, text]) => new Option(text, value)));
-}
-
-// ---- hands
-
-function turn(dx, dy) {
-  const { eye, right, down, forward } = axes(state.view);
-  const up = upVector();
-  const about = new THREE.Quaternion().setFromAxisAngle(up, -dx);
-  // Not over the poles.
-  const angle = Math.acos(Math.max(-1, Math.min(1, -forward.dot(up))));
-  const pitch = Math.max(0.02 - angle, Math.min(Math.PI - 0.02 - angle, -dy));
-  about.multiply(new THREE.Quaternion().setFromAxisAngle(right, pitch));
-  eye.sub(state.target).applyQuaternion(about).add(state.target);
-  for (const axis of [right, down, forward]) axis.applyQuaternion(about);
-  state.view = placed(state.view, eye, right, down, forward);
-}
-
-function move(dx, dy) {
-  const { eye, right, down, forward } = axes(state.view);
-  const distance = state.target.clone().sub(eye).dot(forward);
-  const step = right.clone().multiplyScalar(-dx * distance / state.view.fx)
-    .addScaledVector(down, -dy * distance / state.view.fy);
-  state.target.add(step);
-  state.view = placed(state.view, eye.add(step), right, down, forward);
-}
-
-function zoom(factor) {
-  const { eye, right, down, forward } = axes(state.view);
-  eye.sub(state.target).multiplyScalar(factor).add(state.target);
-  state.view = placed(state.view, eye, right, down, forward);
-}
-
-let last = null;
-canvas.addEventListener("pointerdown", (event) => {
-  last = event;
-  canvas.setPointerCapture(event.pointerId);
-});
-canvas.addEventListener("pointermove", (event) => {
-  if (!last || !state.view || event.pointerId !== last.pointerId) return;
-  const scale = state.view.height / Math.max(1, canvas.clientHeight);
-  const dx = event.clientX - last.clientX, dy = event.clientY - last.clientY;
-  state.fitted = false;
-  if (event.shiftKey || event.buttons & 6) move(dx * scale, dy * scale);
-  else turn(dx * Math.PI / canvas.clientHeight, dy * Math.PI / canvas.clientHeight);
-  last = event;
-  show();
-});
-for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
-canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-canvas.addEventListener("wheel", (event) => {
-  event.preventDefault();
-  if (!state.view) return;
-  state.fitted = false;
-  zoom(Math.exp(Math.sign(event.deltaY) * Math.min(Math.abs(event.deltaY), 100) * 0.0015));
-  show();
-}, { passive: false });
-window.addEventListener("keydown", (event) => {
-  if (event.target.closest?.("input, select") || event.ctrlKey || event.metaKey || !state.view) return;
-  if (event.key === "f") fit();
-  if (event.key === "s") {
-    showNow();
-    const link = document.createElement("a");
-    link.download = `${byId("name").textContent.replace(/\.[^.]*$/, "")}.png`;
-    link.href = canvas.toDataURL("image/png");
-    link.click();
-  }
-});
-window.addEventListener("resize", () => { if (state.fitted && state.view) fit(); });
-window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
-window.addEventListener("dragleave", () => document.body.classList.remove("over"));
-window.addEventListener("drop", (event) => {
-  event.preventDefault();
-  document.body.classList.remove("over");
-  if (event.dataTransfer.files.length) openFile(event.dataTransfer.files[0]);
-});
-byId("file").addEventListener("change", (event) => event.target.files.length && openFile(event.target.files[0]));
-byId("cameras").addEventListener("change", (event) => choose(event.target.value));
-byId("colors").addEventListener("change", (event) => { setColors(event.target.value === "stored"); show(); });
-byId("up").addEventListener("change", fit);
-byId("background").addEventListener("input", (event) => {
-  state.background = [1, 3, 5].map((i) => parseInt(event.target.value.slice(i, i + 2), 16) / 255);
-  show();
-});
-
-// ---- start
-
-async function main() {
-  const asked = new URLSearchParams(location.search);
-  byId("panel").hidden = asked.has("bare");
-  byId("panel").open = window.innerWidth > 600;
-  setColors(asked.get("colors") !== "linear");
-  byId("colors").value = state.exact ? "stored" : "linear";
-  byId("up").value = start.up;
-  byId("background").value = "#" + start.background
-    .map((value) => Math.round(255 * Math.min(1, Math.max(0, value))).toString(16).padStart(2, "0")).join("");
-  setCameras(start.cameras);
-  const element = byId("glb"), url = asked.get("url");
-  try {
-    if (url) {
-      const answer = await fetch(url);
-      if (!answer.ok) throw new Error(`status ${answer.status}`);
-      await open(await answer.arrayBuffer(), start.name || url.split("/").pop());
-    } else if (element.textContent) {
-      const text = element.textContent;
-      element.remove();
-      const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      await open(bytes.buffer, start.name);
-    } else {
-      say("Drop a .glb here");
-      return false;
-    }
-  } catch (error) {
-    say(`${url || start.name} cannot be shown: ${error.message || error}`);
-    return false;
-  }
-  const index = views.findIndex((view, i) => view.name === asked.get("camera") || String(i) === asked.get("camera"));
-  if (index >= 0) byId("cameras").value = String(index);
-  if (index >= 0) choose(index); else fit();
-  return true;
-}
-const ready = main();

@@ -71,7 +71,8 @@ def render(
         )
 
     tiles = modes.tiles(rectangles, shapes.depth, kept, view)
-    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype)
+    weights = np.zeros(len(kept))
+    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype, weights)
     raster = blended.over(background)
     alpha = box_mean(blended.alpha, samples)
     middle = samples // 2
@@ -84,6 +85,7 @@ def render(
         normal=box_mean(blended.normal, samples),
         face_id=blended.face_median[middle::samples, middle::samples],
         visible=kept,
+        contribution=weights,
         raw={
             f"{name}image": raster,
             f"{name}alpha": blended.alpha,

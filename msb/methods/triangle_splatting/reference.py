@@ -69,7 +69,8 @@ def render(
         return Layers(color[chosen], shapes.depth_at(chosen, x, y), shapes.normal[chosen])
 
     tiles = modes.tiles(rectangles, shapes.depth, kept, view)
-    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype)
+    weights = np.zeros(len(kept))
+    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype, weights)
     return ReferenceFrame(
         image=blended.over(background),
         alpha=blended.alpha,
@@ -78,6 +79,7 @@ def render(
         normal=blended.normal,
         face_id=None,
         visible=kept,
+        contribution=weights,
         raw={
             "alpha": blended.alpha,
             "depth_accum": blended.depth,

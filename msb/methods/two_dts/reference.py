@@ -87,7 +87,8 @@ def render(
 
     kept = ~raster.dropped
     tiles = modes.tiles(raster.rectangles, raster.depth, kept, view)
-    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype)
+    weights = np.zeros(len(kept))
+    blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype, weights)
     background_depth = norm(view.center - stored).max()
     alpha = resize(blended.alpha, scale)
     return ReferenceFrame(
@@ -98,6 +99,7 @@ def render(
         normal=resize(blended.normal, scale),
         face_id=None,
         visible=kept,
+        contribution=weights,
         raw={
             "transmittance": blended.transmittance,
             "depth": blended.depth + blended.transmittance * background_depth,

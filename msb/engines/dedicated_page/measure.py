@@ -1,0 +1,139 @@
+"""How faithful a page is: its test views, drawn by a headless browser, against the images that it holds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.engines.browser import VARIABLE, Page, find_browser
+from msb.engines.webpage import read_script
+from msb.errors import DeviceError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+FAITHFUL = 45.0
+"""The PSNR in dB from which a page counts as faithful."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a page's pixels have to its test views.
+
+    Attributes
+    ----------
+    browser, device : str
+        What drew.
+    format : str
+        The format that was blended into.
+    psnr : list of float or None
+        In dB, None where all bytes are equal.
+    milliseconds : list of float
+        Of each frame, from the call until its pixels were read; the first one includes what WebGPU puts off.
+    """
+
+    browser: str
+    device: str
+    format: str
+    psnr: list[float | None]
+    milliseconds: list[float]
+
+    @property
+    def worst(self) -> float | None:
+        """The lowest PSNR; None if all views are equal."""
+        return min((value for value in self.psnr if value is not None), default=None)
+
+    @property
+    def by(self) -> str:
+        """Who drew, in words."""
+        half = ", blended in half floats" if self.format == "rgba16float" else ""
+        return f"{self.browser}, {self.device}{half}"
+
+
+def byte_psnr(found: NDArray[np.uint8], wanted: NDArray[np.uint8]) -> float | None:
+    """Return the PSNR of bytes in dB, for a peak of 255; None if all are equal."""
+    error = float(np.square(found.astype(np.float64) - wanted).mean())
+    return 20 * math.log10(255) - 10 * math.log10(error) if error else None
+
+
+def find_web_browser() -> str:
+    """Return the browser that measures.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_NOT_FOUND`.
+    """
+    found = find_browser()
+    if found is None:
+        text = (
+            f"no Chromium, Chrome or Edge is on PATH, and {VARIABLE} names none, so no page can be measured"
+        )
+        raise DeviceError("DEVICE_NOT_FOUND", text)
+    return found
+
+
+def measure_page(
+    data: bytes,
+    scene: Mapping[str, Any],
+    images: Sequence[NDArray[np.uint8]],
+    *,
+    software: bool = True,
+    step: Callable[[], None] = lambda: None,
+) -> Measured:
+    """Return how faithfully a browser shows a page.
+
+    Parameters
+    ----------
+    data : bytes
+        The page.
+    scene : mapping
+        Its scene.
+    images : sequence of (H, W, 3) uint8
+        Those of its test views.
+    software : bool
+        Whether to draw with the browser's own software adapter, which is the same on every machine.
+    step : callable
+        Called after each view.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_NOT_FOUND`: there is no browser. `ENGINE_FAILED`: it has no WebGPU, or refuses the
+        model, or ended.
+    """
+    browser = find_web_browser()
+    script = f"<script>\n{read_script('verify.js')}</script>\n</body>".encode()
+    before, _, after = data.rpartition(b"</body>")
+    page = Page(browser, {"page.html": before + script + after}, "bare", software=software, webgpu=True)
+    psnr: list[float | None] = []
+    times = []
+    try:
+        for k, image in enumerate(images):
+            head, body = page.ask({"test": k})
+            found = np.frombuffer(body, np.uint8)
+            if found.size != image.size:
+                raise DeviceError("ENGINE_FAILED", f"the page draws {found.size} bytes, not {image.size}")
+            psnr.append(byte_psnr(found.reshape(image.shape), image))
+            times.append(float(head["ms"]))
+            step()
+    finally:
+        page.close()
+    about = page.about
+    return Measured(
+        _browser_name(str(about["browser"])), str(about["device"]), str(about["format"]), psnr, times
+    )
+
+
+def _browser_name(agent: str) -> str:
+    """Return "Chrome 150" or the like of a user-agent text."""
+    for word in agent.split():
+        name, slash, version = word.partition("/")
+        if slash and name.removeprefix("Headless") in ("Chrome", "Edg", "Firefox"):
+            return f"{name.removeprefix('Headless')} {version.partition('.')[0]}"
+    return "a browser"

@@ -1,0 +1,312 @@
+"""The page of the dedicated tier: an asset and the plan of its frames in one file, and what is read back."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.look import colors_of, shown_faces
+from msb.asset.settings import effective_settings
+from msb.engines.dedicated_page.plan_json import live_settings, plan_json, view_json
+from msb.engines.dedicated_page.stored import restore, store
+from msb.engines.hardware.packing import pack
+from msb.engines.hardware.program import Limits, make_plan
+from msb.engines.webpage import camera_data, filled, scene_data
+from msb.errors import DeviceError, InputError
+from msb.files import read_file
+from msb.methods import lookup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.engines.hardware.packing import Packed
+    from msb.scenes import Camera
+
+    Color = tuple[float, float, float]
+
+SCRIPTS = (
+    *("page.js", "hands.js", "store.js", "dedicated.js", "official.js", "faithful.js"),
+    "start.js",
+)
+_GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
+"""What every device with WebGPU takes."""
+_LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
+"""What most graphics cards of computers take; the page asks for what it needs, and says so if it cannot."""
+_LETTERS = 1 << 23
+"""Base64 letters of an element."""
+_SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
+
+
+@dataclass(frozen=True)
+class CheckView:
+    """A view by which a page is measured.
+
+    Attributes
+    ----------
+    camera : Camera
+    background : 3 floats
+    image : (H, W, 3) uint8
+        What the page should show.
+    """
+
+    camera: Camera
+    background: Color
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What making a page smaller took: what was done, and the worst PSNR in dB to what was there before."""
+
+    what: str
+    psnr: float | None
+
+
+@dataclass
+class DedicatedPage:
+    """Everything that goes into a page; `encoded` may be called again when it has been measured.
+
+    Attributes
+    ----------
+    scene : dict
+        The page's JSON; `scene["dedicated"]["measured"]` is what `record` makes of measurements.
+    arrays : str
+        The elements that hold arrays.
+    """
+
+    scene: dict[str, Any]
+    arrays: str = field(repr=False)
+
+    def encoded(self) -> bytes:
+        """Return the file."""
+        return filled(self.scene, SCRIPTS, arrays=self.arrays)
+
+    def record(self, by: str, psnr: Sequence[float | None]) -> None:
+        """Note what the page's pixels have to its test views, in dB (None: equal), and who drew them."""
+        self.scene["dedicated"]["measured"] = {"by": by, "psnr": list(psnr)}
+
+
+def make_page(
+    asset: Asset,
+    *,
+    name: str,
+    settings: Mapping[str, Any],
+    cameras: Sequence[Camera] = (),
+    up: str = "+y",
+    background: Color = (0.0, 0.0, 0.0),
+    tests: Sequence[CheckView] = (),
+    against: str = "the reference renderer",
+    costs: Sequence[Cost] = (),
+    all_faces: int | None = None,
+    told: Callable[[str], None] = lambda _: None,
+) -> DedicatedPage:
+    """Return the page of an asset.
+
+    Parameters
+    ----------
+    asset : Asset
+    name : str
+        On the page.
+    settings : mapping
+        Overrides of the asset's settings.
+    cameras : sequence of Camera
+        In the page's list.
+    up : str
+        The axis about which the model is turned.
+    background : 3 floats
+    tests : sequence of CheckView
+    against : str
+        What made the images of `tests`.
+    costs : sequence of Cost
+        What making the asset smaller has cost.
+    all_faces : int, optional
+        Faces of the whole model.
+    told : callable
+        Called with what is being done.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_TIER`.
+    UsageError, AssetError
+        As `msb.engines.hardware.packing.pack`.
+    DeviceError
+        `DEVICE_MEMORY`: the model does not fit into buffers of a browser.
+    """
+    packed = pack(asset, settings)
+    try:
+        limits = _GUARANTEED
+        plan = make_plan(packed, limits, "every browser", depth=False)
+    except DeviceError:
+        limits = _LARGER
+        plan = make_plan(packed, limits, "WebGPU on most graphics cards", depth=False)
+    kept: dict[str, tuple[dict[str, Any], bytes]] = {}
+
+    def keep(array_name: str, array: NDArray[Any], **more: Any) -> str:
+        told(f"compressing {array_name}")
+        stored = store(array)
+        kept[array_name] = {**stored.head, **more}, stored.data
+        return array_name
+
+    for array_name, array in plan.data.items():
+        if array_name == "positions":
+            _keep_positions(asset, packed, keep, kept)
+        else:
+            keep(array_name, array)
+    values = effective_settings(asset.manifest, settings)
+    standard = _standard(asset, packed, values, keep)
+    listed = []
+    for k, test in enumerate(tests):
+        image = keep(f"test {k}", test.image.reshape(-1, 3))
+        listed.append(
+            {
+                "name": test.camera.name or str(k),
+                "view": camera_data(test.camera),
+                "background": list(test.background),
+                "image": image,
+            }
+        )
+    sphere = asset.manifest.bounding_sphere
+    scene = scene_data(name, cameras, up, background)
+    scene["dedicated"] = {
+        "title": lookup(asset.manifest.method).title,
+        "faces": packed.faces,
+        "all_faces": all_faces or packed.faces,
+        "plan": plan_json(plan),
+        "view": view_json(packed),
+        "settings": live_settings(asset, settings, packed.model),
+        "needs": {
+            "maxStorageBufferBindingSize": _needed(plan.buffers, limits.binding, _GUARANTEED.binding),
+            "maxBufferSize": _needed(plan.buffers, limits.buffer, _GUARANTEED.buffer),
+        },
+        "arrays": {key: head for key, (head, _) in kept.items()},
+        "standard": standard,
+        "sphere": {"center": list(sphere.center), "radius": sphere.radius},
+        "tests": listed,
+        "against": against,
+        "measured": None,
+        "costs": [{"what": cost.what, "psnr": cost.psnr} for cost in costs],
+    }
+    return DedicatedPage(scene, "\n".join(_elements((key, data) for key, (_, data) in kept.items())))
+
+
+def _needed(buffers: Mapping[str, tuple[int, tuple[str, ...]]], most: int, guaranteed: int) -> int:
+    """Return the limit that a page asks for."""
+    return min(most, max(guaranteed, *(size for size, _ in buffers.values())))
+
+
+def _keep_positions(
+    asset: Asset,
+    packed: Packed,
+    keep: Callable[..., str],
+    kept: dict[str, tuple[dict[str, Any], bytes]],
+) -> None:
+    """Keep the positions as stored, and those of the plan as what makes them of these, if that is exact.
+
+    2DTS shrinks its triangles about their centroids, after which they no longer lie on the grid that
+    rounded positions have.
+    """
+    whole, drawn = np.asarray(asset.buffers["positions"], np.float32), packed.arrays["positions"]
+    if np.array_equal(whole, drawn):
+        keep("positions", drawn)
+        return
+    factor = (
+        None if packed.model.vertex_colors or whole.shape != drawn.shape else _shrink_factor(whole, drawn)
+    )
+    if factor is None:
+        keep("positions", drawn)
+        if len(whole) != len(drawn):  # the corners of a soup, whose faces share rows as stored
+            return
+    keep("stored positions", whole)
+    if factor is not None:
+        kept["positions"] = {"shrunk": {"of": "stored positions", "factor": factor}}, b""
+
+
+def _shrink_factor(whole: NDArray[np.float32], drawn: NDArray[np.float32]) -> float | None:
+    """Return by what float32 all triangles, rows of three corners, were shrunk; None if by none."""
+    triangles, others = whole.reshape(-1, 3, 3), drawn.reshape(-1, 3, 3)
+    center = ((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / np.float32(3))[:, None]
+    arms = triangles - center
+    largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
+    if arms[largest] == 0:
+        return None
+    guess = np.float32((others - center)[largest] / arms[largest])
+    near = guess + np.arange(-64, 65) * np.spacing(guess)
+    for factor in sorted(near.astype(np.float32), key=lambda one: abs(float(one) - float(guess))):
+        few = slice(0, 64)
+        if np.array_equal(arms[few] * factor + center[few], others[few]) and np.array_equal(
+            arms * factor + center, others
+        ):
+            return float(factor)
+    return None
+
+
+def _standard(
+    asset: Asset, packed: Packed, values: Mapping[str, Any], keep: Callable[..., str]
+) -> dict[str, Any] | None:
+    """Return which arrays are the mesh of the standard tier; None if the method has no static colour."""
+    if "standard" not in lookup(asset.manifest.method).passes or "f_dc" not in packed.arrays:
+        return None
+    soup = not packed.model.vertex_colors
+    found = colors_of(asset)
+    numbers = shown_faces(asset, values.get("ste_threshold"))
+    shown = None
+    if numbers is not None:
+        mask = np.zeros(packed.faces, np.uint8)
+        mask[numbers] = 1
+        shown = keep("shown faces", mask)
+    whole = asset.buffers["positions"]
+    same = np.array_equal(whole, packed.arrays["positions"]) or len(whole) != len(packed.arrays["positions"])
+    return {
+        "positions": "positions" if same else "stored positions",
+        "indices": None if soup else "indices",
+        "colors": "f_dc" if found is not None else None,
+        "shown": shown,
+        "soup": soup,
+    }
+
+
+def _elements(arrays: Iterable[tuple[str, bytes]]) -> Iterable[str]:
+    """Yield elements with the base64 of arrays, whole groups of four letters in each."""
+    for name, data in arrays:
+        for start in range(0, len(data), _LETTERS // 4 * 3):
+            text = base64.b64encode(data[start : start + _LETTERS // 4 * 3]).decode("ascii")
+            yield f'<script type="text/plain" data-array="{name}">{text}</script>'
+
+
+def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]]]:
+    """Return the bytes of a page, its scene, and the images of its test views, (H, W, 3).
+
+    Raises
+    ------
+    InputError
+        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, `FILE_NOT_RECOGNISED`: it is no page of the dedicated tier.
+    """
+    data = read_file(path)
+    try:
+        found = _SCENE.search(data)
+        scene = json.loads(found[1]) if found else {}
+        about = scene["dedicated"]
+        images = []
+        for test in about["tests"]:
+            view = test["view"]
+            array = restore(about["arrays"][test["image"]], _array_bytes(data, test["image"]))
+            images.append(array.reshape(view["height"], view["width"], 3))
+    except Exception as error:
+        text = "it is no page that msb web --tier dedicated wrote"
+        raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
+    return data, scene, images
+
+
+def _array_bytes(page: bytes, name: str) -> bytes:
+    mark = re.escape(f'<script type="text/plain" data-array="{name}">'.encode())
+    return b"".join(base64.b64decode(part) for part in re.findall(mark + rb"([^<]*)</script>", page))

@@ -1,0 +1,100 @@
+"""The plan of a frame and the camera record as JSON, as web/dedicated.js runs and fills them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.settings import effective_settings
+from msb.engines.hardware.packing import VIEW
+from msb.engines.hardware.program import Draws
+from msb.errors import MsbError
+from msb.methods import lookup, role
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.asset import Asset
+    from msb.engines.hardware.packing import Packed
+    from msb.engines.hardware.program import Compute, Plan
+    from msb.render.splat.model import Model
+
+_TYPES = {"f": "f32", "i": "i32", "u": "u32"}
+
+
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """Return all of a plan but its arrays."""
+    return {
+        "modules": dict(plan.modules),
+        "buffers": {name: {"bytes": size, "usages": usages} for name, (size, usages) in plan.buffers.items()},
+        "passes": [_step(step) for step in plan.passes],
+        "band_passes": [_step(step) for step in plan.band_passes],
+        "scale": plan.scale,
+    }
+
+
+def _step(step: Compute | Draws) -> dict[str, Any]:
+    return {"kind": "draws" if isinstance(step, Draws) else "compute", **asdict(step)}
+
+
+def view_json(packed: Packed) -> dict[str, Any]:
+    """Return what the camera record is filled with, and where.
+
+    `members` has name, type, count and byte offset of each member, the method's own last, whose values are
+    `own`; `near` and `far` are the planes of the official projection.
+    """
+    model = packed.model
+    members: list[list[Any]] = []
+    for name in VIEW.names or ():
+        dtype, offset = VIEW.fields[name][:2]  # type: ignore[index]
+        count = int(np.prod(dtype.shape, dtype=int))
+        members.append([name, _TYPES[dtype.base.kind], count, offset])
+    offset = VIEW.itemsize
+    for name, value in model.own.items():
+        members.append([name, _TYPES[value.dtype.kind], 1, offset])
+        offset += 4
+    return {
+        "members": members,
+        "bytes": -(-offset // 16) * 16,
+        "near": model.near,
+        "far": model.far,
+        "degree": packed.degree,
+        "own": {name: value.item() for name, value in model.own.items()},
+    }
+
+
+def live_settings(asset: Asset, settings: Mapping[str, Any], model: Model) -> list[dict[str, Any]]:
+    """Return the settings of the method that change nothing but the camera record.
+
+    Each has its `name`, its `value` and `options`: a value, and the record's members with it.
+    """
+    found = []
+    values = effective_settings(asset.manifest, settings)
+    look: Any = role(asset.manifest.method, "look")
+    for name, setting in lookup(asset.manifest.method).settings.items():
+        choices = {"bool": (False, True), "choice": setting.choices}.get(setting.kind, ())
+        options = []
+        for choice in choices:
+            try:
+                other: Model = look.splat_model(asset, {**values, name: choice})
+            except MsbError:
+                break
+            if not _alike(model, other):
+                break
+            options.append({"value": choice, "own": {key: value.item() for key, value in other.own.items()}})
+        if len(options) == len(choices) > 1:
+            found.append({"name": name, "value": values[name], "options": options})
+    return found
+
+
+def _alike(model: Model, other: Model) -> bool:
+    """Return whether two models differ in the method's own members of the record at most."""
+    arrays = ("positions", "coverage")
+    if any(not np.array_equal(getattr(model, name), getattr(other, name)) for name in arrays):
+        return False
+    if set(model.own) != set(other.own):
+        return False
+    same = {name: getattr(model, name) for name in (*arrays, "own")}
+    return bool(replace(other, **same) == model)

@@ -1,0 +1,332 @@
+"use strict";
+// Runs the plan of a frame (msb/engines/hardware/program.py) in WebGPU: the same WGSL, buffers and passes that
+// the renderer `wgpu` runs. From frame to frame this script computes nothing but the camera record.
+const SLOT = 256;        // bytes between entries of a uniform buffer that are bound one at a time
+const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
+const ROOM = 1 << 23;    // the most samples of a band
+const TILE = 16;
+
+// Pixels of a band go onto the canvas, as bytes rounded to the nearest.
+const PRESENT = `
+struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
+@group(0) @binding(0) var<uniform> band: Band;
+@group(0) @binding(1) var<storage, read> pixels: array<f32>;
+@vertex fn corner(@builtin(vertex_index) k: u32) -> @builtin(position) vec4<f32> {
+  return vec4<f32>(f32(k & 1u) * 4.0 - 1.0, f32(k >> 1u) * 4.0 - 1.0, 0.5, 1.0);
+}
+@fragment fn color(@builtin(position) place: vec4<f32>) -> @location(0) vec4<f32> {
+  let here = vec2<u32>(place.xy) - band.first;
+  let at = 5u * (here.y * band.size.x + here.x);
+  let rgb = clamp(vec3<f32>(pixels[at], pixels[at + 1u], pixels[at + 2u]), vec3<f32>(0.0), vec3<f32>(1.0));
+  return vec4<f32>(floor(rgb * 255.0 + 0.5) / 255.0, 1.0);
+}`;
+
+// ---- the camera record
+
+// The members that every method has, from a view ({ width, height, fx, fy, cx, cy, world_to_camera }: OpenCV,
+// row-major). Formulas and roundings as in msb/render/splat/view.py.
+function cameraMembers(view, scale, near, far) {
+  const f = Math.fround, W = view.world_to_camera.map((row) => row.map(f));
+  const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
+  const P = [
+    [f(2 * near / (2 * (tan[0] * near))), 0, 0, 0], [0, f(2 * near / (2 * (tan[1] * near))), 0, 0],
+    [0, 0, f(far / (far - near)), f(-(far * near) / (far - near))], [0, 0, 1, 0],
+  ];
+  const full = P.map((row) => [0, 1, 2, 3].map((column) => {
+    let sum = f(row[0] * W[0][column]);
+    for (let k = 1; k < 4; k += 1) sum = f(sum + f(row[k] * W[k][column]));
+    return sum;
+  }));
+  const width = scale * view.width, height = scale * view.height;
+  return {
+    world_to_camera: W.slice(0, 3).flat(), full: full.flat(), center: cameraCenter(W), zero: [0], tan_fov: tan,
+    shift: [scale * (view.cx - view.width / 2), scale * (view.cy - view.height / 2)],
+    width: [width], height: [height], columns: [Math.ceil(width / TILE)], rows: [Math.ceil(height / TILE)],
+  };
+}
+
+// -R^-1 t, by cofactors: a float32 rotation is not quite orthogonal.
+function cameraCenter(W) {
+  const [a, b, c] = W;
+  const cross = (u, v) => [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+  const columns = [cross(b, c), cross(c, a), cross(a, b)];
+  const determinant = a[0] * columns[0][0] + a[1] * columns[0][1] + a[2] * columns[0][2];
+  return [0, 1, 2].map((i) => -(columns[0][i] * a[3] + columns[1][i] * b[3] + columns[2][i] * c[3]) / determinant);
+}
+
+function viewRecord(about, scale, view, background, degree, own) {
+  const values = { ...cameraMembers(view, scale, about.near, about.far), background, degree: [degree] };
+  for (const [name, value] of Object.entries(own)) values[name] = [value];
+  const data = new DataView(new ArrayBuffer(about.bytes));
+  const write = { f32: "setFloat32", i32: "setInt32", u32: "setUint32" };
+  for (const [name, type, count, offset] of about.members) {
+    for (let k = 0; k < count; k += 1) data[write[type]](offset + 4 * k, values[name][k], true);
+  }
+  return data.buffer;
+}
+
+// ---- a device
+
+async function openDevice(needs) {
+  if (!navigator.gpu) throw new Error("This browser has no WebGPU.");
+  let adapter = null;
+  // The browser's graphics process may just be starting again.
+  for (let tries = 0; !adapter && tries < 4; tries += 1) {
+    if (tries) await new Promise((done) => setTimeout(done, 500 * tries));
+    adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
+  }
+  if (!adapter) throw new Error("WebGPU finds no graphics adapter in this browser.");
+  const requiredLimits = { maxTextureDimension2D: adapter.limits.maxTextureDimension2D };
+  for (const [name, wanted] of Object.entries(needs)) {
+    if (adapter.limits[name] < wanted) {
+      const mib = (bytes) => `${Math.ceil(bytes / 1048576)} MiB`;
+      throw new Error(`This model needs a buffer of ${mib(wanted)}; this graphics adapter allows ${mib(adapter.limits[name])}.`);
+    }
+    requiredLimits[name] = wanted;
+  }
+  const blends = adapter.features.has("float32-blendable");
+  const device = await adapter.requestDevice({
+    requiredLimits, requiredFeatures: blends ? ["float32-blendable"] : [],
+  });
+  const info = adapter.info || {};
+  const words = [info.vendor, info.architecture, info.description].filter(Boolean).join(" ");
+  const name = words.replace("google swiftshader", "SwiftShader") || "an adapter without a name";
+  return { device, name, format: blends ? "rgba32float" : "rgba16float" };
+}
+
+// ---- the plan
+
+class Dedicated {
+  // `about` is scene.dedicated of the page; `read` returns the array of a name; `told` hears of progress.
+  static async open(about, canvas, read, told) {
+    const made = new Dedicated();
+    Object.assign(made, { about, plan: about.plan, canvas, held: new Map(), groups: new Map(), size: null });
+    Object.assign(made, await openDevice(about.needs));
+    made.lost = made.device.lost;
+    made.device.pushErrorScope("validation");
+    made.device.pushErrorScope("out-of-memory");
+    await made.#makeBuffers(read, told);
+    told("compiling shaders");
+    await made.#makePipelines();
+    for (const scope of ["memory", "plan"]) {
+      const error = await made.device.popErrorScope();
+      if (error) throw new Error(`${made.name} refuses the ${scope} of this model: ${error.message.slice(0, 200)}`);
+    }
+    made.context = canvas.getContext("webgpu");
+    made.context.configure({
+      device: made.device, format: made.canvasFormat, alphaMode: "opaque",
+      usage: GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC,
+    });
+    return made;
+  }
+
+  #buffer(name, size, usages) {
+    this.held.get(name)?.destroy();
+    const usage = usages.reduce((sum, word) => sum | GPUBufferUsage[word.toUpperCase()], 0);
+    const made = this.device.createBuffer({ size, usage });
+    this.held.set(name, made);
+    return made;
+  }
+
+  async #makeBuffers(read, told) {
+    const names = Object.keys(this.plan.buffers);
+    for (const [k, name] of names.entries()) {
+      const { bytes, usages } = this.plan.buffers[name];
+      const made = this.#buffer(name, bytes, usages);
+      if (!(name in this.about.arrays)) continue;
+      told(`reading the model: ${Math.round(100 * k / names.length)} %`);
+      this.device.queue.writeBuffer(made, 0, await read(name));
+    }
+  }
+
+  // Explicit layouts: what a stage binds but does not use may stay.
+  #layout(step) {
+    const stages = GPUShaderStage;
+    const visibility = step.kind === "draws" ? stages.VERTEX | stages.FRAGMENT : stages.COMPUTE;
+    const kinds = {
+      uniform: { buffer: { type: "uniform" } }, read: { buffer: { type: "read-only-storage" } },
+      write: { buffer: { type: "storage" } }, texture: { texture: { sampleType: "unfilterable-float" } },
+    };
+    const entries = step.bindings.map(({ number, kind }) => ({ binding: number, visibility, ...kinds[kind] }));
+    return this.device.createBindGroupLayout({ entries });
+  }
+
+  async #pipeline(step, module) {
+    const group = this.#layout(step), layout = this.device.createPipelineLayout({ bindGroupLayouts: [group] });
+    if (step.kind === "compute") {
+      const compute = { module, entryPoint: step.entry };
+      return { group, pipeline: await this.device.createComputePipelineAsync({ layout, compute }) };
+    }
+    const blend = { srcFactor: "one-minus-dst-alpha", dstFactor: "one", operation: "add" };
+    const targets = step.targets.map(() => ({ format: this.format, blend: { color: blend, alpha: blend } }));
+    const attributes = Array.from({ length: step.members }, (_, i) =>
+      ({ format: "float32x4", offset: 16 * i, shaderLocation: i }));
+    const buffers = [{ arrayStride: 16 * step.members, stepMode: "instance", attributes }];
+    const pipeline = await this.device.createRenderPipelineAsync({
+      layout, primitive: { topology: "triangle-strip" }, vertex: { module, entryPoint: "corner", buffers },
+      fragment: { module, entryPoint: "blend", targets },
+    });
+    return { group, pipeline };
+  }
+
+  async #makePipelines() {
+    const modules = {};
+    for (const [name, code] of Object.entries(this.plan.modules)) modules[name] = this.device.createShaderModule({ code });
+    this.steps = [...this.plan.passes, ...this.plan.band_passes];
+    // Steps of one entry point and one layout share a pipeline: compiling is what takes time here.
+    const shared = new Map();
+    const found = await Promise.all(this.steps.map((step) => {
+      const key = JSON.stringify([step.module, step.entry, step.bindings.map(({ number, kind }) => [number, kind])]);
+      if (!shared.has(key)) shared.set(key, this.#pipeline(step, modules[step.module]));
+      return shared.get(key);
+    }));
+    this.layouts = found.map(({ group }) => group);
+    this.pipelines = found.map(({ pipeline }) => pipeline);
+    this.canvasFormat = navigator.gpu.getPreferredCanvasFormat();
+    const present = this.device.createShaderModule({ code: PRESENT });
+    this.present = await this.device.createRenderPipelineAsync({
+      layout: "auto", vertex: { module: present, entryPoint: "corner" },
+      fragment: { module: present, entryPoint: "color", targets: [{ format: this.canvasFormat }] },
+    });
+  }
+
+  // Targets for frames of this size: one band's, used again for each.
+  #makeTargets(width, height) {
+    if (this.size?.[0] === width && this.size[1] === height) return;
+    const side = Math.floor(this.device.limits.maxTextureDimension2D / this.plan.scale);
+    const columns = Math.min(width, side), samples = columns * this.plan.scale ** 2;
+    const most = Math.floor(this.about.needs.maxStorageBufferBindingSize / (PIXEL_BYTES * columns));
+    const rows = Math.max(1, Math.min(height, side, most, Math.floor(ROOM / samples)));
+    this.bands = [];
+    for (let y = 0; y < height; y += rows) {
+      for (let x = 0; x < width; x += columns) {
+        this.bands.push({ x, y, width: Math.min(columns, width - x), height: Math.min(rows, height - y) });
+      }
+    }
+    const records = new Uint32Array(this.bands.length * SLOT / 4);
+    this.bands.forEach((band, k) => records.set([band.x, band.y, band.width, band.height, 0], k * SLOT / 4));
+    this.device.queue.writeBuffer(this.#buffer("bands", records.byteLength, ["uniform", "copy_dst"]), 0, records);
+    this.#buffer("pixels", PIXEL_BYTES * columns * rows, ["storage"]);
+    for (const name of this.steps.flatMap((step) => step.targets || [])) {
+      this.held.get(name)?.destroy();
+      this.held.set(name, this.device.createTexture({
+        size: [columns * this.plan.scale, rows * this.plan.scale], format: this.format,
+        usage: GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING,
+      }));
+    }
+    this.groups.clear();
+    this.size = [width, height];
+  }
+
+  #group(number, k) {
+    const key = `${number} ${k}`;
+    if (!this.groups.has(key)) {
+      const entries = this.steps[number].bindings.map((binding) => {
+        const held = this.held.get(binding.name);
+        if (binding.kind === "texture") return { binding: binding.number, resource: held.createView() };
+        const offset = binding.name === "bands" ? SLOT * k : binding.offset;
+        return { binding: binding.number, resource: { buffer: held, offset, size: binding.size ?? held.size - offset } };
+      });
+      this.groups.set(key, this.device.createBindGroup({ layout: this.layouts[number], entries }));
+    }
+    return this.groups.get(key);
+  }
+
+  #compute(pass, number, k) {
+    const step = this.steps[number], band = this.bands[k];
+    pass.setPipeline(this.pipelines[number]);
+    pass.setBindGroup(0, this.#group(number, k));
+    if (step.indirect !== null) pass.dispatchWorkgroupsIndirect(this.held.get("arguments"), step.indirect);
+    else if (step.groups !== null) pass.dispatchWorkgroups(step.groups);
+    else pass.dispatchWorkgroups(Math.ceil(band.width / 64), band.height);
+  }
+
+  #blend(encoder, number, k) {
+    const step = this.steps[number], { width, height } = this.bands[k], scale = this.plan.scale;
+    const pass = encoder.beginRenderPass({
+      colorAttachments: step.targets.map((target) => ({
+        view: this.held.get(target).createView(), loadOp: "clear", storeOp: "store", clearValue: [0, 0, 0, 0],
+      })),
+    });
+    pass.setViewport(0, 0, scale * width, scale * height, 0, 1);
+    pass.setScissorRect(0, 0, scale * width, scale * height);
+    pass.setPipeline(this.pipelines[number]);
+    pass.setBindGroup(0, this.#group(number, k));
+    for (const [records, offset] of step.records) {
+      pass.setVertexBuffer(0, this.held.get(records));
+      pass.drawIndirect(this.held.get("arguments"), offset);
+    }
+    pass.end();
+  }
+
+  #show(encoder, texture, k) {
+    const band = this.bands[k];
+    const pass = encoder.beginRenderPass({
+      colorAttachments: [{ view: texture.createView(), loadOp: k ? "load" : "clear", storeOp: "store" }],
+    });
+    pass.setScissorRect(band.x, band.y, band.width, band.height);
+    pass.setPipeline(this.present);
+    pass.setBindGroup(0, this.device.createBindGroup({
+      layout: this.present.getBindGroupLayout(0),
+      entries: [
+        { binding: 0, resource: { buffer: this.held.get("bands"), offset: SLOT * k, size: 32 } },
+        { binding: 1, resource: { buffer: this.held.get("pixels") } },
+      ],
+    }));
+    pass.draw(3);
+    pass.end();
+  }
+
+  // Draws onto the canvas. With `copied`, a buffer, the canvas's bytes go there, too.
+  #encode(view, background, degree, own, copied) {
+    const { canvas, device } = this;
+    if (canvas.width !== view.width || canvas.height !== view.height) {
+      canvas.width = view.width;
+      canvas.height = view.height;
+    }
+    this.#makeTargets(view.width, view.height);
+    const record = viewRecord(this.about.view, this.plan.scale, view, background, degree, own);
+    device.queue.writeBuffer(this.held.get("view"), 0, record);
+    const encoder = device.createCommandEncoder(), texture = this.context.getCurrentTexture();
+    const computing = encoder.beginComputePass();
+    for (let number = 0; number < this.plan.passes.length; number += 1) this.#compute(computing, number, 0);
+    computing.end();
+    for (let k = 0; k < this.bands.length; k += 1) {
+      for (let number = this.plan.passes.length; number < this.steps.length; number += 1) {
+        if (this.steps[number].kind === "draws") { this.#blend(encoder, number, k); continue; }
+        const pass = encoder.beginComputePass();
+        this.#compute(pass, number, k);
+        pass.end();
+      }
+      this.#show(encoder, texture, k);
+    }
+    if (copied) encoder.copyTextureToBuffer({ texture }, copied, [view.width, view.height]);
+    device.queue.submit([encoder.finish()]);
+  }
+
+  draw(view, background, degree, own) {
+    this.#encode(view, background, degree, own, null);
+    return this.device.queue.onSubmittedWorkDone();
+  }
+
+  // The canvas's pixels of a view, RGB bytes from the top.
+  async pixels(view, background, degree, own) {
+    const stride = Math.ceil(4 * view.width / SLOT) * SLOT;
+    const buffer = this.device.createBuffer({
+      size: stride * view.height, usage: GPUBufferUsage.COPY_DST | GPUBufferUsage.MAP_READ,
+    });
+    this.#encode(view, background, degree, own, { buffer, bytesPerRow: stride });
+    await buffer.mapAsync(GPUMapMode.READ);
+    const bytes = new Uint8Array(buffer.getMappedRange()), found = new Uint8Array(3 * view.width * view.height);
+    const first = this.canvasFormat.startsWith("bgra") ? 2 : 0;
+    for (let y = 0, to = 0; y < view.height; y += 1) {
+      for (let at = y * stride, end = at + 4 * view.width; at < end; at += 4, to += 3) {
+        found[to] = bytes[at + first];
+        found[to + 1] = bytes[at + 1];
+        found[to + 2] = bytes[at + 2 - first];
+      }
+    }
+    buffer.destroy();
+    return found;
+  }
+}

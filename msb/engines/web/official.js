@@ -1,0 +1,176 @@
+"use strict";
+// The page of the dedicated tier: the method's own look by WebGPU, over the standard mesh by WebGL.
+const about = start.dedicated;
+const top_ = byId("official");
+const SLOW = 60;        // milliseconds of a frame from which moving pictures are drawn in fewer pixels
+const WIPE_KEYS = { ArrowLeft: -0.02, ArrowRight: 0.02 };
+let official = null;    // a Dedicated
+let meshParts = null;   // what the standard mesh is made of, until it is made
+let degree = about.view.degree;
+let own = { ...about.view.own };
+const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
+
+// ---- arrays
+
+// Arrays that the standard mesh needs are kept until it is made.
+async function arrayOf(name, kept) {
+  if (kept[name]) return kept[name];
+  const { shrunk: from, ...head } = about.arrays[name];
+  const found = from ? shrunk(await arrayOf(from.of, kept), from.factor) : await storedArray(name, head);
+  if (Object.values(about.standard || {}).includes(name) || name === from?.of) kept[name] = found;
+  return found;
+}
+
+// clamp(C0 f_dc + 0.5), for each corner of a face if colours belong to faces.
+function bakedColors(f_dc, corners) {
+  const found = new Uint8Array(f_dc.length * corners);
+  for (let i = 0; i < f_dc.length; i += 1) {
+    const value = Math.round(255 * Math.min(1, Math.max(0, 0.28209479177387814 * f_dc[i] + 0.5)));
+    const row = Math.floor(i / 3), channel = i % 3;
+    for (let k = 0; k < corners; k += 1) found[3 * (corners * row + k) + channel] = value;
+  }
+  return found;
+}
+
+function makeMesh() {
+  const { positions, indices, colors, shown, soup } = meshParts;
+  meshParts = null;
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+  if (colors) geometry.setAttribute("color", new THREE.BufferAttribute(bakedColors(colors, soup ? 3 : 1), 3, true));
+  let drawn = indices;
+  if (shown) {
+    drawn = new Uint32Array(3 * shown.reduce((sum, one) => sum + one, 0));
+    for (let face = 0, to = 0; face < shown.length; face += 1) {
+      for (let k = 3 * face; shown[face] && k < 3 * face + 3; k += 1, to += 1) drawn[to] = indices ? indices[k] : k;
+    }
+  }
+  if (drawn) geometry.setIndex(new THREE.BufferAttribute(drawn, 1));
+  setMesh(new THREE.Group().add(new THREE.Mesh(geometry)));
+}
+
+// ---- layers
+
+const shows = (what) => byId("shown").value === what || byId("shown").value === "wipe";
+
+let busy = false, again = false, milliseconds = 0;
+function showOfficial(view) {
+  if (!official || !shows("dedicated")) return;
+  if (busy) { again = true; return; }
+  busy = true;
+  const begun = performance.now(), size = state.moving ? fewer(milliseconds) : 1;
+  official.draw(resized(view, size), state.background, degree, own).then(() => {
+    const took = performance.now() - begun;
+    // Of the frame in full size: pixels take most of the time.
+    milliseconds = size === 1 ? took : Math.max(milliseconds * 0.9, took);
+    byId("frame").textContent = `${took < 10 ? took.toFixed(1) : Math.round(took)} ms a frame` +
+      (size < 1 ? `, at ${Math.round(100 * size)} % of the size while it moves` : "");
+  }, () => {}).finally(() => {
+    busy = false;
+    if (again) { again = false; show(); }
+  });
+}
+const fewer = (took) => (took < SLOW ? 1 : took < 4 * SLOW ? 0.5 : 0.25);
+
+function resized(view, factor) {
+  if (factor === 1) return view;
+  const width = Math.max(1, Math.round(view.width * factor)), height = Math.max(1, Math.round(view.height * factor));
+  const x = width / view.width, y = height / view.height;
+  return { ...view, width, height, fx: view.fx * x, cx: view.cx * x, fy: view.fy * y, cy: view.cy * y };
+}
+
+layers[0] = (view) => {
+  if (!shows("standard")) return;
+  if (meshParts) makeMesh();
+  showMesh(view);
+};
+layers.push(showOfficial);
+
+let share = 0.5;  // of the window's width that is dedicated
+function layOut() {
+  const what = byId("shown").value;
+  top_.hidden = !official || what === "standard";
+  canvas.hidden = what === "dedicated";
+  byId("wipe").hidden = what !== "wipe";
+  byId("wipe").style.left = `${100 * share}%`;
+  byId("grip").ariaValueNow = Math.round(100 * share);
+  top_.style.clipPath = what === "wipe" ? `inset(0 ${100 * (1 - share)}% 0 0)` : "";
+}
+function wipeTo(x) {
+  share = Math.min(0.98, Math.max(0.02, x));
+  layOut();
+}
+byId("shown").addEventListener("change", () => { layOut(); show(); });
+byId("grip").addEventListener("pointerdown", (event) => byId("grip").setPointerCapture(event.pointerId));
+byId("grip").addEventListener("pointermove", (event) => {
+  if (byId("grip").hasPointerCapture(event.pointerId)) wipeTo(event.clientX / window.innerWidth);
+});
+byId("grip").addEventListener("keydown", (event) => {
+  if (event.key in WIPE_KEYS) wipeTo(share + WIPE_KEYS[event.key]);
+});
+savePicture = () => {
+  if (byId("shown").value === "standard") { showMesh(state.view); download(canvas); return; }
+  official.draw(state.view, state.background, degree, own);
+  download(top_);
+};
+// ---- settings that change the camera record alone
+
+function addSetting(name, options, value, changed) {
+  const label = document.createElement("label"), select = document.createElement("select");
+  select.replaceChildren(...options.map((text, k) => new Option(text, k)));
+  select.value = String(value);
+  select.dataset.setting = name;
+  select.addEventListener("change", () => { changed(Number(select.value)); show(); });
+  label.append(`${name} `, select);
+  byId("settings").append(label);
+}
+if (about.view.degree > 0) {
+  const degrees = Array.from({ length: about.view.degree + 1 }, (_, k) => String(k));
+  addSetting("SH degree", degrees, degree, (k) => { degree = k; });
+}
+for (const { name, value, options } of about.settings) {
+  const texts = options.map((option) => ({ true: "on", false: "off" })[option.value] ?? String(option.value));
+  addSetting(name, texts, options.findIndex((option) => option.value === value), (k) => Object.assign(own, options[k].own));
+}
+
+// ---- the beginning
+
+async function openFirst() {
+  const kept = {};
+  let why = "";
+  try {
+    official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), (text) => say(`${start.name}: ${text}`));
+    official.lost.then((info) => {
+      official = null;
+      byId("shown").value = "standard";
+      layOut();
+      note(`The graphics device was lost${info.message ? ` (${info.message.slice(0, 120)})` : ""}. ` +
+        `${about.standard ? "This is the standard tier; reload" : "Reload"} the page for the dedicated one.`);
+      show();
+    });
+  } catch (error) { why = String(error.message || error).slice(0, 300); }
+  if (!official && !about.standard) { say(`${why} The dedicated tier needs it, and this model has no standard tier.`); return false; }
+  if (about.standard) {
+    const parts = { soup: about.standard.soup };
+    try {
+      for (const part of ["positions", "indices", "colors", "shown"]) {
+        const name = about.standard[part];
+        parts[part] = name ? await arrayOf(name, kept) : null;
+      }
+    } catch (error) { say(`${start.name} cannot be shown: ${error.message || error}`); return false; }
+    meshParts = parts;
+  }
+  const sphere = about.sphere;
+  setName(start.name, about.faces, new THREE.Vector3(...sphere.center), sphere.radius);
+  byId("facts").textContent = `${about.title}, ${about.faces.toLocaleString("en")} faces` +
+    (about.all_faces > about.faces ? ` of ${about.all_faces.toLocaleString("en")}` : "");
+  for (const option of byId("shown").options) option.disabled = option.value !== "standard" ? !official : !about.standard;
+  byId("shown").options[1].disabled = !official || !about.standard;
+  byId("shown").value = official ? "dedicated" : "standard";
+  if (!official) note(`${why} This is the standard tier: the mesh as any engine draws it.`);
+  if (official) byId("frame").title = official.name;
+  say("");
+  layOut();
+  showFaithful();
+  return true;
+}

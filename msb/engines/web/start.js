@@ -1,0 +1,21 @@
+"use strict";
+// The beginning: what is asked for in the address, the model, a first view.
+async function main() {
+  const asked = new URLSearchParams(location.search);
+  byId("panel").hidden = asked.has("bare");
+  const other = start.dedicated ? "mesh" : "dedicated";
+  for (const part of document.querySelectorAll(`[data-for=${other}]`)) part.hidden = true;
+  byId("panel").open = window.innerWidth > 600;
+  setColors(asked.get("colors") !== "linear");
+  byId("up").value = start.up;
+  byId("background").value = "#" + start.background
+    .map((value) => Math.round(255 * Math.min(1, Math.max(0, value))).toString(16).padStart(2, "0")).join("");
+  setCameras(start.cameras);
+  if (!await openFirst(asked)) return false;
+  const wanted = asked.get("camera");
+  const index = wanted === null ? -1 : views.findIndex((view, i) => view.name === wanted || String(i) === wanted);
+  if (index >= 0) byId("cameras").value = String(index);
+  if (index >= 0) choose(index); else fit();
+  return true;
+}
+const ready = main();

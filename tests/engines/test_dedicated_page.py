@@ -1,0 +1,216 @@
+"""The page of the dedicated tier: what is in it, how its arrays lie there, smaller assets."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.engines.dedicated_page.measure import Measured, byte_psnr
+from msb.engines.dedicated_page.page import CheckView, Cost, make_page, read_page
+from msb.engines.dedicated_page.smaller import quantised, with_faces
+from msb.engines.dedicated_page.stored import restore, store
+from msb.engines.hardware.packing import VIEW, pack
+from msb.errors import InputError, Unsupported
+from msb.reference import render_reference
+from tests.reference.golden import exported, golden_views, psnr
+from tests.render.standard_scenes import mesh_asset, scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+    from msb.engines.dedicated_page.page import DedicatedPage
+
+METHODS = ("triangle_splatting", "two_dts", "mesh_splatting")
+RANDOM = np.random.default_rng(5)
+
+
+def golden(method: str) -> Asset:
+    return exported(golden_views(method)[0].folder / "checkpoint")
+
+
+def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+
+
+GRID = (RANDOM.integers(-9000, 9000, (5000, 3)) / 256).astype(np.float32)
+ARRAYS = {
+    "plain": RANDOM.normal(size=(1000, 7)).astype(np.float32),
+    "palette": RANDOM.choice(RANDOM.normal(size=200).astype(np.float32), (6000, 5)),
+    "rows": RANDOM.normal(size=(300, 4)).astype(np.float32)[RANDOM.integers(0, 300, 9000)],
+    "grid": GRID,
+}
+
+
+@pytest.mark.parametrize("how", ARRAYS)
+def test_floats_come_back_bit_for_bit_from_the_smallest_form(how: str) -> None:
+    array = ARRAYS[how]
+    array[:3] = array[3:6]
+    stored = store(array)
+    assert stored.head["how"] == how
+    assert same_bits(restore(json.loads(json.dumps(stored.head)), stored.data), array)
+    if how != "plain":
+        assert len(stored.data) < 0.6 * array.nbytes
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        RANDOM.integers(0, 2**32, (100, 3), dtype=np.uint32),
+        np.arange(30000, dtype=np.uint32).reshape(-1, 3),
+        RANDOM.integers(0, 255, (64, 3), dtype=np.uint8),
+        RANDOM.integers(0, 2, 77, dtype=np.uint8),
+        np.zeros((1, 1), np.float32),
+        np.array([[np.inf, -0.0, np.nan]], np.float32),
+        np.full((9000, 2), -0.0, np.float32),
+        np.full((9000, 3), 1e30, np.float32) * np.array([1, 1e-38, -1], np.float32),
+    ],
+)
+def test_everything_else_comes_back_too(array: np.ndarray) -> None:
+    stored = store(array)
+    assert same_bits(restore(stored.head, stored.data), array)
+
+
+def test_streams_that_are_longer_or_shorter_than_said_are_refused() -> None:
+    stored = store(ARRAYS["plain"])
+    with pytest.raises(ValueError, match="has"):
+        restore(stored.head, zlib.compress(b"few"))
+    bomb = restore({**stored.head, "shape": [1, 1], "bytes": 4}, zlib.compress(bytes(1 << 24)))
+    assert bomb.nbytes == 4
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rounded_assets_are_packed_without_a_loss_and_look_alike(method: str) -> None:
+    view = golden_views(method)[0]
+    rounded = quantised(golden(method))
+    assert rounded.manifest.face_count == golden(method).manifest.face_count
+    positions = store(rounded.buffers["positions"])
+    assert positions.head["how"] == "grid"
+    assert same_bits(restore(positions.head, positions.data), rounded.buffers["positions"])
+    for name in ("f_dc", "f_rest", "opacity"):
+        rows = rounded.buffers.get(name, np.zeros((1, 1))).reshape(rounded.buffers["f_dc"].shape[0], -1)
+        assert all(len(np.unique(column)) <= 256 for column in rows.T)
+    frames = [
+        render_reference(asset, view.camera, view.background, view.settings)
+        for asset in (golden(method), rounded)
+    ]
+    assert psnr(frames[1].image, frames[0].image) > 40
+
+
+def test_faces_without_a_contribution_are_not_missed() -> None:
+    view = golden_views("triangle_splatting")[0]
+    asset = golden("triangle_splatting")
+    frame = render_reference(asset, view.camera, view.background)
+    assert frame.contribution is not None
+    assert frame.contribution.shape == (asset.manifest.face_count,)
+    assert frame.contribution.sum() == pytest.approx(frame.alpha.sum(dtype=np.float64), rel=1e-5)
+    kept = np.flatnonzero(frame.contribution)
+    assert 0 < len(kept) < asset.manifest.face_count
+    fewer = with_faces(asset, kept)
+    assert fewer.manifest.face_count == len(kept)
+    np.testing.assert_array_equal(render_reference(fewer, view.camera, view.background).image, frame.image)
+
+
+def test_vertices_that_no_face_has_are_dropped() -> None:
+    asset = golden("mesh_splatting")
+    fewer = with_faces(asset, np.arange(10))
+    corners = [a.buffers["positions"][a.buffers["indices"][:10]] for a in (asset, fewer)]
+    np.testing.assert_array_equal(*corners)
+    assert fewer.manifest.vertex_count == len(fewer.buffers["f_dc"]) < asset.manifest.vertex_count
+
+
+def the_page(method: str = "triangle_splatting", **options: Any) -> DedicatedPage:
+    view = golden_views(method)[0]
+    image = np.zeros((view.camera.height, view.camera.width, 3), np.uint8)
+    tests = [CheckView(view.camera, (0, 0, 0), image)]
+    options = {"name": "a", "tests": tests, "settings": view.settings, **options}
+    return make_page(golden(method), **options)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_plan_in_the_page_names_arrays_buffers_and_modules_that_are_there(method: str) -> None:
+    page = the_page(method)
+    about = json.loads(json.dumps(page.scene))["dedicated"]
+    plan = about["plan"]
+    targets = {name for step in plan["band_passes"] for name in step.get("targets", ())}
+    for step in (*plan["passes"], *plan["band_passes"]):
+        assert step["module"] in plan["modules"]
+        for binding in step["bindings"]:
+            assert binding["name"] in {*plan["buffers"], *targets, "bands", "pixels"}
+        for records, _ in step.get("records", ()):
+            assert records in plan["buffers"]
+    for name, head in about["arrays"].items():
+        assert f'data-array="{name}"' in page.arrays or "shrunk" in head
+        if name in plan["buffers"] and "shrunk" not in head:
+            assert plan["buffers"][name]["bytes"] >= 4 * np.prod(head["shape"])
+    members = about["view"]["members"]
+    assert [name for name, *_ in members][: len(VIEW.names or ())] == list(VIEW.names or ())
+    packed = pack(golden(method), {})
+    assert about["view"]["bytes"] == len(packed.view_bytes(golden_views(method)[0].camera, (0, 0, 0)))
+
+
+def test_shrunk_triangles_are_stored_once() -> None:
+    view = next(view for view in golden_views("two_dts") if view.settings["gamma_rescale"])
+    asset = exported(view.folder / "checkpoint")
+    page = make_page(quantised(asset), name="a", settings=view.settings)
+    arrays = page.scene["dedicated"]["arrays"]
+    assert set(arrays["positions"]) == {"shrunk"}
+    assert arrays["stored positions"]["how"] in ("grid", "rows")
+    assert page.scene["dedicated"]["standard"]["positions"] == "stored positions"
+    assert page.scene["dedicated"]["standard"]["shown"] == "shown faces"
+
+
+def test_settings_that_change_the_record_alone_are_live() -> None:
+    found = {method: the_page(method).scene["dedicated"]["settings"] for method in METHODS}
+    assert [one["name"] for one in found["triangle_splatting"]] == ["view_dir"]
+    assert [one["name"] for one in found["two_dts"]] == ["back_culling"]
+    assert found["mesh_splatting"] == []
+
+
+def test_a_page_is_read_back_and_names_cannot_leave_their_place(tmp_path: Path) -> None:
+    name = "</script><script>alert(1)</script> @ARRAYS@ @THREE@"
+    page = the_page(name=name, costs=[Cost("half", None)])
+    page.record("a browser", [None])
+    path = tmp_path / "page.html"
+    path.write_bytes(page.encoded())
+    text = path.read_text()
+    assert "alert(1)</script>" not in text
+    assert not re.findall(r"""<(?:script|link|img|iframe)[^>]*\s(?:src|href)""", text)
+    assert "default-src 'none'" in text
+    assert 'fetch("next")' not in text
+    _, found, images = read_page(path)
+    assert found["name"] == name
+    assert found["dedicated"]["measured"] == {"by": "a browser", "psnr": [None]}
+    assert len(images) == 1
+    assert not images[0].any()
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"<html></html>", b'<script type="application/json" id="scene">{</script>']
+)
+def test_a_file_that_is_no_such_page_is_refused(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "page.html"
+    path.write_bytes(data)
+    with pytest.raises(InputError) as info:
+        read_page(path)
+    assert info.value.code == "FILE_NOT_RECOGNISED"
+
+
+def test_a_mesh_has_no_such_page() -> None:
+    with pytest.raises(Unsupported) as info:
+        make_page(mesh_asset(scene("small", 1)), name="mesh", settings={})
+    assert info.value.code == "UNSUPPORTED_TIER"
+
+
+def test_levels_of_bytes_and_the_worst_view() -> None:
+    black = np.zeros((2, 2, 3), np.uint8)
+    assert byte_psnr(black, black) is None
+    assert byte_psnr(black, black + np.uint8(1)) == pytest.approx(48.13, abs=0.01)
+    assert Measured("b", "d", "rgba32float", [None, 50.0, 60.0], []).worst == 50
+    assert Measured("b", "d", "rgba16float", [None], []).worst is None
+    assert "half floats" in Measured("b", "d", "rgba16float", [None], []).by
