@@ -33,7 +33,8 @@ GROUND = {
 """NumPy and the standard library only."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    "__init__": GROUND | {"topology", "render", "adapters", "metrics", "opening", "saving", "auditing"},
+    "__init__": GROUND
+    | {"topology", "render", "repair", "adapters", "metrics", "opening", "saving", "auditing"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},
     "saving": GROUND | {"meshes"},
@@ -78,6 +79,7 @@ ALLOWED: dict[str, set[str]] = {
         "engines",
         "cl",
     },
+    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
 }
@@ -107,6 +109,7 @@ LAZY = {
 FOREIGN: dict[str, set[str]] = {
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
     "meshes": {"numpy", "trimesh"},
+    "repair": {"numpy", "PIL"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},
