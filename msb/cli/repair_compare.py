@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 SCHEMA = "msb.repair_compare/1"
+_TITLES = {"standard": "Standard", "dedicated": "Dedicated", "size": "MB", "seconds": "Seconds"}
 VIEWS = (8, "640x480")
 """The number of turntable views where no cameras are given, and their size."""
 
@@ -82,19 +83,7 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # no table is as wide
-    names = [
-        "Strategy",
-        "Kept",
-        "Added",
-        "Cut",
-        "Pieces",
-        "Bound.",
-        "Verdict",
-        "Standard",
-        "Dedicated",
-        "MB",
-        "Seconds",
-    ]
+    names = ("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict", *_TITLES.values())
     table = plain_table(*names, right=(1, 2, 3, 4, 5, 7, 8, 9, 10))
     for row in rows:
         if row.before is None or row.after is None or row.looks is None:

@@ -46,7 +46,7 @@ def _colored(original: Asset, done: Repaired) -> Asset:
     colors = np.repeat(_grey(original)[:, None], 3, axis=1)
     colors[gone] = RED
     new = done.asset.buffers["indices"][done.face_map == NONE]
-    colors = np.concatenate([colors, np.tile(np.float32(GREEN), (len(new), 1))])
+    colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(
         {
             "positions": np.concatenate([points, done.asset.buffers["positions"]]),

@@ -277,6 +277,9 @@ def run_plan(
     """
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
     refuse_nonfinite(points)
+    if weights is not None and np.shape(weights) != (len(faces),):
+        text = f"weights have shape {np.shape(weights)}; there must be one for each of {len(faces)} faces"
+        raise UsageError("USAGE", text)
     before, _ = audit_arrays(points, faces)
     start = first or unchanged(faces, len(points))
     work = _Work(
