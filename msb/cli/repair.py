@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb repair data_stubs/checkpoint -o out/repaired.triasset",
     "msb repair data_stubs/checkpoint -o out/fewer.glb --plan drop,orient,debris",
-    "msb repair data_stubs/splat_like.triasset -o out/s.triasset --fail-on 'nonmanifold_edges>0'",
-    "msb repair --compare data_stubs/checkpoint --cameras data_stubs/views.json -o out/costs",
+    "msb repair -q --fail-on 'nonmanifold_edges>0' data_stubs/checkpoint -o out/g.ply",
+    "msb repair --compare data_stubs/models/walled/mesh_splatting -o out/costs",
 )
 SCHEMA = "msb.repair/1"
 _STEP_OPTIONS = {
