@@ -62,7 +62,7 @@ def _remove(
         if len(face) == 0:
             return
         score = np.bincount(face, minlength=len(keep))
-        among = np.unique(face)
+        among = np.flatnonzero(score)
         order = np.lexsort((_scrambled(among), weight[among], -score[among]))
         first = _first_in_line(face, edge, among[order], len(keep), count - 2)
         going = np.bincount(face[first], minlength=len(keep))

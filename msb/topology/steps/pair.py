@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.topology.fans import corners_at_ends, group_corners
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.orient import find_sides, sides_of_faces, spanning_tree
@@ -203,8 +204,13 @@ def _apart(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which pairs leave no edge of more than two faces, when all vertices are split accordingly."""
     one, other = mesh.two_face_halfedges
     one, other = np.concatenate([one, joined[:, 0]]), np.concatenate([other, joined[:, 1]])
-    split = split_vertices(mesh, one, other)
-    again = build_half_edges(split.faces, len(split.vertex_map))
-    crowded = np.zeros(mesh.faces.size, bool)
-    crowded[again.edge_halfedges] = np.repeat(again.multiplicity > 2, again.multiplicity)
-    return np.asarray(~crowded[joined[:, 0]])
+    _, group = group_corners(mesh, one, other)
+    crowded = mesh.edge_halfedges[np.repeat(mesh.multiplicity > 2, mesh.multiplicity)]
+    ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in corners_at_ends(mesh, crowded))])
+    order = np.lexsort(ends)
+    differs = np.ones(len(order) + 1, bool)
+    differs[1:-1] = (ends[:, order[1:]] != ends[:, order[:-1]]).any(axis=0)
+    sizes = np.diff(np.flatnonzero(differs))
+    alone = np.ones(mesh.faces.size, bool)
+    alone[crowded[order]] = np.repeat(sizes <= 2, sizes)
+    return np.asarray(alone[joined[:, 0]])
