@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from msb.errors import MsbError, Unsupported
     from msb.opening import open
     from msb.render import Frame, Renderer, render
+    from msb.repair import Repaired, repair
     from msb.saving import save
     from msb.scenes import Camera, read_cameras
     from msb.topology import Audit
@@ -35,11 +36,12 @@ _HOME = {
     "export": "msb.adapters",
     "Frame": "msb.render",
     "Renderer": "msb.render",
+    "Repaired": "msb.repair",
     "Audit": "msb.topology",
     "audit": "msb.auditing",
 }
-_PACKAGES = ("metrics", "render")
-"""Packages of the public API. The package `render` can also be called as a function."""
+_PACKAGES = ("metrics", "render", "repair")
+"""Packages of the public API. The packages `render` and `repair` can also be called as functions."""
 
 __all__ = [
     "Asset",
@@ -48,6 +50,7 @@ __all__ = [
     "Frame",
     "MsbError",
     "Renderer",
+    "Repaired",
     "Unsupported",
     "__version__",
     "audit",
@@ -57,6 +60,7 @@ __all__ = [
     "open",
     "read_cameras",
     "render",
+    "repair",
     "save",
 ]
 

@@ -475,6 +475,14 @@ CODES: dict[str, Code] = {
                 "What draws this method on this tier has no such option.",
                 "The message lists the options there are; orders and samplings: docs/dedicated.md.",
             ),
+            "UNSUPPORTED_REPAIR": (
+                "A buffer's values do not follow from the old ones when a repair turns or adds faces.",
+                "Leave out the step that the message names; docs/repair.md says what can be carried.",
+            ),
+            "PEER_FAILED": (
+                "Another library crashed, did not answer in time or took too much memory.",
+                "Use our own steps, or allow more with --seconds and --memory.",
+            ),
             "UNSUPPORTED_OFFICIAL": (
                 "The method has no exporter of its own.",
                 "Leave out --official to get the standard-tier mesh.",
@@ -537,6 +545,10 @@ CODES: dict[str, Code] = {
             "MESH_TOO_LARGE": (
                 "More vertices or faces than 32-bit element numbers can hold.",
                 "Split the mesh.",
+            ),
+            "MESH_NONFINITE": (
+                "A coordinate is NaN or infinite where geometry is computed.",
+                "Remove or correct the vertex that the message names; the audit counts such faces.",
             ),
             "WELD_DISTANCE": (
                 "The weld distance is not a positive finite length.",

@@ -35,7 +35,8 @@ GROUND = {
 """NumPy and the standard library only."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    "__init__": GROUND | {"topology", "render", "adapters", "metrics", "opening", "saving", "auditing"},
+    "__init__": GROUND
+    | {"topology", "render", "repair", "adapters", "metrics", "opening", "saving", "auditing"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},
     "saving": GROUND | {"meshes"},
@@ -80,6 +81,7 @@ ALLOWED: dict[str, set[str]] = {
         "engines",
         "cl",
     },
+    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
 }
@@ -109,6 +111,7 @@ LAZY = {
 FOREIGN: dict[str, set[str]] = {
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
     "meshes": {"numpy", "trimesh"},
+    "repair": {"numpy", "PIL"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},

@@ -20,6 +20,7 @@ from msb.cli import (
     info,
     methods,
     render,
+    repair,
     report,
     run,
     scenes,
@@ -58,6 +59,7 @@ app.command(epilog=validate.EPILOG)(with_shared(validate.validate))
 app.command(epilog=convert.EPILOG)(with_shared(convert.convert))
 app.command(epilog=methods.EPILOG)(with_shared(methods.methods))
 app.command(epilog=scenes.EPILOG)(with_shared(scenes.scenes))
+app.command(epilog=repair.EPILOG)(with_shared(repair.repair))
 app.command(epilog=view.EPILOG)(with_shared(view.view))
 app.command(epilog=compare.EPILOG)(with_shared(compare.compare))
 app.command(epilog=web.EPILOG)(with_shared(web.web))

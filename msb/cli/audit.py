@@ -105,12 +105,12 @@ def audit(
         raise UsageError(
             "USAGE", "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these"
         )
-    gates = _gates(fail_on or [], profile, fail_on_verdict)
+    gates = chosen_gates(fail_on or [], profile, fail_on_verdict)
     task = _Task(output, weld, cross_check, elements, gates, paper, view, fail_fast)
     raise typer.Exit(task.run(paths))
 
 
-def _gates(
+def chosen_gates(
     fail_on: list[str], profile: Profile | None, level: FailingLevel | None
 ) -> list[Gate | VerdictGate]:
     """Return the gates of --fail-on, of the profile and of the verdict; without any nothing is loaded."""

@@ -50,16 +50,31 @@ def corners_at_ends(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArra
     return np.where(upwards, halfedges, after), np.where(upwards, after, halfedges)
 
 
-def find_fans(mesh: HalfEdgeMesh) -> Fans:
-    """Return the fans of `mesh`. O(F) time and memory."""
+def group_corners(mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any]) -> tuple[int, NDArray[Any]]:
+    """Join corners at a vertex by walking across the given pairs of half-edges, each pair at one edge.
+
+    Returns
+    -------
+    count : int
+        The number of groups.
+    corner_group : (3F,) integers
+        The group of each corner, groups numbered by their first corner; NONE in repeated-index rows.
+    """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
     # Compact numbers for the corners of proper faces, so that no label is spent on the others.
     compact = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
     compact[corners] = np.arange(len(corners), dtype=mesh.faces.dtype)
-    one, other = mesh.two_face_halfedges
     count, labels = _join(mesh, compact, one, other, len(corners))
-    corner_fan = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
-    corner_fan[corners] = labels
+    corner_group = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
+    corner_group[corners] = labels
+    return count, corner_group
+
+
+def find_fans(mesh: HalfEdgeMesh) -> Fans:
+    """Return the fans of `mesh`. O(F) time and memory."""
+    count, corner_fan = group_corners(mesh, *mesh.two_face_halfedges)
+    corners = np.flatnonzero(corner_fan != NONE)
+    labels = corner_fan[corners]
     fan_vertex = np.zeros(count, mesh.faces.dtype)
     fan_vertex[labels] = mesh.origin[corners]
     groups, group_of_fan = _join(mesh, corner_fan, *mesh.chained_halfedges, count)

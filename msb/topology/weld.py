@@ -64,11 +64,20 @@ def weld_vertices(
     MeshError
         `WELD_TOO_WIDE` if the length joins more than `MAX_PAIRS` pairs.
     """
+    first, number = merged_vertices(vertices, weld)
+    return vertices[first], number.astype(faces.dtype)[faces]
+
+
+def merged_vertices(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the first vertex (W,) of each merged set, and the number (V,) of the set each vertex is in.
+
+    The sets are in the order of their first vertices. Raises as `weld_vertices`.
+    """
     if len(vertices) == 0:
-        return vertices, faces
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     labels = _exact_labels(vertices) if weld == "exact" else _near_labels(vertices, float(weld))
-    _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
-    return vertices[first], labels.reshape(-1).astype(faces.dtype)[faces]
+    _, first, number = np.unique(labels, return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
 
 
 def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:

@@ -33,6 +33,7 @@ COMMANDS = (
     "info",
     "methods",
     "render",
+    "repair",
     "report",
     "run",
     "scenes",

@@ -248,6 +248,8 @@ def test_two_outputs_into_one_file_are_refused_however_they_are_spelled(msb: Msb
         "export -f {0} {0}",
         "info -f --json {0} {0}",
         "render -f --film a.gif --cameras {0} --json {0} asset",
+        "repair -f -o {0} {0}",
+        "repair -f --maps {0} -o a.ply {0}",
         "report -f --published {0} --json {0} results",
         "run --scene {0} --json {0} asset",
         "validate -f --jsonl {0} --log-file {0} asset",
@@ -283,6 +285,7 @@ READ = {
     "export": {"source", "config"},
     "info": {"path"},
     "render": {"path", "cameras", "scene", "out"},
+    "repair": {"source", "cameras"},
     "report": {"folders", "published"},
     "run": {"path", "scene", "non_engine", "out"},
     "scenes": {"paths"},
@@ -294,7 +297,7 @@ READ = {
 """What names a path and is read, or a folder that outputs are put into, each at a name of its own."""
 WRITTEN = {
     "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
-    "figure", "html",
+    "figure", "html", "maps",
 }  # fmt: skip
 """What is written. A new path of a command belongs into one of the two."""
 

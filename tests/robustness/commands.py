@@ -99,6 +99,11 @@ COMMANDS = {
         ),
         Command("convert", lambda at, out: ["convert", at / "mesh.triasset", out / "a.glb"], _asset),
         Command("convert-ply", lambda at, out: ["convert", at / "mesh.triasset", out / "a.ply"], _asset),
+        Command(
+            "repair",
+            lambda at, out: ["repair", at / "mesh.triasset", "-o", out / "a.triasset"],
+            _asset,
+        ),
         Command("render", _render(), _nothing),
         Command("render-npy", _render("--format", "npy", "--depth"), _nothing),
         Command(

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from msb.topology.crosscheck.peers import Answers
+    from msb.topology.crosscheck.peers import Answers, Peer
+    from msb.topology.crosscheck.repairs import PeerStep
 
 AT_ONCE = 2
 """Child processes that run at once: each peer uses one core and a multiple of the mesh's memory."""
@@ -53,30 +54,40 @@ def ask_peers(
     timeout : float
         Seconds each peer is given.
     """
+    with tempfile.TemporaryDirectory(prefix="msb-crosscheck-") as name:
+        folder = Path(name)
+        leave_mesh(folder, vertices, faces)
+        return run_children(names, folder, timeout)
+
+
+def leave_mesh(folder: Path, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
+    """Put a mesh where the children look for it."""
+    np.save(folder / "vertices.npy", np.ascontiguousarray(vertices, np.float64))
+    np.save(folder / "faces.npy", np.ascontiguousarray(faces, np.int64))
+
+
+def run_children(names: Sequence[str], folder: Path, timeout: float) -> dict[str, Reply | str]:
+    """Return what each peer leaves in `folder`, where its mesh lies, or why it left nothing."""
     replies: dict[str, Reply | str] = {}
     running: dict[str, tuple[subprocess.Popen[bytes], float]] = {}
     waiting = list(names)
-    with tempfile.TemporaryDirectory(prefix="msb-crosscheck-") as name:
-        folder = Path(name)
-        np.save(folder / "vertices.npy", np.ascontiguousarray(vertices, np.float64))
-        np.save(folder / "faces.npy", np.ascontiguousarray(faces, np.int64))
-        try:
-            while waiting or running:
-                while waiting and len(running) < AT_ONCE:
-                    peer = waiting.pop(0)
-                    running[peer] = (_start(peer, folder), time.monotonic() + timeout)
-                for peer, (child, deadline) in list(running.items()):
-                    if child.poll() is not None:
-                        replies[peer] = _reply(peer, folder, child.returncode)
-                    elif time.monotonic() > deadline:
-                        replies[peer] = f"it did not answer within {timeout:g} s"
-                    else:
-                        continue
-                    _end(running.pop(peer)[0])
-                time.sleep(_POLL)
-        finally:
-            for child, _ in running.values():
-                _end(child)
+    try:
+        while waiting or running:
+            while waiting and len(running) < AT_ONCE:
+                peer = waiting.pop(0)
+                running[peer] = (_start(peer, folder), time.monotonic() + timeout)
+            for peer, (child, deadline) in list(running.items()):
+                if child.poll() is not None:
+                    replies[peer] = _reply(peer, folder, child.returncode)
+                elif time.monotonic() > deadline:
+                    replies[peer] = f"it did not answer within {timeout:g} s"
+                else:
+                    continue
+                _end(running.pop(peer)[0])
+            time.sleep(_POLL)
+    finally:
+        for child, _ in running.values():
+            _end(child)
     return replies
 
 
@@ -125,13 +136,23 @@ def _signal_name(number: int) -> str:
 
 
 def serve(peer: str, folder: Path) -> None:
-    """Ask `peer` about the mesh in `folder` and leave its answers there: what a child process does."""
+    """Ask `peer` about the mesh in `folder` and leave its answers there: what a child process does.
+
+    A peer that is asked to repair (`repairs.py`) also leaves a mesh.
+    """
     from importlib.metadata import version
 
-    chosen = PEERS[peer]
+    from msb.topology.crosscheck.repairs import PEER_STEPS, work_in
+
     vertices = np.load(folder / "vertices.npy", allow_pickle=False)
     faces = np.load(folder / "faces.npy", allow_pickle=False)
-    reply = {"version": version(chosen.distribution), "answers": chosen.ask(vertices, faces)}
+    chosen: Peer | PeerStep
+    if peer in PEER_STEPS:
+        chosen, answers = PEER_STEPS[peer], work_in(folder, peer, vertices, faces)
+    else:
+        chosen = PEERS[peer]
+        answers = chosen.ask(vertices, faces)
+    reply = {"version": version(chosen.distribution), "answers": answers}
     partial = folder / f"{peer}.partial"
     partial.write_text(json.dumps(reply, allow_nan=False), "utf-8")
     partial.rename(folder / f"{peer}.json")

@@ -1,4 +1,4 @@
-"""The questions to each peer library. Only this module imports the peers.
+"""The questions to each peer library. Only this module and `repairs.py` import the peers.
 
 Every function here takes a mesh that has at least one face and no index out of range, and returns the
 peer's own answers under the names `expected.py` compares them by. It runs in a process of its own

@@ -1,0 +1,330 @@
+"""`msb repair`: make a mesh manifold and consistently wound, or see what each way to do so costs."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from msb.cli.camera_options import Cameras
+from msb.cli.failures import report_error
+from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog, refuse
+from msb.cli.output import Output
+from msb.errors import UsageError, about
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.meshes import Mesh
+    from msb.repair.assets import Repaired
+    from msb.repair.plan import Options, Outcome
+    from msb.scenes import Camera
+    from msb.topology import Audit
+
+EPILOG = epilog(
+    "msb repair data_stubs/checkpoint -o out/repaired.triasset",
+    "msb repair data_stubs/checkpoint -o out/fewer.glb --plan drop,orient,debris",
+    "msb repair -q --fail-on 'components>999' data_stubs/checkpoint -o out/g.ply",
+    "msb repair --compare data_stubs/models/walled/mesh_splatting -o out/costs",
+)
+SCHEMA = "msb.repair/1"
+_STEP_OPTIONS = {
+    "weld": ("weld",),
+    "pair_color": ("pair",),
+    "debris_faces": ("debris",),
+    "debris_share": ("debris",),
+    "close_edges": ("close",),
+    "close_share": ("close",),
+}
+"""Option -> the steps that it is about."""
+
+
+def repair(
+    source: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
+    target: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="OUT", help="What to write; with --compare a folder for pictures."
+        ),
+        WRITTEN,
+    ] = None,
+    plan: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STEPS",
+            help="Some of orient,pair,cut,drop,weld,debris,close. Default: orient,pair.",
+        ),
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Write nothing; try ways to repair and show what each costs.")
+    ] = False,
+    weld: Annotated[
+        str | None, typer.Option(metavar="exact|EPS", help="How near vertices are that weld merges.")
+    ] = None,
+    pair_color: Annotated[
+        float | None, typer.Option(metavar="W", help="What colour counts to pair beside the angle; 0.25.")
+    ] = None,
+    debris_faces: Annotated[
+        int | None, typer.Option(metavar="N", help="debris removes components of fewer faces; 10.")
+    ] = None,
+    debris_share: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="debris removes components of less area, or pixels; 0."),
+    ] = None,
+    close_edges: Annotated[
+        int | None, typer.Option(metavar="N", help="close closes holes of at most N edges; 8.")
+    ] = None,
+    close_share: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="close adds no cap of more of a component's area; 0.25."),
+    ] = None,
+    peer: Annotated[
+        Literal["igl", "pymeshlab"] | None,
+        typer.Option("--with", help="Let libigl do cut, or PyMeshLab do drop, in a process of its own."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Time limit of that process.")] = 60.0,
+    memory: Annotated[float, typer.Option(metavar="GIB", help="Memory limit of that process.")] = 4.0,
+    cameras: Cameras = None,
+    maps: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write an .npz with the rows of ASSET that rows of OUT come from."),
+        WRITTEN,
+    ] = None,
+    form: Annotated[
+        Literal["packed", "folder"] | None, typer.Option(help="Form of a .triasset; packed if not given.")
+    ] = None,
+    fail_on: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COND", help="Fail if e.g. 'components>1' holds afterwards. May be given again."
+        ),
+    ] = None,
+    fail_on_verdict: Annotated[
+        Literal["bad", "limited"] | None,
+        typer.Option(help="Fail if the verdict afterwards is this or worse."),
+    ] = None,
+    json_file: JsonFile = None,
+    device: DeviceName = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Repair a mesh, keeping what its vertices and faces hold; ASSET itself is never changed.
+
+    By default nothing visible changes: faces are turned to a consistent winding, and where more than two
+    meet at an edge those that continue each other stay together. A .triasset stays one of its method.
+
+    With --compare nothing is repaired: a table shows what each way would keep, and what it costs.
+    """
+    from msb.cli.audit import chosen_gates
+    from msb.repair.plan import DEFAULT, Options, check_peer, parse_plan
+
+    output = Output(json_file, quiet, verbose, force)
+    given: dict[str, Any] = {
+        "weld": weld,
+        "pair_color": pair_color,
+        "debris_faces": debris_faces,
+        "debris_share": debris_share,
+        "close_edges": close_edges,
+        "close_share": close_share,
+    }
+    named = {name: value for name, value in given.items() if value is not None}
+    options = Options(**named, peer=peer, seconds=seconds, memory_gib=memory).check()
+    if compare:
+        rest = {
+            "maps": maps,
+            "form": form,
+            "fail-on": fail_on,
+            "fail-on-verdict": fail_on_verdict,
+            "with": peer,
+        }
+        refuse(rest, "does not go with --compare")
+        from msb.cli.repair_compare import compare_strategies
+
+        chosen = None if plan is None else parse_plan(plan)
+        compare_strategies(source, target, chosen, options, cameras, device, output)
+        return
+    if target is None:
+        raise UsageError("USAGE", "-o OUT is missing; give the .triasset or mesh file to write")
+    default = DEFAULT if peer is None else ({"igl": ("cut",), "pymeshlab": ("drop",)}[peer])
+    steps = default if plan is None else parse_plan(plan)
+    check_peer(steps, peer)
+    for name in named:
+        if not set(_STEP_OPTIONS[name]) & set(steps):
+            refuse({name.replace("_", "-"): named[name]}, f"is for {_STEP_OPTIONS[name][0]}, not in --plan")
+    gates = chosen_gates(fail_on or [], None, fail_on_verdict)
+    task = _Task(source, target, maps, form, steps, options, cameras, device, output)
+    after = task.run()
+    failed = [error for gate in gates if (error := gate.check(after, source))]
+    raise typer.Exit(max((report_error(error) for error in failed), default=0))
+
+
+class _Task:
+    """One repair: outputs are checked before anything is read, and written when all is computed."""
+
+    def __init__(
+        self,
+        source: Path,
+        target: Path,
+        maps: Path | None,
+        form: Literal["packed", "folder"] | None,
+        plan: tuple[str, ...],
+        options: Options,
+        cameras: str | None,
+        device: str | None,
+        output: Output,
+    ) -> None:
+        from msb.asset import ASSET_SUFFIX
+        from msb.opening import is_mesh_file
+        from msb.saving import output_suffix
+
+        self.source, self.target, self.maps, self.form = source, target, maps, form
+        self.plan, self.options = plan, options
+        self.cameras, self.device, self.output = cameras, device, output
+        self.suffix = output_suffix(target, "OUT")
+        if form is not None and self.suffix != ASSET_SUFFIX:
+            raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
+        if cameras is not None and not {"debris", "drop"} & set(plan):
+            raise UsageError("USAGE", "--cameras weigh faces for debris and drop, which are not in --plan")
+        if maps is not None and maps.suffix.lower() != ".npz":
+            raise UsageError("USAGE", f'--maps is "{maps.name}"; it must end in .npz')
+        output.check_free(target, folder=form == "folder")
+        output.check_free(maps)
+        output.check_outputs()
+        self.in_file_precision = self.suffix != ASSET_SUFFIX and is_mesh_file(source) and cameras is None
+
+    def run(self) -> Audit:
+        """Repair, write and print; return the audit of the result."""
+        from msb.repair.plan import what_is_left
+
+        done = self.repair_mesh() if self.in_file_precision else self.repair_asset()
+        left = what_is_left(done.after)
+        if self.maps is not None:
+            _write_maps(self.maps, done)
+        self.output.write_json(_document(self.source, self.target, self.plan, done, left))
+        if self.output.prints_text:
+            _print(self.source, self.target, done, left, self.output)
+        return done.after
+
+    def repair_asset(self) -> Repaired:
+        """Repair what an asset holds, and write it as one or as its standard-tier mesh."""
+        from msb.cli.inputs import open_asset
+        from msb.repair.assets import repair_asset
+        from msb.saving import save
+
+        with self.output.progress(f"reading {self.source.name}"):
+            asset = open_asset(self.source, self.output)
+        weights = None if self.cameras is None else self.pixels(asset)
+        with self.output.progress(f"repairing {self.source.name}"), about(self.source):
+            done = repair_asset(asset, self.plan, self.options, weights)
+        _note_turned(done.asset, done, self.output)
+        with self.output.progress(f"writing {self.target.name}"):
+            save(done.asset, self.target, overwrite=True, form=self.form or "packed")
+        return done
+
+    def pixels(self, asset: Asset) -> NDArray[Any]:
+        """Return how many pixels each face covers."""
+        from msb.repair.seen import seen_pixels
+        from msb.scenes import read_cameras
+
+        cameras: Sequence[Camera] = read_cameras(str(self.cameras))
+        with self.output.counted("looking at faces", len(cameras)) as step:
+            return seen_pixels(asset, cameras, self.device, step)
+
+    def repair_mesh(self) -> Outcome:
+        """Repair a mesh file in its own precision."""
+        from msb.atomic import new_file
+        from msb.meshes import read_mesh, write_mesh
+        from msb.meshes.assets import with_colors_for
+        from msb.repair.assets import repair_mesh
+
+        with self.output.progress(f"reading {self.source.name}"):
+            mesh = read_mesh(self.source)
+        with self.output.progress(f"repairing {self.source.name}"), about(self.source):
+            made, done = repair_mesh(mesh, self.plan, self.options)
+        fitting: Mesh = with_colors_for(made, self.suffix)
+        if fitting is not made:
+            text = f"{self.suffix} has no face colours, so every face gets vertices of its own: a soup again"
+            self.output.note(f"{self.target}: {text}")
+        with (
+            self.output.progress(f"writing {self.target.name}"),
+            about(self.source),
+            new_file(self.target) as file,
+        ):
+            write_mesh(fitting, file, suffix=self.suffix)
+        return done
+
+
+def _write_maps(path: Path, done: Repaired | Outcome) -> None:
+    import numpy as np
+
+    from msb.atomic import new_file
+
+    with new_file(path) as file:
+        np.savez(file, vertex=done.vertex_map, face=done.face_map, turned=done.turned)
+
+
+def _document(
+    source: Path, target: Path, plan: tuple[str, ...], done: Repaired | Outcome, left: list[str]
+) -> dict[str, Any]:
+    before, after = done.before.to_dict(), done.after.to_dict()
+    return {
+        "schema": SCHEMA,
+        "path": str(source),
+        "output": str(target),
+        "plan": list(plan),
+        "steps": [step.to_dict() for step in done.steps],
+        "edges_cut": len(done.cut_edges),
+        "faces_turned": int(done.turned.sum()),
+        "left": left,
+        "before": {key: before[key] for key in ("counts", "metrics")},
+        "after": {key: after[key] for key in ("counts", "metrics")},
+        "verdict_before": before["verdict"],
+        "verdict_after": after["verdict"],
+    }
+
+
+def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
+    """Say what turned faces change where back faces are culled."""
+    turned = int(done.turned.sum())
+    if turned == 0:
+        return
+    stored = asset.manifest.settings.get("back_culling")
+    text = (
+        f"{turned:,} of {len(done.turned):,} faces were turned: where back faces are culled they show from "
+    )
+    text += "the other side"
+    if stored is not None and stored.value:
+        text += "; this asset has back_culling on"
+    output.note(text)
+
+
+def _print(source: Path, target: Path, done: Repaired | Outcome, left: list[str], output: Output) -> None:
+    from rich.markup import escape
+
+    from msb.cli.output import plain_table
+    from msb.errors import one_line
+    from msb.topology.verdict import judge
+
+    console = output.console()
+    words = [judge(audit).word for audit in (done.before, done.after)]
+    names = [escape(one_line(str(path))) for path in (source, target)]
+    console.print(f"[bold]{names[1]}[/bold]: {words[1]}; {names[0]} was {words[0]}", soft_wrap=True)
+    if output.quiet:
+        return
+    headers = ("Step", "Faces removed", "added", "turned", "Vertices removed", "added", "Seconds")
+    table = plain_table(*headers, right=tuple(range(1, len(headers))))
+    for step in done.steps:
+        numbers = [getattr(step, f.name) for f in fields(step)[1:6]]
+        table.add_row(step.step, *(f"{number:,}" for number in numbers), f"{step.seconds:.2f}")
+    console.print(table)
+    for note in dict.fromkeys(note for step in done.steps for note in step.notes):
+        console.print(escape(one_line(note)), soft_wrap=True)
+    pieces = [f"{audit.counts.components:,}" for audit in (done.before, done.after)]
+    console.print(f"Components: {pieces[0]} before, {pieces[1]} after; {len(done.cut_edges):,} edges cut")
+    console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)

@@ -1,0 +1,120 @@
+"""`msb repair --compare`: the table of ways to repair an asset, and pictures of them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from msb.cli.output import Output, plain_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.asset import Asset
+    from msb.repair.compare import Look, Row
+    from msb.repair.plan import Options
+    from msb.scenes import Camera
+
+SCHEMA = "msb.repair_compare/1"
+_TITLES = {"standard": "Standard", "dedicated": "Dedicated", "size": "MB", "seconds": "Seconds"}
+VIEWS = (8, "640x480")
+"""The number of turntable views where no cameras are given, and their size."""
+
+
+def compare_strategies(
+    source: Path,
+    folder: Path | None,
+    plan: tuple[str, ...] | None,
+    options: Options,
+    cameras: str | None,
+    device: str | None,
+    output: Output,
+) -> None:
+    """Print the table of `msb.repair.compare`, and write its JSON and a picture of each strategy."""
+    from msb.cli.camera_options import around
+    from msb.cli.inputs import open_asset
+    from msb.repair.compare import STRATEGIES, compare
+    from msb.scenes import read_cameras
+
+    output.check_free(folder, folder=True)
+    output.check_outputs()
+    with output.progress(f"reading {source.name}"):
+        asset = open_asset(source, output)
+    views = around(asset, *VIEWS, None, 20.0) if cameras is None else read_cameras(cameras)
+    which = f"{len(views)} {'turntable views' if cameras is None else f'views of {cameras}'}"
+    total = len(STRATEGIES) + 1 + (plan is not None and ",".join(plan) not in STRATEGIES)
+    with output.counted("trying repairs", total) as step:
+        rows = compare(asset, views, options, plan=plan, device=device, step=step)
+    if folder is not None:
+        _write_pictures(asset, rows, views[0], folder, device, output)
+    output.write_json(
+        {
+            "schema": SCHEMA,
+            "path": str(source),
+            "views": which,
+            "strategies": [row.to_dict() for row in rows],
+        }
+    )
+    if output.prints_text:
+        _print(rows, which, output)
+
+
+def _write_pictures(
+    asset: Asset, rows: list[Row], camera: Camera, folder: Path, device: str | None, output: Output
+) -> None:
+    from msb.atomic import new_folder
+    from msb.render.images import write_image
+    from msb.repair.pictures import picture
+
+    drawn = [(row.strategy, row.repaired) for row in rows if row.repaired is not None]
+    with new_folder(folder) as made, output.counted("drawing", len(drawn)) as step:
+        for name, repaired in drawn:
+            path = made / f"{re.sub('[^a-z]+', '-', name)}.png"
+            write_image(path, picture(asset, repaired, camera, device), "png")
+            step()
+
+
+def _print(rows: list[Row], which: str, output: Output) -> None:
+    from rich.markup import escape
+
+    from msb.topology.shown import structure_text
+    from msb.topology.verdict import judge
+
+    console = output.console()
+    if not console.is_terminal:
+        console.width = 10_000  # no table is as wide
+    names = ("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict", *_TITLES.values())
+    table = plain_table(*names, right=(1, 2, 3, 4, 5, 7, 8, 9, 10))
+    for row in rows:
+        if row.before is None or row.after is None or row.looks is None:
+            table.add_row(row.strategy, "-", "-", "-", "-", "-", "not done")
+            continue
+        ratio = row.after.metrics.boundary_edge_ratio
+        table.add_row(
+            row.strategy,
+            f"{100 * row.faces_kept / max(row.before.counts.faces, 1):.1f} %",
+            f"{row.faces_added:,}",
+            f"{row.edges_cut:,}",
+            f"{row.after.counts.components:,}",
+            "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
+            judge(row.after).word,
+            *(_look_text(look) for look in row.looks.values()),
+            f"{row.size / 1e6:.2f}",
+            f"{row.seconds:.1f}",
+        )
+    console.print(table)
+    if output.quiet:
+        return
+    for row in rows:
+        if row.why is not None:
+            console.print(escape(f"{row.strategy}: {row.why}"), soft_wrap=True)
+    reasons = {look.why for row in rows for look in (row.looks or {}).values() if look.why}
+    for why in sorted(reasons):
+        console.print(escape(f"not drawn: {why}"), soft_wrap=True)
+    console.print(f"PSNR in dB against the asset as stored, over {escape(which)}.", soft_wrap=True)
+
+
+def _look_text(look: Look) -> str:
+    if look.same:
+        return "same"
+    return "-" if look.psnr is None else f"{look.psnr:.1f}"

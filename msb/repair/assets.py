@@ -1,0 +1,243 @@
+"""Repair an asset: the manifest stays, buffers are carried, and every tier draws the repaired thing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset import Asset, Description, build_asset
+from msb.asset.look import colors_of, stored_threshold, visible_faces
+from msb.asset.tiers import why_not
+from msb.errors import Unsupported, about
+from msb.meshes import Mesh
+from msb.opening import as_asset
+from msb.repair.plan import DEFAULT, Options, Outcome, Step, check_peer, parse_plan, run_plan, what_is_left
+from msb.topology.steps.change import with_faces
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.topology import Audit
+    from msb.topology.steps import Change
+    from msb.topology.weld import Weld
+
+
+@dataclass(frozen=True, eq=False)
+class Repaired:
+    """A repaired asset. Its original is as it was.
+
+    Attributes
+    ----------
+    asset : Asset
+        The repaired asset, of the same method unless `weld` joined a triangle soup; in memory.
+    vertex_map, face_map : (V',), (F',) int64
+        The row of the original that each new vertex and face is; -1 for what is new.
+    turned : (F',) bool
+        Whether the second and the third corner of a face changed places.
+    cut_edges : (n, 2) int64
+        The vertices of the original whose edge became several.
+    plan : tuple of str
+    steps : tuple of Step
+        What was done, in order; a plan is repeated until nothing changes.
+    before, after : Audit
+    left : tuple of str
+        What still is not manifold, consistently wound, free of doubles, or closed.
+    """
+
+    asset: Asset
+    vertex_map: NDArray[np.int64]
+    face_map: NDArray[np.int64]
+    turned: NDArray[np.bool_]
+    cut_edges: NDArray[np.int64]
+    plan: tuple[str, ...]
+    steps: tuple[Step, ...]
+    before: Audit
+    after: Audit
+    left: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        before, after = (f"{a.verdict} ({a.counts.faces:,} faces)" for a in (self.before, self.after))
+        return f"<Repaired by {','.join(self.plan)}: {before} -> {after}>"
+
+
+def repair(
+    asset: Asset | str | os.PathLike[str],
+    plan: Sequence[str] | str = DEFAULT,
+    *,
+    weld: Weld = "exact",
+    pair_color: float = 0.25,
+    debris_faces: int = 10,
+    debris_share: float = 0.0,
+    close_edges: int = 8,
+    close_share: float = 0.25,
+    peer: str | None = None,
+    seconds: float = 60.0,
+    memory_gib: float = 4.0,
+    weights: NDArray[Any] | None = None,
+) -> Repaired:
+    """Return a repaired copy of an asset, with all that its vertices and faces hold carried along.
+
+    The default plan changes nothing that is drawn: faces are turned to a consistent winding, and where more
+    than two meet at an edge those that continue each other stay together. docs/repair.md says what each step
+    does and guarantees.
+
+    Parameters
+    ----------
+    asset : Asset or path-like
+        The asset, or the path of anything that `msb.open` takes. It is not changed.
+    plan : sequence of str, or str
+        Steps in their order, or their names with commas between: "orient", "pair", "cut", "drop", "weld",
+        "debris", "close". They are repeated until none changes anything.
+    weld : "exact" or float
+        How `weld` merges vertices: equal float32 coordinates, or chains of vertices at most this far apart.
+    pair_color : float
+        What a difference of black and white counts to `pair`, beside a fold by 180 degrees, which counts 1.
+    debris_faces : int
+        `debris` removes components of fewer faces.
+    debris_share : float
+        `debris` also removes components that have a smaller share of the weight.
+    close_edges : int
+        `close` closes holes of at most so many edges.
+    close_share : float
+        `close` leaves rims open whose cap would have a larger share of the area of their component.
+    peer : {"igl", "pymeshlab"}, optional
+        The library that does `cut` (igl) or `drop` (pymeshlab) in our stead, in a child process.
+    seconds, memory_gib : float
+        The limits of that process.
+    weights : (F,) non-negative numbers, optional
+        The weight of each face to `debris` and `drop`, such as pixels seen; the area if not given.
+
+    Returns
+    -------
+    Repaired
+
+    Raises
+    ------
+    UsageError
+        `USAGE`, `EXTRA_MISSING`.
+    MeshError
+        `MESH_NONFINITE`, naming the vertex; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`, `WELD_TOO_WIDE`.
+    Unsupported
+        `UNSUPPORTED_REPAIR`: a buffer cannot be carried through a step; `UNSUPPORTED_STANDARD`: a soup
+        without static colours cannot be welded; `PEER_FAILED`.
+    AssetError
+        `TRIASSET_EMPTY`: nothing was left.
+    InputError, CheckpointError, MeshFileError
+        The path cannot be read.
+
+    Examples
+    --------
+    >>> import msb
+    >>> fixed = msb.repair("data_stubs/splat_like.triasset")
+    >>> fixed.before.counts.nonmanifold_edges, fixed.after.counts.nonmanifold_edges, fixed.left
+    (10069, 0, ('28,403 boundary edges: open stays open unless holes are closed',))
+    """
+    whole = as_asset(asset)
+    steps = parse_plan(plan)
+    options = Options(
+        weld, pair_color, debris_faces, debris_share, close_edges, close_share, peer, seconds, memory_gib
+    ).check()
+    check_peer(steps, peer)
+    return repair_asset(whole, steps, options, weights)
+
+
+def repair_asset(
+    asset: Asset, plan: tuple[str, ...], options: Options, weights: NDArray[Any] | None = None
+) -> Repaired:
+    """Return what `repair` does, for a plan and options that were checked."""
+    with about(asset.path):
+        base, first = _as_mesh(asset) if _is_joined(asset, plan) else (asset, None)
+        manifest = base.manifest
+        domains = {name: spec.domain for name, spec in manifest.buffers.items()}
+        level = manifest.appearance.get("level")
+        level = level if isinstance(level, int) and 0 <= level <= 8 else None
+        done = run_plan(base.buffers, domains, plan, options, level=level, weights=weights, first=first)
+        if first is None and not any(step.changed for step in done.steps):
+            made = asset
+        else:
+            kept = {f.name: getattr(manifest, f.name) for f in fields(Description)}
+            made = build_asset(done.buffers, domains, Description(**kept))
+            made = replace(
+                made, manifest=replace(made.manifest, extra=manifest.extra), warnings=asset.warnings
+            )
+    return _repaired(made, plan, done)
+
+
+def repair_mesh(mesh: Mesh, plan: tuple[str, ...], options: Options) -> tuple[Mesh, Outcome]:
+    """Return a repaired mesh in the precision of its file, and what was done."""
+    buffers: dict[str, NDArray[Any]] = {"positions": mesh.vertices, "indices": mesh.faces}
+    domains = {}
+    for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
+        if colors is not None:
+            name = (
+                "f_dc" if "color" in buffers else "color"
+            )  # beside vertex colours, under a name that is known
+            buffers[name], domains[name] = colors, domain
+    done = run_plan(buffers, domains, plan, options)
+    colors_by = {domain: done.buffers[name] for name, domain in domains.items()}
+    made = Mesh(
+        done.buffers["positions"],
+        done.buffers["indices"].astype(np.int64),
+        colors_by.get("vertex"),
+        colors_by.get("face"),
+    )
+    return made, done
+
+
+def _repaired(asset: Asset, plan: tuple[str, ...], done: Outcome) -> Repaired:
+    path = None if asset.path is None else str(asset.path)
+    before, after = (
+        replace(one, path=path, method=asset.manifest.method) for one in (done.before, done.after)
+    )
+    return Repaired(
+        asset=asset,
+        vertex_map=done.vertex_map,
+        face_map=done.face_map,
+        turned=done.turned,
+        cut_edges=done.cut_edges,
+        plan=plan,
+        steps=done.steps,
+        before=before,
+        after=after,
+        left=tuple(what_is_left(done.after)),
+    )
+
+
+def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:
+    """Return whether the plan welds a soup of a method that draws soups alone."""
+    return "weld" in plan and asset.manifest.topology == "triangle_soup" and asset.manifest.method != "mesh"
+
+
+def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
+    """Return a soup as a mesh of its standard look, and the change that leaves out the faces it hides.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_STANDARD`.
+    """
+    why = why_not(asset.manifest, "standard")
+    if why is not None:
+        text = f"weld turns a soup into a mesh of static colours; {asset.manifest.method}: {why}"
+        raise Unsupported("UNSUPPORTED_STANDARD", text)
+    buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
+    domains: dict[str, Any] = {}
+    if (colors := colors_of(asset)) is not None:
+        buffers["color"], domains["color"] = colors.values, colors.domain
+    manifest = asset.manifest
+    description = Description(
+        appearance={"kind": "static_color" if domains else "none"},
+        color_space=manifest.color_space,
+        coordinate_frame=manifest.coordinate_frame,
+        source=manifest.source,
+    )
+    shown = visible_faces(asset, stored_threshold(asset))
+    if shown is None:
+        return build_asset(buffers, domains, description), None
+    faces = buffers["indices"].astype(np.int64)
+    return build_asset(buffers, domains, description), with_faces(faces, shown, 3 * len(faces))

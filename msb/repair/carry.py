@@ -1,0 +1,116 @@
+"""Carry what vertices, faces and corners hold through a change of the mesh."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from msb.errors import Unsupported
+from msb.topology.halfedge import NONE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.topology.steps.change import Change, Rims
+
+    Buffers = Mapping[str, NDArray[Any]]
+
+_OF_THE_WHOLE_FACE = {"color", "f_dc", "f_rest", "opacity", "sigma"}
+"""Buffers whose values for a face do not depend on which of its corners is first."""
+_LATTICES = {"features.lattice", "features.opacity"}
+"""DiffSoup's samples of a barycentric lattice, which turn with the face."""
+
+
+def carry(
+    buffers: Buffers, domains: Mapping[str, str], change: Change, level: int | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return the buffers of the changed mesh.
+
+    Values are copied, bit for bit. A new vertex has the mean of its rim; an added face has the values of the
+    face beside it.
+
+    Parameters
+    ----------
+    buffers : mapping of arrays
+        `positions`, `indices` and all others.
+    domains : mapping of str to {"vertex", "face", "corner", "global"}
+    change : Change
+    level : int, optional
+        The level of DiffSoup's lattice.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_REPAIR`: a buffer's values for the turned or added faces do not follow from the old ones.
+    """
+    known = {**domains, "positions": "vertex", "indices": "face"}
+    return {
+        name: change.faces.astype(array.dtype)
+        if name == "indices"
+        else _carried(name, array, known[name], change, level)
+        for name, array in buffers.items()
+    }
+
+
+def _carried(name: str, array: NDArray[Any], domain: str, change: Change, level: int | None) -> NDArray[Any]:
+    if domain == "vertex":
+        kept = array[change.vertex_map[: len(change.vertex_map) - change.rims.count]]
+        if change.rims.count == 0:
+            return np.asarray(kept)
+        return np.concatenate([kept, _means(name, array, change.rims)])
+    if domain == "face":
+        return _of_faces(name, array, change, level)
+    if domain == "corner":
+        if len(change.added_from):
+            _refuse(name, "a value for each corner", "added")
+        return np.asarray(array[change.corner_map])
+    return array
+
+
+def _of_faces(name: str, array: NDArray[Any], change: Change, level: int | None) -> NDArray[Any]:
+    whole = name in _OF_THE_WHOLE_FACE
+    if len(change.added_from) and not whole:
+        _refuse(name, "values for each face whose meaning is the method's own", "added")
+    values = array[np.concatenate([change.face_map[change.face_map != NONE], change.added_from])]
+    if whole or not change.turned.any():
+        return np.asarray(values)
+    samples = None if level is None else (2**level + 1) * (2**level + 2) // 2
+    if name not in _LATTICES or level is None or values.ndim < 2 or values.shape[1] != samples:
+        _refuse(name, "values for each face whose meaning is the method's own", "turned")
+    values[change.turned] = values[change.turned][:, turned_lattice(2**level)]
+    return np.asarray(values)
+
+
+def turned_lattice(sides: int) -> NDArray[np.intp]:
+    """Return which sample each one is, when the second and the third corner of a face change places.
+
+    Sample ``s (s + 1) / 2 + y`` lies at b0 = (s - y) / n, b1 = y / n, so b2 = (n - s) / n, n being `sides`.
+    Its place in the face before was (b0, b2, b1), that is y = n - s and s = n - y.
+    """
+    s, y = np.tril_indices(sides + 1)
+    s, y = sides - y, sides - s
+    return np.asarray(s * (s + 1) // 2 + y)
+
+
+def _means(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
+    """Return the mean over each rim; the first value where that is not finite, as of infinite opacities."""
+    if array.dtype.kind != "f" and array.dtype != np.uint8:
+        _refuse(name, f"{array.dtype} values for each vertex, which have no mean,", "added")
+    values = array[rims.vertices].astype(np.float64)
+    starts = rims.offsets[:-1]
+    sizes = np.diff(rims.offsets).reshape(-1, *(1,) * (array.ndim - 1))
+    with np.errstate(invalid="ignore", over="ignore"):
+        means = np.add.reduceat(values, starts, axis=0) / sizes
+    means = np.where(np.isfinite(means), means, values[starts])
+    return np.asarray(
+        means.astype(array.dtype) if array.dtype.kind == "f" else np.rint(means).astype(np.uint8)
+    )
+
+
+def _refuse(name: str, what: str, done: str) -> NoReturn:
+    how = "orient turns faces" if done == "turned" else "close adds faces"
+    text = f"buffer {name} holds {what} and cannot be carried where faces are {done}: leave out the step by "
+    raise Unsupported("UNSUPPORTED_REPAIR", f"{text}which {how}", pointer=name)

@@ -1,0 +1,46 @@
+"""How much of an image each face covers: what debris is to the viewer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.asset.tiers import why_not
+from msb.errors import Unsupported
+from msb.render import Renderer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.scenes import Camera
+
+
+def seen_pixels(
+    asset: Asset,
+    cameras: Sequence[Camera],
+    device: str | None = None,
+    step: Callable[[], None] = lambda: None,
+) -> NDArray[np.float64]:
+    """Return the number of pixels (F,) that each face covers on the standard tier, over all cameras.
+
+    Raises
+    ------
+    Unsupported
+        `UNSUPPORTED_STANDARD`: the method has no standard tier.
+    """
+    why = why_not(asset.manifest, "standard")
+    if why is not None:
+        text = f"faces are weighted by what the standard tier shows; {asset.manifest.method}: {why}"
+        raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
+    pixels = np.zeros(asset.manifest.face_count)
+    with Renderer(asset, tier="standard", device=device) as renderer:
+        for camera in cameras:
+            seen = renderer.render(camera).face_id
+            if seen is not None:
+                pixels += np.bincount(seen[seen >= 0], minlength=len(pixels))
+            step()
+    return pixels

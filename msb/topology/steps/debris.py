@@ -1,0 +1,62 @@
+"""Remove small pieces: components of few faces, or of little area, or that cameras hardly see."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.topology.analysis import find_components
+from msb.topology.faces import added_areas, face_areas
+from msb.topology.halfedge import NONE, build_half_edges
+from msb.topology.steps.change import Change, with_faces
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+FEWEST_FACES = 10
+"""Components of fewer faces are debris, if nothing else is said."""
+
+
+def debris(
+    points: NDArray[Any],
+    faces: NDArray[Any],
+    *,
+    least_faces: int = FEWEST_FACES,
+    least_share: float = 0.0,
+    weights: NDArray[Any] | None = None,
+) -> Change:
+    """Remove the components of fewer than `least_faces` faces, or of less than `least_share` of the weight.
+
+    Parameters
+    ----------
+    points : (V, 3) floating
+    faces : (F, 3) integers
+    least_faces : int
+        Components of fewer faces are removed; 0 switches this off.
+    least_share : float
+        Components of a smaller share of all weight are removed; 0 switches this off.
+    weights : (F,) non-negative numbers, optional
+        The weight of each face, such as the number of pixels it covers; the area if not given.
+
+    Returns
+    -------
+    Change
+        Without the faces of these components and the vertices that only they used. Faces that name a vertex
+        twice belong to no component and stay. A second run removes nothing, because the shares of what stays
+        grow. O(F log F) time.
+    """
+    mesh = build_half_edges(faces, len(points))
+    area, _ = face_areas(points, faces)
+    parts, _ = find_components(mesh, area)
+    proper = parts.face_component != NONE
+    label = parts.face_component[proper]
+    small = parts.sizes < least_faces
+    if least_share > 0:
+        weight = parts.areas
+        if weights is not None:
+            weight = added_areas(np.asarray(weights, np.float64)[proper], label, parts.count)
+        small |= weight < least_share * weight.sum()
+    keep = np.ones(len(faces), bool)
+    keep[proper] = ~small[label]
+    return with_faces(faces, keep, len(points))

@@ -1,0 +1,129 @@
+"""Make the winding consistent across ordinary edges, turning as few faces as a component allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.topology.components import label_components
+from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of
+from msb.topology.steps.change import Change
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Which nodes of a graph lie on the same side, if every pair says "same side" or "other side".
+
+    Attributes
+    ----------
+    label : (n,) integers
+        The connected component of each node.
+    other : (n,) bool
+        Whether a node is on the other side than the first node of its component.
+    one_sided : (n,) bool
+        Whether no choice of sides fits all pairs of its component.
+    """
+
+    label: NDArray[Any]
+    other: NDArray[np.bool_]
+    one_sided: NDArray[np.bool_]
+
+
+def orient(faces: NDArray[Any], vertex_count: int) -> Change:
+    """Turn faces so that the two faces of every ordinary edge run along it in opposite directions.
+
+    Faces are joined across edges of exactly two faces. In each component the side of fewer faces is turned;
+    of equal ones the first face stays. On a one-sided component (a Moebius strip) some edges must disagree:
+    those are kept few by preferring edges that agree already, so a second run turns nothing.
+
+    Parameters
+    ----------
+    faces : (F, 3) integers
+    vertex_count : int
+
+    Returns
+    -------
+    Change
+        With faces turned, and a note where there are one-sided components. O(F log F) time.
+    """
+    mesh = build_half_edges(faces, vertex_count)
+    sides = sides_of_faces(mesh)
+    turned = fewer_side(sides.label, sides.other)
+    new = np.where(turned[:, None], faces[:, (0, 2, 1)], faces)
+    notes: tuple[str, ...] = ()
+    if strange := len(np.unique(sides.label[sides.one_sided])):
+        what = "component is" if strange == 1 else "components are"
+        notes = (f"{strange:,} {what} one-sided, like a Moebius strip: no winding is consistent there",)
+    return Change(new, np.arange(vertex_count), np.arange(len(faces)), turned, notes=notes)
+
+
+def sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
+    """Return which faces of each component, joined across ordinary edges, are wound the other way."""
+    one, other = mesh.two_face_halfedges
+    clash = mesh.origin[one] == mesh.origin[other]
+    return find_sides(mesh.face_count, face_of(one), face_of(other), clash)
+
+
+def find_sides(count: int, one: NDArray[Any], other: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
+    """Return the sides of `count` nodes from pairs whose ends must lie on the same side, or must `differ`.
+
+    Notes
+    -----
+    Each node stands for two, itself on either side, and pairs join these (the double cover). A component
+    that falls into two halves has its sides; one that does not is one-sided, and there the pairs of a
+    spanning tree decide, which takes pairs that agree first. O(n) time.
+    """
+    labels = _double_cover(count, one, other, differ)
+    one_sided = labels[:count] == labels[count:]
+    if one_sided.any():
+        inside = np.flatnonzero(one_sided[one])
+        inside = inside[one[inside] != other[inside]]
+        tree = inside[spanning_tree(count, one[inside], other[inside], 1.0 + differ[inside])]
+        outside = np.flatnonzero(~one_sided[one])
+        used = np.concatenate([tree, outside])
+        labels = _double_cover(count, one[used], other[used], differ[used])
+    label = np.minimum(labels[:count], labels[count:])
+    return Sides(label, labels[:count] > labels[count:], one_sided)
+
+
+def spanning_tree(
+    count: int, one: NDArray[Any], other: NDArray[Any], cost: NDArray[np.float64]
+) -> NDArray[Any]:
+    """Return the numbers of the pairs of a spanning forest of least cost; ends differ, costs are positive."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    order = np.lexsort((cost, high, low))
+    first = np.ones(len(order), bool)
+    first[1:] = (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
+    best = order[first]  # of pairs between the same two nodes the cheapest
+    # Values are ranks, so that equal costs are decided by the order of the nodes and never by chance.
+    rank = np.zeros(len(best))
+    rank[np.argsort(cost[best], kind="stable")] = np.arange(1, len(best) + 1)
+    tree = minimum_spanning_tree(csr_array((rank, (low[best], high[best])), shape=(count, count)))
+    by_rank = np.zeros(len(best) + 1, np.intp)
+    by_rank[rank.astype(np.intp)] = best
+    return np.asarray(by_rank[tree.data.astype(np.intp)])
+
+
+def fewer_side(label: NDArray[Any], other: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which nodes to turn, so that all of a component are on the side that had more of them."""
+    count = int(label.max(initial=-1)) + 1
+    turn_rest = 2 * np.bincount(label[other], minlength=count) > np.bincount(label, minlength=count)
+    return np.asarray(other ^ turn_rest[label])
+
+
+def _double_cover(
+    count: int, one: NDArray[Any], other: NDArray[Any], differ: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Return the labels of the nodes on this side, then on the other."""
+    crossed = other + np.where(differ, count, 0)
+    back = other + np.where(differ, 0, count)
+    first, second = np.concatenate([one, one + count]), np.concatenate([crossed, back])
+    return label_components(2 * count, first, second)[1]

@@ -1,0 +1,40 @@
+"""Merge coincident vertices, as a step of a repair."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msb.topology.faces import names_vertex_twice
+from msb.topology.steps.change import Change, followed_by, with_faces, with_vertices
+from msb.topology.weld import merged_vertices
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.topology.weld import Weld
+
+
+def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:
+    """Merge vertices in one place, as the audit's weld does, and remove the faces that collapse by it.
+
+    Parameters
+    ----------
+    points : (V, 3) floating
+    faces : (F, 3) integers
+    distance : "exact" or float
+        Equal float32 coordinates, or chains of vertices at most this far apart.
+
+    Returns
+    -------
+    Change
+        Each set of merged vertices is its first one, with that one's values.
+
+    Raises
+    ------
+    MeshError
+        `WELD_TOO_WIDE`.
+    """
+    kept, number = merged_vertices(points, distance)
+    new = number.astype(faces.dtype)[faces]
+    collapsed = names_vertex_twice(new) & ~names_vertex_twice(faces)
+    return followed_by(with_vertices(new, kept), with_faces(new, ~collapsed, len(kept)))

@@ -1,0 +1,137 @@
+"""`msb repair`, as users meet it."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb as library
+from msb.meshes import Mesh, read_mesh, write_mesh
+from tests.conftest import BOOK, ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb, Refused
+
+CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
+
+
+@pytest.fixture
+def book(tmp_path: Path) -> Path:
+    """Return a mesh file of three pages at one edge, in double precision."""
+    path = tmp_path / "book.ply"
+    with path.open("wb") as file:
+        write_mesh(Mesh(BOOK[0].astype(np.float64) / 3, BOOK[1]), file, suffix=".ply")
+    return path
+
+
+def test_a_checkpoint_becomes_a_repaired_asset_with_its_maps(msb: Msb, tmp_path: Path) -> None:
+    target, maps = tmp_path / "new" / "a.triasset", tmp_path / "maps.npz"
+    result = msb("repair", CHECKPOINT, "-o", target, "--maps", maps, "--json", "-")
+    assert result.status == 0
+    assert "where back faces are culled they show from the other side" in result.err
+    data = result.json
+    assert data["schema"] == "msb.repair/1"
+    assert {"path", "output", "plan", "steps", "before", "after", "verdict_before", "verdict_after"} <= set(
+        data
+    )
+    assert {"step", "faces_removed", "faces_added", "vertices_added", "seconds"} <= set(data["steps"][0])
+    assert (data["verdict_before"]["level"], data["verdict_after"]["level"]) == ("bad", "limited")
+    assert data["after"]["counts"]["nonmanifold_vertices"] == 0
+    original, made = library.open(CHECKPOINT), library.load(target)
+    assert made.manifest.method == "mesh_splatting"
+    with np.load(maps) as found:
+        assert found["vertex"].dtype == found["face"].dtype == np.int64
+        assert np.array_equal(original.buffers["f_rest"][found["vertex"]], made.buffers["f_rest"])
+        assert len(found["face"]) == len(found["turned"]) == made.manifest.face_count
+
+
+def test_a_mesh_file_keeps_its_precision_and_the_original_stays(msb: Msb, book: Path) -> None:
+    before = book.read_bytes()
+    target = book.with_name("fixed.ply")
+    result = msb("repair", book, "-o", target)
+    assert result.status == 0, result.err
+    assert "LIMITED; " in result.out
+    assert "Components: 1 before, 2 after; 1 edges cut" in result.out
+    assert read_mesh(target).vertices.dtype == np.float64
+    assert book.read_bytes() == before
+    again = book.with_name("again.ply")
+    assert msb("repair", target, "-o", again).status == 0
+    assert again.read_bytes() == target.read_bytes()
+    assert msb("repair", book, "-o", target).err.startswith(f"OUTPUT_EXISTS: {target}")
+
+
+def test_gates_judge_what_came_out_and_what_came_out_is_there(msb: Msb, book: Path) -> None:
+    target = book.with_name("fixed.ply")
+    result = msb("repair", "-q", book, "-o", target, "--fail-on", "nonmanifold_edges>0")
+    assert (result.status, target.exists()) == (0, True)
+    result = msb("repair", "-q", "-f", book, "-o", target, "--fail-on-verdict", "limited")
+    assert result.status == 1
+    assert result.err.startswith(f"GATE_FAILED: {book}: verdict is LIMITED (open")
+    result = msb(
+        "repair", "-q", "-f", book, "-o", target, "--plan", "orient", "--fail-on", "nonmanifold_edges>0"
+    )
+    assert result.status == 1
+
+
+def test_pixels_weigh_what_debris_removes(msb: Msb, tmp_path: Path) -> None:
+    views = ROOT / "data_stubs" / "views.json"
+    line = ["repair", CHECKPOINT, "--plan", "debris", "--debris-faces", 0, "--debris-share", 0.001]
+    for name, more in (("area", []), ("seen", ["--cameras", views])):
+        result = msb(*line, "-o", tmp_path / f"{name}.triasset", "--json", tmp_path / f"{name}.json", *more)
+        assert result.status == 0, result.err
+    removed = [
+        json.loads((tmp_path / f"{name}.json").read_text())["steps"][0]["faces_removed"]
+        for name in ("area", "seen")
+    ]
+    assert 0 < removed[0] != removed[1] > 0
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("repair a.ply", "-o OUT is missing"),
+        ("repair a.ply -o b.txt", 'OUT is "b.txt"; it must end in one of'),
+        ("repair a.ply -o b.ply --plan orient,polish", 'there is no step "polish"; there are orient, pair'),
+        ("repair a.ply -o b.ply --close-edges 5", "--close-edges is for close, not in --plan"),
+        ("repair a.ply -o b.ply --maps c.csv", '--maps is "c.csv"; it must end in .npz'),
+        ("repair a.ply -o b.ply --form folder", "--form is for .triasset"),
+        ("repair a.ply -o b.ply --cameras v.json", "--cameras weigh faces for debris and drop"),
+        ("repair a.ply -o b.ply --with igl --plan drop", "igl can do cut, and the plan is drop"),
+        ("repair --compare a.ply --fail-on components>1", "--fail-on does not go with --compare"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(refused: Refused, line: str, text: str) -> None:
+    assert text in refused(line)
+
+
+def test_a_vertex_that_is_not_finite_is_named(msb: Msb, tmp_path: Path) -> None:
+    source = tmp_path / "a.ply"
+    text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    text += (
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 nan 0\n3 0 1 2\n"
+    )
+    source.write_text(text)
+    result = msb("repair", source, "-o", tmp_path / "b.ply")
+    assert result.status == 3
+    assert result.err.startswith(f"MESH_NONFINITE: {source}: vertex 2 is")
+    assert not (tmp_path / "b.ply").exists()
+
+
+@pytest.mark.slow
+def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Path) -> None:
+    model = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"
+    result = msb("repair", "--compare", model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json")
+    assert result.status == 0, result.err
+    assert "PSNR in dB against the asset as stored, over 8 turntable views." in result.out
+    data = json.loads((tmp_path / "c.json").read_text())
+    assert data["schema"] == "msb.repair_compare/1"
+    rows = {row["strategy"]: row for row in data["strategies"]}
+    assert rows["as stored"]["looks"]["dedicated"]["same"]
+    assert rows["orient,pair"]["faces_kept"] == 624
+    done = [row for row in rows.values() if row["why"] is None]
+    assert len(list((tmp_path / "costs").glob("*.png"))) == len(done) - 1

@@ -1,0 +1,230 @@
+"""A repaired asset is the same asset, but manifold: the public function and its promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset import Asset, Description, build_asset
+from msb.errors import MeshError, MsbError
+from msb.meshes import Mesh
+from msb.repair.assets import repair_asset, repair_mesh
+from msb.repair.plan import DEFAULT, Options, run_plan
+from tests.conftest import BOOK, ROOT, TETRAHEDRON
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from msb.repair import Repaired
+
+MODELS = ROOT / "data_stubs" / "models" / "pebble"
+
+
+@pytest.fixture(scope="module")
+def splat(demo_asset: Path) -> Asset:
+    return msb.load(demo_asset)
+
+
+@pytest.fixture(scope="module")
+def fixed(splat: Asset) -> Repaired:
+    return msb.repair(splat)
+
+
+def test_the_default_makes_the_model_mesh_manifold_in_far_fewer_pieces_than_cutting_everywhere(
+    fixed: Repaired,
+) -> None:
+    after = fixed.after.counts
+    assert (after.nonmanifold_edges, after.nonmanifold_vertices, after.inconsistent_winding_edges) == (
+        0,
+        0,
+        0,
+    )
+    assert 5_799 <= after.components < 7_500  # libigl's cut: 25,434
+    assert (fixed.before.verdict, fixed.after.verdict) == ("bad", "limited")
+    assert len(fixed.left) == 1
+    assert "open stays open" in fixed.left[0]
+
+
+def test_maps_lead_every_row_back_to_where_it_came_from_bit_for_bit(splat: Asset, fixed: Repaired) -> None:
+    old, new = splat.buffers, fixed.asset.buffers
+    assert set(old) == set(new)
+    for name in ("positions", "f_dc", "opacity"):
+        assert np.array_equal(old[name][fixed.vertex_map], new[name])
+    corners = np.where(fixed.turned[:, None], [0, 2, 1], [0, 1, 2])
+    faces = np.take_along_axis(old["indices"][fixed.face_map], corners, axis=1)
+    assert np.array_equal(fixed.vertex_map[new["indices"]], faces)
+    assert fixed.asset.manifest.method == "mesh_splatting"
+    assert fixed.asset.manifest.settings == splat.manifest.settings
+
+
+def test_a_second_repair_changes_nothing(fixed: Repaired) -> None:
+    assert msb.repair(fixed.asset).asset is fixed.asset
+
+
+def test_cut_edges_are_those_that_became_several(splat: Asset, fixed: Repaired) -> None:
+    ends = fixed.cut_edges
+    assert len(ends) == len(np.unique(ends, axis=0)) == fixed.before.counts.nonmanifold_edges
+    assert ends.max() < len(splat.buffers["positions"])
+
+
+def mesh_asset(points: Any, faces: Any, **buffers: np.ndarray) -> Asset:
+    arrays = {"positions": np.asarray(points, np.float32), "indices": np.asarray(faces, np.uint32)}
+    return build_asset({**arrays, **buffers}, dict.fromkeys(buffers, "vertex"), Description())
+
+
+def test_a_plan_is_repeated_until_nothing_changes() -> None:
+    done = msb.repair(mesh_asset(*BOOK), "orient,pair")
+    assert [step.step for step in done.steps] == ["orient", "pair", "orient"]
+    assert done.after.counts.inconsistent_winding_edges == 0
+
+
+def test_maps_of_several_steps_are_put_together() -> None:
+    points = np.concatenate([BOOK[0], TETRAHEDRON[0] + 9])
+    faces = np.concatenate([[[0, 0, 1]], BOOK[1], (TETRAHEDRON[1] + 5)[1:]])
+    done = msb.repair(mesh_asset(points, faces), "drop,orient,close,debris", debris_faces=3, close_share=1)
+    assert done.face_map.tolist() == [0, 4, 5, 6, -1]
+    assert done.vertex_map.tolist() == [0, 1, 5, 6, 7, 8]
+    assert np.array_equal(done.asset.buffers["positions"], points[done.vertex_map].astype(np.float32))
+    assert done.after.counts.boundary_edges == 0
+
+
+def test_open_stays_open_unless_asked() -> None:
+    opened = mesh_asset(TETRAHEDRON[0], TETRAHEDRON[1][1:])
+    assert msb.repair(opened).after.counts.boundary_edges == 3
+    closed = msb.repair(opened, "orient,pair,close", close_share=1)
+    assert (closed.after.verdict, closed.left) == ("ok", ())
+
+
+def test_weld_of_a_soup_gives_a_mesh_of_its_static_look() -> None:
+    points = TETRAHEDRON[0][TETRAHEDRON[1].reshape(-1)]
+    arrays = {
+        "positions": points.astype(np.float32),
+        "indices": np.arange(12, dtype=np.uint32).reshape(-1, 3),
+        "f_dc": np.random.default_rng(0).random((4, 3), np.float32),
+        "opacity": np.array([1, 1, 1, -9], np.float32),
+    }
+    about = Description("two_dts", coverage={"kernel": "gaussian_power", "gamma": 1.0})
+    soup = build_asset(arrays, {"f_dc": "face", "opacity": "face"}, about)
+    done = msb.repair(soup, "weld,orient,pair")
+    assert done.asset.manifest.method == "mesh"
+    assert done.after.verdict == "ok"
+    assert done.asset.manifest.vertex_count == 4
+    shown = build_asset(arrays, {"f_dc": "face", "opacity": "face"}, hidden(about))
+    less = msb.repair(shown, "weld,orient,pair")
+    assert less.face_map.tolist() == [0, 1, 2]
+    assert np.array_equal(less.asset.buffers["color"], done.asset.buffers["color"][:3])
+    assert msb.repair(soup).asset is soup  # without a weld there is nothing to do
+
+
+def hidden(about: Description) -> Description:
+    from msb.asset.manifest import StoredSetting
+
+    return replace(about, settings={"ste_threshold": StoredSetting(0.5, "flag")})
+
+
+@pytest.mark.parametrize("method", ["mesh_splatting", "two_dts", "triangle_splatting", "diffsoup"])
+def test_every_method_is_repaired_as_itself(method: str) -> None:
+    original = msb.open(MODELS / method)
+    # Turned over where it was not: whatever is at the corners must come along.
+    done = msb.repair(original, DEFAULT)
+    assert done.asset.manifest.method == method
+    assert set(done.asset.buffers) == set(original.buffers)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", ["standard", "dedicated"])
+def test_nothing_visible_changes(splat: Asset, fixed: Repaired, tier: Any) -> None:
+    camera = msb.Camera.look_at(
+        (1.5, 1.2, 1.4), (0.5, 0.5, 0.5), up=(0, 0, 1), width=320, height=240, fov_y=0.8
+    )
+    was, now = (msb.render(one, camera, tier=tier).image for one in (splat, fixed.asset))
+    assert msb.metrics.psnr(now, was) > 70
+
+
+@pytest.mark.slow
+def test_a_turned_lattice_is_drawn_as_before() -> None:
+    original = msb.open(MODELS / "diffsoup")
+    faces = original.buffers["indices"].copy()
+    faces[::7] = faces[::7, ::-1]  # the look is another one, and the winding flips
+    specs = original.manifest.buffers
+    kept = {name: getattr(original.manifest, name) for name in Description.__dataclass_fields__}
+    domains = {name: spec.domain for name, spec in specs.items()}
+    flipped = build_asset({**original.buffers, "indices": faces}, domains, Description(**kept))
+    done = msb.repair(flipped, "orient")
+    assert done.turned.any()
+    camera = msb.Camera.look_at((0, -3, 1), (0, 0, 0), up=(0, 0, 1), width=160, height=120, fov_y=0.8)
+    was, now = (msb.render(one, camera, tier="dedicated").image for one in (flipped, done.asset))
+    assert msb.metrics.psnr(now, was) > 50
+
+
+def test_a_position_that_is_not_finite_is_refused_by_its_vertex() -> None:
+    buffers = {
+        "positions": np.array([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]),
+        "indices": np.array([[0, 1, 2]]),
+    }
+    with pytest.raises(MeshError, match="vertex 1 is") as found:
+        run_plan(buffers, {}, DEFAULT, Options())
+    assert found.value.code == "MESH_NONFINITE"
+
+
+@pytest.mark.parametrize("faces", [np.zeros((0, 3), int), np.array([[0, 0, 1]]), np.array([[0, 1, 2]] * 3)])
+def test_meshes_without_proper_faces_and_with_doubles_are_repaired_too(faces: np.ndarray) -> None:
+    buffers = {"positions": np.eye(4, 3), "indices": faces}
+    every = ("weld", "orient", "pair", "cut", "drop", "debris", "close")
+    done = run_plan(buffers, {}, every, Options(debris_faces=1))
+    assert done.after.counts.nonmanifold_edges == 0
+
+
+def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
+    points = BOOK[0].astype(np.float64) + 1e-12
+    colors, shades = np.arange(15, dtype=np.uint8).reshape(5, 3), np.arange(9, dtype=np.uint8).reshape(3, 3)
+    made, done = repair_mesh(Mesh(points, BOOK[1], colors, shades), DEFAULT, Options())
+    assert made.vertices.dtype == np.float64
+    assert np.array_equal(made.vertices, points[done.vertex_map])
+    assert made.vertex_colors is not None
+    assert np.array_equal(made.vertex_colors, colors[done.vertex_map])
+    assert made.face_colors is not None
+    assert np.array_equal(made.face_colors, shades)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        ({"plan": "orient,polish"}, "USAGE"),
+        ({"plan": []}, "USAGE"),
+        ({"peer": "meshfix"}, "USAGE"),
+        ({"peer": "igl"}, "USAGE"),  # which has none of the default's steps
+        ({"close_edges": -1}, "USAGE"),
+        ({"weights": np.ones(3), "plan": "drop"}, "USAGE"),
+        ({"weld": "near", "plan": "weld"}, "WELD_DISTANCE"),
+        ({"plan": "debris", "debris_faces": 99}, "TRIASSET_EMPTY"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(arguments: dict[str, Any], code: str) -> None:
+    with pytest.raises(MsbError) as found:
+        msb.repair(mesh_asset(*TETRAHEDRON), **arguments)
+    assert found.value.code == code
+
+
+@pytest.mark.oracle
+@pytest.mark.slow
+@pytest.mark.parametrize(("peer", "step"), [("igl", "cut"), ("pymeshlab", "drop")])
+def test_a_peer_does_a_step_in_our_stead(splat: Asset, peer: str, step: str) -> None:
+    pytest.importorskip(peer)
+    done = repair_asset(splat, (step,), Options(peer=peer))
+    assert done.after.counts.nonmanifold_edges == 0
+    assert peer in done.steps[0].notes[0]
+    same = splat.buffers["f_dc"][done.vertex_map]
+    assert np.array_equal(done.asset.buffers["f_dc"], same)
+
+
+@pytest.mark.oracle
+def test_a_peer_that_takes_too_long_is_ended_and_named() -> None:
+    pytest.importorskip("igl")
+    with pytest.raises(MsbError, match=r"cut by igl: it did not answer within 0\.001 s") as found:
+        repair_asset(mesh_asset(*BOOK), ("cut",), Options(peer="igl", seconds=0.001))
+    assert found.value.code == "PEER_FAILED"

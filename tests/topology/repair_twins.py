@@ -1,0 +1,176 @@
+"""Steps of a repair once more: dictionaries and loops, written from docs/repair.md alone."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from typing import Any
+
+from tests.topology.brute_force import Face, Point, edge_faces, flood
+
+Corner = tuple[int, int]
+"""A face and one of its vertices."""
+
+
+def proper_faces(faces: list[Face]) -> list[int]:
+    return [f for f, row in enumerate(faces) if len(set(row)) == 3]
+
+
+def winding_clashes(one: Face, other: Face, edge: tuple[int, int]) -> bool:
+    """Say whether both faces run along the edge in the same direction."""
+
+    def along(row: Face) -> bool:
+        a, b, c = row
+        return edge in ((a, b), (b, c), (c, a))
+
+    return along(one) == along(other)
+
+
+def orient(faces: list[Face]) -> tuple[list[bool], bool]:
+    """Return which faces are turned, and whether some component is one-sided (then the rest says nothing)."""
+    proper = proper_faces(faces)
+    at_edge = edge_faces(faces, proper)
+    turned, strange = [False] * len(faces), False
+    component = flood(proper, faces, at_edge, lambda count: count == 2)
+    for start in set(component.values()):
+        side, todo = {start: False}, [start]
+        while todo:
+            face = todo.pop()
+            for edge, group in at_edge.items():
+                if len(group) != 2 or face not in group:
+                    continue
+                other = group[1] if group[0] == face else group[0]
+                wanted = side[face] ^ winding_clashes(faces[face], faces[other], edge)
+                if other not in side:
+                    side[other] = wanted
+                    todo.append(other)
+                strange |= side[other] != wanted
+        minority = 2 * sum(side.values()) > len(side)
+        for face, other_side in side.items():
+            turned[face] = other_side ^ minority
+    return turned, strange
+
+
+def glue(faces: list[Face], joined: list[tuple[tuple[int, int], int, int]]) -> dict[Corner, int]:
+    """Return the new vertex of each corner, if faces keep together at the joined (edge, face, face) only."""
+    proper = proper_faces(faces)
+    leader: dict[Corner, Corner] = {(f, v): (f, v) for f in proper for v in faces[f]}
+
+    def find(corner: Corner) -> Corner:
+        while leader[corner] != corner:
+            corner = leader[corner]
+        return corner
+
+    for edge, one, other in joined:
+        for v in edge:
+            leader[find((one, v))] = find((other, v))
+    number: dict[Corner, int] = {}
+    taken: set[int] = set()
+    copies = 1 + max((v for row in faces for v in row), default=-1)
+    result: dict[Corner, int] = {}
+    for f in proper:
+        for v in faces[f]:
+            root = find((f, v))
+            if root not in number:
+                number[root] = v if v not in taken else copies
+                copies += v in taken
+                taken.add(v)
+            result[f, v] = number[root]
+    return result
+
+
+def two_face_joints(faces: list[Face]) -> list[tuple[tuple[int, int], int, int]]:
+    at_edge = edge_faces(faces, proper_faces(faces))
+    return [(edge, *group) for edge, group in at_edge.items() if len(group) == 2]
+
+
+def cut(faces: list[Face]) -> dict[Corner, int]:
+    return glue(faces, two_face_joints(faces))
+
+
+def pair(points: list[Point], faces: list[Face], colors: list[Point], weight: float) -> dict[Corner, int]:
+    """Return the new vertex of each corner after pairing; no two costs may be equal."""
+    at_edge = edge_faces(faces, proper_faces(faces))
+    chosen: list[tuple[float, tuple[int, int], int, int]] = []
+    for edge, group in at_edge.items():
+        if len(group) > 2:
+            costs = sorted(
+                (fold(points, faces, edge, one, other, colors, weight), one, other)
+                for one, other in combinations(group, 2)
+            )
+            free = set(group)
+            for cost, one, other in costs:
+                if {one, other} <= free:
+                    free -= {one, other}
+                    chosen.append((cost, edge, one, other))
+    joints = two_face_joints(faces)
+    # Kruskal's algorithm, with the side of each face relative to its leader.
+    leader = {f: (f, False) for f in range(len(faces))}
+
+    def find(face: int) -> tuple[int, bool]:
+        side = False
+        while leader[face][0] != face:
+            face, flip = leader[face]
+            side ^= flip
+        return face, side
+
+    for edge, one, other in joints:
+        (a, side_a), (b, side_b) = find(one), find(other)
+        if a != b:
+            leader[a] = (b, side_a ^ side_b ^ winding_clashes(faces[one], faces[other], edge))
+    kept = []
+    for _, edge, one, other in sorted(chosen):
+        (a, side_a), (b, side_b) = find(one), find(other)
+        clash = winding_clashes(faces[one], faces[other], edge)
+        if a != b:
+            leader[a] = (b, side_a ^ side_b ^ clash)
+        if a != b or side_a ^ side_b == clash:
+            kept.append((edge, one, other))
+    new = glue(faces, joints + kept)
+    crowd: dict[Any, int] = {}
+    for (u, w), group in at_edge.items():
+        for f in group:
+            ends = new[f, u], new[f, w]
+            crowd[ends] = crowd.get(ends, 0) + 1
+    alone = [(e, one, other) for e, one, other in kept if crowd[new[one, e[0]], new[one, e[1]]] == 2]
+    return glue(faces, joints + alone)
+
+
+def fold(
+    points: list[Point],
+    faces: list[Face],
+    edge: tuple[int, int],
+    one: int,
+    other: int,
+    colors: list[Point],
+    weight: float,
+) -> float:
+    """Return what joining two faces costs: 0 if flat and of one colour, 1 if folded."""
+    low, high = (points[v] for v in edge)
+    along = unit([h - g for h, g in zip(high, low, strict=True)])
+    sides, apexes = [], []
+    for face in (one, other):
+        apex = next(v for v in faces[face] if v not in edge)
+        apexes.append(apex)
+        out = [x - y for x, y in zip(points[apex], low, strict=True)]
+        height = sum(x * y for x, y in zip(out, along, strict=True))
+        sides.append(unit([x - height * y for x, y in zip(out, along, strict=True)]))
+    angle = sum(x * y for x, y in zip(*sides, strict=True))
+    return (1 + angle) / 2 + weight * math.dist(colors[apexes[0]], colors[apexes[1]]) / math.sqrt(3)
+
+
+def unit(vector: list[float]) -> list[float]:
+    size = math.hypot(*vector)
+    return [x / size for x in vector] if size else [0.0] * 3
+
+
+def fewest_dropped(faces: list[Face]) -> int:
+    """Return the least number of faces without which no edge has more than two, by trying all sets."""
+    proper = proper_faces(faces)
+    crowded = {f for group in edge_faces(faces, proper).values() if len(group) > 2 for f in group}
+    for count in range(len(crowded) + 1):
+        for gone in combinations(sorted(crowded), count):
+            left = [f for f in proper if f not in gone]
+            if all(len(group) <= 2 for group in edge_faces(faces, left).values()):
+                return count
+    raise AssertionError

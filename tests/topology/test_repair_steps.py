@@ -1,0 +1,354 @@
+"""The steps of a repair against their twins, on hand-made meshes with a known optimum, and on random ones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msb.extras import is_installed
+from msb.topology.analysis import Analysis
+from msb.topology.arrays import mesh_arrays
+from msb.topology.audit import audit_arrays
+from msb.topology.crosscheck import PEERS, cross_check
+from msb.topology.findings import find_by_numpy
+from msb.topology.halfedge import NONE
+from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
+from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology import repair_twins as twins
+from tests.topology.meshes import CASES, Case, random_mesh
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from msb.topology.findings import Counts
+    from msb.topology.steps import Change
+
+Mesh = tuple[np.ndarray, np.ndarray]
+STEPS: dict[str, Callable[[np.ndarray, np.ndarray], Change]] = {
+    "orient": lambda points, faces: orient(faces, len(points)),
+    "cut": lambda points, faces: cut(faces, len(points)),
+    "pair": pair,
+    "drop": drop,
+    "debris": lambda points, faces: debris(points, faces, least_faces=3),
+    "close": close,
+    "weld": weld,
+}
+
+
+def finite_mesh(seed: int) -> Mesh:
+    """Return a random mesh without NaN, every other one at places in general position."""
+    rng = np.random.default_rng(seed)
+    points, faces = random_mesh(rng)
+    points = rng.normal(size=points.shape) if seed % 2 else np.nan_to_num(points, posinf=1, neginf=-1)
+    return mesh_arrays(points, faces)
+
+
+def counts(points: np.ndarray, faces: np.ndarray) -> Counts:
+    return find_by_numpy(Analysis(*mesh_arrays(points, faces))).counts
+
+
+def places(points: np.ndarray, change: Change) -> np.ndarray:
+    """Return the positions after a change: old ones, and the middle of each rim."""
+    kept = points[change.vertex_map[change.vertex_map != NONE]]
+    rims = np.split(change.rims.vertices, change.rims.offsets[1:-1]) if change.rims.count else []
+    return np.concatenate([kept, np.array([points[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)])
+
+
+def rows(faces: np.ndarray) -> list[Any]:
+    return [tuple(row) for row in faces.tolist()]
+
+
+def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], int]:
+    """Return the new vertex of each corner (face, old vertex) of the proper faces."""
+    return {
+        (f, v): new
+        for f, (row, after) in enumerate(zip(faces.tolist(), change.faces.tolist(), strict=True))
+        if len(set(row)) == 3
+        for v, new in zip(row, after, strict=True)
+    }
+
+
+def check_is_sound(name: str, points: np.ndarray, faces: np.ndarray) -> None:
+    """Assert what holds for every step on every mesh."""
+    change = STEPS[name](points, faces)
+    after, old = places(points, change), counts(points, faces)
+    new = counts(after, change.faces)
+    kept = change.face_map != NONE
+    corners = change.corner_map[np.repeat(kept, 3)]
+    assert np.array_equal(after[change.faces[kept].reshape(-1)], points[faces.reshape(-1)[corners]])
+    assert (np.sort(change.face_map[kept]) == change.face_map[kept]).all()
+    if name != "weld":
+        mapped = change.vertex_map[change.faces[kept]]
+        assert np.array_equal(mapped.reshape(-1), faces.reshape(-1)[corners])
+    if name in ("cut", "pair", "drop"):
+        assert (new.nonmanifold_edges, new.nonmanifold_vertices) == (0, 0)
+    if name in ("cut", "pair"):
+        assert old.components <= new.components <= old.components_manifold_edges
+        assert new.faces == old.faces
+    if name == "close":
+        assert new.nonmanifold_edges == old.nonmanifold_edges
+        assert new.nonmanifold_vertices == old.nonmanifold_vertices
+    else:
+        again = STEPS[name](after, change.faces)
+        assert np.array_equal(again.faces, change.faces)
+        assert np.array_equal(again.vertex_map, np.arange(len(after)))
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_each_step_keeps_its_promises_on_random_meshes(name: str) -> None:
+    for seed in range(40):
+        check_is_sound(name, *finite_mesh(seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STEPS)
+def test_each_step_keeps_its_promises_on_many_random_meshes(name: str) -> None:
+    for seed in range(1000, 2500):
+        check_is_sound(name, *finite_mesh(seed))
+
+
+@st.composite
+def meshes(draw: st.DrawFn) -> Mesh:
+    """Draw up to 9 vertices at whole numbers and up to 14 faces."""
+    count = draw(st.integers(1, 9))
+    index = st.integers(0, count - 1)
+    faces = draw(st.lists(st.tuples(index, index, index), max_size=14))
+    number = st.integers(-3, 3)
+    points = draw(st.lists(st.tuples(number, number, number), min_size=count, max_size=count))
+    return mesh_arrays(np.array(points, float), np.array(faces, np.int64).reshape(-1, 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STEPS)
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(meshes())
+def test_each_step_keeps_its_promises_on_drawn_meshes(name: str, mesh: Mesh) -> None:
+    check_is_sound(name, *mesh)
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if c.valid], ids=lambda c: c.name)
+def test_what_the_audit_accepts_the_steps_accept(case: Case) -> None:
+    points, faces = mesh_arrays(np.nan_to_num(case.vertices, posinf=1, neginf=-1), case.faces)
+    for name in STEPS:
+        check_is_sound(name, points, faces)
+
+
+def test_orient_turns_what_its_twin_turns() -> None:
+    for seed in range(150):
+        points, faces = finite_mesh(seed)
+        change = orient(faces, len(points))
+        turned, strange = twins.orient(rows(faces))
+        if not strange:
+            assert change.turned.tolist() == turned, seed
+            assert counts(points, change.faces).inconsistent_winding_edges == 0
+        assert bool(change.notes) == strange, seed
+
+
+def test_cut_splits_vertices_as_its_twin_does() -> None:
+    for seed in range(150):
+        points, faces = finite_mesh(seed)
+        change = cut(faces, len(points))
+        number = twins.cut(rows(faces))
+        spare = len(points) - 1 - int(faces.max(initial=-1))  # the twin knows no unreferenced vertices
+        top = len(points) - spare
+        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        assert corner_numbers(faces, change) == expected, seed
+
+
+def test_pair_joins_what_its_twin_joins() -> None:
+    for seed in range(1, 241, 2):  # in general position, so that no two pairs cost the same
+        points, faces = finite_mesh(seed)
+        if counts(points, faces).duplicate_faces:
+            continue
+        colors = np.random.default_rng(seed).random(points.shape)
+        change = pair(points, faces, vertex_colors=colors)
+        number = twins.pair(points.tolist(), rows(faces), colors.tolist(), 0.25)
+        spare = len(points) - 1 - int(faces.max(initial=-1))
+        top = len(points) - spare
+        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        assert corner_numbers(faces, change) == expected, seed
+
+
+def test_after_pair_the_winding_can_be_made_consistent() -> None:
+    for seed in range(150):
+        points, faces = finite_mesh(seed)
+        if orient(faces, len(points)).notes:
+            continue
+        change = pair(points, faces)
+        wound = orient(change.faces, len(change.vertex_map))
+        assert counts(places(points, change), wound.faces).inconsistent_winding_edges == 0, seed
+
+
+def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
+    more = 0
+    for seed in range(100):
+        points, faces = finite_mesh(seed)
+        change = drop(points, faces)
+        removed = len(faces) - len(change.faces)
+        more += removed - twins.fewest_dropped(rows(faces)) if len(faces) <= 12 else 0
+        left = twins.edge_faces(rows(faces), twins.proper_faces(rows(faces)))
+        gone = set(range(len(faces))) - set(change.face_map.tolist())
+        for f in gone:
+            assert any(f in group and len(set(group) - gone) >= 2 for group in left.values()), seed
+    assert more <= 5
+
+
+BOW_TIE = (np.eye(5, 3), np.array([[0, 1, 2], [0, 3, 4]]))
+TWO_TETRAHEDRA = (
+    np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]], float),
+    np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2], [0, 1, 4], [0, 5, 1], [0, 4, 5], [1, 5, 4]]),
+)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "step", "vertices", "components"),
+    [
+        (BOW_TIE, "cut", 6, 2),
+        (BOW_TIE, "pair", 6, 2),
+        (BOOK, "cut", 9, 3),
+        (BOOK, "pair", 7, 2),
+        (TWO_TETRAHEDRA, "cut", 8, 2),
+        (TWO_TETRAHEDRA, "pair", 8, 2),
+        (TETRAHEDRON, "cut", 4, 1),
+        (TETRAHEDRON, "pair", 4, 1),
+    ],
+)
+def test_no_more_is_cut_than_must_be(mesh: Mesh, step: str, vertices: int, components: int) -> None:
+    points, faces = mesh_arrays(*mesh)
+    change = STEPS[step](points, faces)
+    assert len(change.vertex_map) == vertices
+    assert counts(places(points, change), change.faces).components == components
+
+
+def test_pair_joins_the_flattest_pages_and_of_equally_flat_ones_those_of_one_colour() -> None:
+    points = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0.1, 0], [0, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])
+    assert together(pair(points, faces)) == {(0, 1)}
+    points[3] = [-1, 0, 0]
+    points[4] = [-1, 0, 0]
+    colors = np.zeros((5, 3))
+    colors[3] = 1
+    assert together(pair(points, faces, vertex_colors=colors)) == {(0, 2)}
+    assert together(pair(points, faces, face_colors=np.array([[0.0], [0], [1]]))) == {(0, 1)}
+
+
+def together(change: Change) -> set[tuple[int, int]]:
+    """Return the pairs of faces that share a whole edge."""
+    sets = [set(row) for row in change.faces.tolist()]
+    return {
+        (i, j) for i in range(len(sets)) for j in range(i) if len(sets[i] & sets[j]) == 2 for i, j in [(j, i)]
+    }
+
+
+def test_of_very_many_pages_those_half_a_turn_apart_are_joined() -> None:
+    angle = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+    pages = np.stack([np.cos(angle), np.sin(angle), np.zeros(20)], axis=1)
+    points = np.concatenate([[[0, 0, 0], [0, 0, 1]], pages])
+    faces = np.stack([np.zeros(20, int), np.ones(20, int), np.arange(2, 22)], axis=1)
+    assert together(pair(points, faces)) == {(i, i + 10) for i in range(10)}
+
+
+def test_on_a_one_sided_strip_orient_says_so_and_a_second_run_turns_nothing() -> None:
+    strip = np.array([[0, 1, 2], [1, 2, 3], [2, 3, 4], [3, 4, 0], [4, 0, 1]])
+    change = orient(strip, 5)
+    assert "one-sided" in change.notes[0]
+    again = orient(change.faces, 5)
+    assert not again.turned.any()
+    assert counts(np.eye(5, 3), again.faces).inconsistent_winding_edges >= 1
+
+
+def test_drop_takes_one_page_of_a_book_and_the_one_that_weighs_least() -> None:
+    points, faces = mesh_arrays(*BOOK)
+    assert drop(points, faces, weights=np.array([1, 3, 2])).face_map.tolist() == [1, 2]
+
+
+def test_debris_goes_by_faces_or_by_what_weighs() -> None:
+    points = np.concatenate([TETRAHEDRON[0], BOOK[0] + 9, [[20, 0, 0], [29, 0, 0], [20, 9, 0]]])
+    faces = np.concatenate([TETRAHEDRON[1], BOOK[1] + 4, [[9, 10, 11]]])
+    points, faces = mesh_arrays(points, faces)
+    assert debris(points, faces, least_faces=4).face_map.tolist() == [0, 1, 2, 3]
+    by_area = debris(points, faces, least_faces=0, least_share=0.5)
+    assert by_area.face_map.tolist() == [7]
+    assert by_area.vertex_map.tolist() == [9, 10, 11]
+    seen = np.array([0, 0, 0, 0, 9, 9, 9, 0])
+    assert debris(points, faces, least_faces=0, least_share=0.1, weights=seen).face_map.tolist() == [4, 5, 6]
+
+
+def sphere(sides: int) -> Mesh:
+    """Return a double cone over a polygon: closed, with two poles that all faces meet at."""
+    ring = np.arange(sides)
+    angle = 2 * np.pi * ring / sides
+    points = np.concatenate([np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1), [[0, 0, 1], [0, 0, -1]]])
+    after = (ring + 1) % sides
+    top, bottom = np.full(sides, sides), np.full(sides, sides + 1)
+    return points, np.concatenate([np.stack([ring, after, top], 1), np.stack([after, ring, bottom], 1)])
+
+
+@pytest.mark.parametrize(("missing", "faces", "vertices"), [(1, 1, 0), (2, 2, 0), (3, 5, 1)])
+def test_close_fills_a_small_hole_and_closes_the_body(missing: int, faces: int, vertices: int) -> None:
+    points, whole = mesh_arrays(*sphere(12))
+    change = close(points, whole[missing:])
+    assert (len(change.added_from), change.rims.count) == (faces, vertices)
+    found = audit_arrays(places(points, change), change.faces)[0]
+    assert found.verdict == "ok"
+
+
+def test_close_leaves_outlines_long_rims_and_rims_of_flipped_winding() -> None:
+    points, whole = mesh_arrays(*sphere(12))
+    assert len(close(points, whole[12:]).added_from) == 0  # 12 edges, 8 are allowed
+    assert len(close(points, whole[12:], most_edges=12).added_from) == 0  # an open bowl
+    assert len(close(points, whole[12:], most_edges=12, most_share=1).added_from) == 12
+    flipped = whole[1:].copy()
+    flipped[0] = flipped[0, ::-1]
+    assert len(close(points, flipped).added_from) == 0
+    assert len(close(*mesh_arrays(np.eye(3), np.array([[0, 1, 2]]))).added_from) == 0
+
+
+def test_close_takes_the_other_diagonal_where_one_is_an_edge_and_a_middle_where_both_are() -> None:
+    points = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, -9], [9, 9, 9], [9, 9, 8]], float)
+    cone = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    one = [[0, 2, 5]]
+    for rows_, added in ((cone, 2), (cone + one, 2), (cone + one + [[1, 3, 6]], 4)):
+        mesh = mesh_arrays(points, np.array(rows_))
+        change = close(*mesh)
+        assert len(change.added_from) == added
+        assert counts(places(points, change), change.faces).nonmanifold_edges == 0
+
+
+def test_weld_merges_a_soup_and_removes_what_collapses() -> None:
+    corners = TETRAHEDRON[0][TETRAHEDRON[1].reshape(-1)]
+    points, faces = mesh_arrays(
+        np.concatenate([corners, corners[:1], corners[:2]]), np.arange(15).reshape(-1, 3)
+    )
+    change = weld(points, faces)
+    assert change.face_map.tolist() == [0, 1, 2, 3]
+    assert counts(places(points, change), change.faces).boundary_edges == 0
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ["cut", "pair"])
+def test_peers_find_nothing_non_manifold_afterwards(name: str) -> None:
+    asked = [peer for peer in ("libigl", "PyMeshLab", "trimesh") if is_installed(PEERS[peer].module)]
+    if not {"libigl", "PyMeshLab"} <= set(asked):
+        pytest.skip("libigl and PyMeshLab are not both installed")
+    all_points, all_faces, start = [], [], 0
+    for seed in range(400):  # side by side in one mesh, as each question costs a process
+        points, faces = finite_mesh(seed)
+        all_points.append(points)
+        all_faces.append(faces[[len(set(row)) == 3 for row in faces.tolist()]] + start)
+        start += len(points)
+    points, faces = mesh_arrays(np.concatenate(all_points), np.concatenate(all_faces))
+    change = STEPS[name](points, faces)
+    report, analysis = audit_arrays(places(points, change), change.faces)
+    check = cross_check(places(points, change), change.faces, report, analysis)
+    assert check.disagreements == ()
+    said = {(row.peer, row.quantity): row.theirs for row in check.rows}
+    for peer in asked:
+        assert said[peer, "nonmanifold_edges"] == 0
+    for peer in ("libigl", "PyMeshLab"):
+        assert said[peer, "nonmanifold_vertices"] == 0
