@@ -51,6 +51,7 @@ NEEDS = {
     r"msb-audit .*--cross-check": "crosscheck",
     r"msb render .*--renderer wgpu": "wgpu",
     r"msb bench .*--renderer threejs": "threejs",
+    r"msb web .*--(tier dedicated|verify)": "threejs",
 }
 """Commands that need more than the core: an extra, or a renderer that `msb devices` says is missing."""
 PYTHON_NOT_RUN = {"docs/metrics.md": "it scores images, weights and scans of the reader's"}

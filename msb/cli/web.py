@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb web -o out/page.html data_stubs/splat_like.triasset",
     "msb web -o out/views.html --cameras data_stubs/views.json --up=-y \\\n      data_stubs/checkpoint",
-    "msb web -o out/look.html --tier dedicated --quantise data_stubs/checkpoint",
-    "msb web --verify out/look.html",
+    "msb web -o out/look.html --tier dedicated --quantise --no-verify \\\n      data_stubs/checkpoint",
     "msb web -o out/empty.html",
 )
 

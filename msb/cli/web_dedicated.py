@@ -70,7 +70,14 @@ def write_page(
         tests = [CheckView(*pair) for pair in zip(views, [background] * len(views), images, strict=True)]
         against = "the reference renderer"
     smaller, costs = _smaller(
-        asset, output, spread(seen, WEIGHING_VIEWS), tests, settings, quantise=quantise, faces=faces
+        asset,
+        output,
+        spread(seen, WEIGHING_VIEWS),
+        tests,
+        settings,
+        quantise=quantise,
+        faces=faces,
+        drawn=renders is None,
     )
     with output.progress(f"packing {name}"):
         page = make_page(
@@ -193,8 +200,12 @@ def _smaller(
     *,
     quantise: bool,
     faces: int | None,
+    drawn: bool,
 ) -> tuple[Asset, list[Cost]]:
-    """Return what --faces and --quantise leave of an asset, and what each costs."""
+    """Return what --faces and --quantise leave of an asset, and what each costs.
+
+    `drawn`: the images of `tests` are ours.
+    """
     from msb.engines.dedicated_page.measure import byte_psnr
     from msb.engines.dedicated_page.page import Cost
     from msb.engines.dedicated_page.smaller import quantised, with_faces
@@ -217,7 +228,9 @@ def _smaller(
         with output.progress("rounding values"):
             found = quantised(found)
         steps.append(("Rounded to 16 and 8 bits (--quantise)", found))
-    before = list(_images(asset, views, background, settings, output)) if steps else []
+    before = [test.image for test in tests]
+    if steps and not drawn:
+        before = list(_images(asset, views, background, settings, output))
     for what, made in steps:
         after = list(_images(made, views, background, settings, output))
         values = [byte_psnr(*pair) for pair in zip(after, before, strict=True)]

@@ -38,11 +38,11 @@ function showFaithful() {
   byId("faithful").hidden = !about.tests.length;
   const made = about.measured;
   const lines = [];
-  if (made) lines.push(`Worst of ${about.tests.length} views when made: ${decibels(worst(made.psnr))} (${made.by}).`);
+  if (made) lines.push(`${decibels(worst(made.psnr))} when made, by ${made.by}.`);
   else lines.push("Not measured when this page was made.");
-  if (here) lines.push(`Here: ${decibels(worst(here))} (${official.name}).`);
-  lines.push(`PSNR of this page's pixels, in bytes, to ${about.against}.`);
-  byId("verdict").textContent = lines.join(" ");
+  if (here) lines.push(`${decibels(worst(here))} here, by ${official.name}.`);
+  lines.push(`This is the PSNR of this page's pixels to ${about.against}, in the worst of ${about.tests.length} views.`);
+  byId("verdict").replaceChildren(...lines.map((text) => Object.assign(document.createElement("div"), { textContent: text })));
   const head = ["view", ...(made ? ["when made"] : []), ...(here ? ["here"] : [])];
   const rows = about.tests.map((test, k) =>
     [test.name, ...(made ? [decibels(made.psnr[k])] : []), ...(here ? [decibels(here[k])] : [])]);

@@ -140,6 +140,7 @@ async function openFirst() {
   let why = "";
   try {
     official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), (text) => say(`${start.name}: ${text}`));
+    official.device.onuncapturederror = (event) => note(`The graphics device refuses a frame: ${event.error.message.slice(0, 200)}`);
     official.lost.then((info) => {
       official = null;
       byId("shown").value = "standard";
@@ -149,7 +150,7 @@ async function openFirst() {
       show();
     });
   } catch (error) { why = String(error.message || error).slice(0, 300); }
-  if (!official && !about.standard) { say(`${why} The dedicated tier needs it, and this model has no standard tier.`); return false; }
+  if (!official && !about.standard) { say(`${why} This model has no standard tier to be shown instead.`); return false; }
   if (about.standard) {
     const parts = { soup: about.standard.soup };
     try {

@@ -1,0 +1,224 @@
+"""The page of the dedicated tier in a browser: what it draws, what it says, and how it is measured."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.engines.browser import VARIABLE
+from msb.engines.dedicated_page.measure import FAITHFUL, measure_page
+from msb.engines.dedicated_page.page import CheckView, make_page
+from msb.engines.dedicated_page.smaller import quantised
+from msb.engines.hardware.packing import pack
+from msb.render.images import to_bytes
+from tests.cli.conftest import msb
+from tests.engines.conftest import need
+from tests.reference.golden import View, exported, golden_views
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from msb.engines.dedicated_page.page import DedicatedPage
+    from tests.cli.conftest import Msb
+
+    InBrowser = Callable[..., Any]
+
+pytestmark = [pytest.mark.slow, pytest.mark.oracle]
+
+__all__ = ["msb"]
+
+
+def scenes() -> list[list[View]]:
+    """Return the golden views of the blended methods by their model and settings: one page each."""
+    found: dict[Any, list[View]] = {}
+    for method in ("triangle_splatting", "two_dts", "mesh_splatting"):
+        for view in golden_views(method):
+            found.setdefault((view.folder, tuple(sorted(view.settings.items()))), []).append(view)
+    return list(found.values())
+
+
+def page_of(views: list[View], **options: Any) -> DedicatedPage:
+    tests = [CheckView(view.camera, view.background, to_bytes(view.image)) for view in views]  # type: ignore[arg-type]
+    asset = exported(views[0].folder / "checkpoint")
+    return make_page(asset, name="a", settings=views[0].settings, tests=tests, **options)
+
+
+@pytest.mark.parametrize("views", scenes(), ids=lambda views: f"{views[0].folder.name}-{views[0].name}")
+def test_every_golden_view_is_faithful_to_the_official_image(views: list[View]) -> None:
+    need("threejs")
+    page = page_of(views)
+    steps: list[int] = []
+    found = measure_page(
+        page.encoded(), page.scene, [to_bytes(view.image) for view in views], step=lambda: steps.append(1)
+    )
+    assert len(found.psnr) == len(steps) == len(views)
+    assert found.worst is None or found.worst >= FAITHFUL
+    assert found.device == "SwiftShader"
+
+
+def test_the_page_computes_the_camera_record_as_we_do(in_browser: InBrowser) -> None:
+    for method in ("triangle_splatting", "two_dts", "mesh_splatting"):
+        views = golden_views(method)[:2]
+        page = page_of(views)
+        script = """
+            const read = (view) => [...new Uint8Array(viewRecord(
+              about.view, about.plan.scale, view, [0.25, 0.5, 1], about.view.degree, about.view.own))];
+            return about.tests.map((test) => read(test.view));"""
+        packed = pack(exported(views[0].folder / "checkpoint"), views[0].settings)
+        for view, bytes_ in zip(views, in_browser(page.encoded(), script), strict=True):
+            ours = np.frombuffer(packed.view_bytes(view.camera, (0.25, 0.5, 1.0)), np.uint32).astype(np.int64)
+            theirs = np.frombuffer(bytes(bytes_), np.uint32).astype(np.int64)
+            # Tangents may differ by one unit in the last place between mathematical libraries.
+            assert np.abs(ours - theirs).max() <= 1
+
+
+ARRAYS = """
+    const sums = {};
+    for (const name of Object.keys(about.plan.buffers)) {
+      if (!(name in about.arrays)) continue;
+      const array = await arrayOf(name, {}), words = new Uint32Array(array.buffer, 0, array.byteLength / 4);
+      let sum = 0;
+      for (let i = 0; i < words.length; i += 1) sum = (sum * 31 + words[i]) >>> 0;
+      sums[name] = sum;
+    }
+    return sums;
+"""
+
+
+def checksum(array: np.ndarray) -> int:
+    total = 0
+    for word in np.ascontiguousarray(array).reshape(-1).view(np.uint32).tolist():
+        total = (total * 31 + word) & 0xFFFFFFFF
+    return total
+
+
+@pytest.mark.parametrize("method", ["two_dts", "mesh_splatting"])
+def test_the_page_decodes_the_arrays_that_were_packed(in_browser: InBrowser, method: str) -> None:
+    view = golden_views(method)[2 if method == "two_dts" else 0]
+    asset = quantised(exported(view.folder / "checkpoint"))
+    settings = {**view.settings, **({"gamma_rescale": True, "gamma": 7.0} if method == "two_dts" else {})}
+    packed = pack(asset, settings)
+    page = make_page(asset, name="a", settings=settings)
+    if method == "two_dts":
+        assert set(page.scene["dedicated"]["arrays"]["positions"]) == {"shrunk"}
+    # Before the page takes its own arrays out of the document.
+    data = page.encoded().replace(b"const ready = main();", b"const ready = Promise.resolve();")
+    found = in_browser(data, ARRAYS)
+    for name, array in packed.arrays.items():
+        assert found["f_rest 0" if name == "f_rest" else name] == checksum(array), name
+
+
+def test_without_webgpu_it_says_so_and_shows_the_standard_tier(in_browser: InBrowser) -> None:
+    views = golden_views("triangle_splatting")[:1]
+    page = page_of(views, cameras=[views[0].camera])
+    said, shown, names, pixel = in_browser(
+        page.encoded(),
+        """
+        await ready;
+        choose("0");
+        showNow();
+        const copy = document.createElement("canvas").getContext("2d");
+        copy.drawImage(canvas, 0, 0);
+        return [byId("note").textContent, byId("shown").value, byId("facts").textContent,
+          [...copy.getImageData(0, 0, 300, 150).data].reduce((sum, value) => sum + value, 0)];
+        """,
+    )
+    assert said.startswith(("This browser has no WebGPU.", "WebGPU finds no graphics adapter"))
+    assert "standard tier" in said
+    assert shown == "standard"
+    assert names == "Triangle-Splatting, 2,420 faces"
+    assert pixel > 300 * 150 * 255
+
+
+def test_pages_are_measured_when_made_and_again(msb: Msb, tmp_path: Path) -> None:
+    need("threejs")
+    checkpoint = golden_views("triangle_splatting")[-1].folder / "checkpoint"
+    page = tmp_path / "page.html"
+    made = msb("web", "-o", page, "--tier", "dedicated", "--quantise", "--json", "-", checkpoint)
+    assert made.status == 0, made.err
+    assert made.json["measured"]["worst"] >= FAITHFUL
+    assert [cost["psnr"] > 40 for cost in made.json["costs"]] == [True]
+    assert "Rounded to 16 and 8 bits" in made.err
+    again = msb("web", "--verify", page, "--json", "-")
+    assert again.status == 0, again.err
+    assert again.json["measured"]["worst"] == pytest.approx(made.json["measured"]["worst"], abs=0.01)
+    failed = msb("web", "--verify", page, "--at-least", "99", "-q")
+    assert failed.status == 1
+    assert failed.err.startswith("WEB_UNFAITHFUL: ")
+
+
+def test_without_a_browser_a_page_is_made_and_cannot_be_measured(msb: Msb, tmp_path: Path) -> None:
+    checkpoint = golden_views("triangle_splatting")[-1].folder / "checkpoint"
+    page = tmp_path / "page.html"
+    nothing = {VARIABLE: "no-such-browser"}
+    made = msb("web", "-o", page, "--tier", "dedicated", "--faces", 1000, checkpoint, **nothing)
+    assert made.status == 0
+    assert "is not measured: no Chromium" in made.err
+    assert "1,000 of 2,136 faces" in made.err
+    found = msb("web", "--verify", page, **nothing)
+    assert found.status == 5
+    assert found.err.startswith("DEVICE_NOT_FOUND: ")
+    assert msb("web", "-o", page, "--tier", "dedicated", checkpoint).err.startswith("OUTPUT_EXISTS")
+    wrong = tmp_path / "wrong.html"
+    wrong.write_text("<html></html>")
+    assert msb("web", "--verify", wrong).status == 3
+    for args in (
+        ("--verify", page, "--quantise"),
+        ("-o", wrong, "--quantise", checkpoint),
+        ("-o", wrong, "--tier", "dedicated"),
+        ("-o", wrong, "--at-least", "3", checkpoint),
+    ):
+        assert msb("web", *args).status == 2
+
+
+HANDS = """
+    await ready;
+    const seen = [];
+    const look = () => { const { eye, forward } = axes(state.view);
+      seen.push({ eye: eye.toArray(), forward: forward.toArray(), distance: state.target.distanceTo(eye) });
+    };
+    const finger = (type, id, x, y) => canvas.dispatchEvent(
+      new PointerEvent(type, { clientX: x, clientY: y, pointerId: id, bubbles: true, pointerType: "touch" }));
+    canvas.setPointerCapture = () => {};
+    look();
+    finger("pointerdown", 1, 300, 300); finger("pointerdown", 2, 400, 300);
+    finger("pointermove", 1, 250, 300); finger("pointermove", 2, 450, 300);
+    look();
+    finger("pointermove", 1, 300, 300); finger("pointermove", 2, 500, 300);
+    look();
+    finger("pointerup", 1, 0, 0); finger("pointerup", 2, 0, 0);
+    byId("drag").value = "looks";
+    finger("pointerdown", 3, 300, 300); finger("pointermove", 3, 350, 320); finger("pointerup", 3, 0, 0);
+    look();
+    window.dispatchEvent(new KeyboardEvent("keydown", { key: "w" })); fly(performance.now()); look();
+    window.dispatchEvent(new KeyboardEvent("keyup", { key: "w" }));
+    return [seen, pressed.size];
+"""
+
+
+def test_two_fingers_zoom_and_move_and_keys_fly(in_browser: InBrowser) -> None:
+    views = golden_views("triangle_splatting")[:1]
+    (start, near, moved, turned, flown), pressed = in_browser(page_of(views).encoded(), HANDS)
+    assert near["distance"] == pytest.approx(start["distance"] / 2)
+    assert moved["distance"] == pytest.approx(near["distance"])
+    assert np.linalg.norm(np.subtract(moved["eye"], near["eye"])) > 0.05 * near["distance"]
+    assert turned["eye"] == pytest.approx(moved["eye"])
+    assert np.dot(turned["forward"], moved["forward"]) < 0.999
+    step = np.subtract(flown["eye"], turned["eye"])
+    assert np.dot(step, turned["forward"]) == pytest.approx(np.linalg.norm(step))
+    assert np.linalg.norm(step) > 0
+    assert pressed == 0
+
+
+def test_what_is_measured_says_so_in_the_page(in_browser: InBrowser) -> None:
+    page = page_of(golden_views("triangle_splatting")[:1])
+    page.record("a browser", [61.25])
+    assert json.loads(json.dumps(page.scene))["dedicated"]["measured"]["psnr"] == [61.25]
+    script = "await ready; return [byId('verdict').textContent, byId('views').textContent];"
+    verdict, table = in_browser(page.encoded(), script)
+    assert verdict.startswith("61.3 dB when made, by a browser.")
+    assert "61.3 dB" in table
