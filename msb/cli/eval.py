@@ -176,7 +176,7 @@ class _Task:
         without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
         said = f"{without} --: {self.reason}; " if self.reason else f"{without}: "
         used = next((one.weights for one in self.measures.identities if one.name == "lpips_vgg"), None)
-        console.print(escape(f"{said}{weights_source(used)}"), soft_wrap=True)
+        console.print(escape(f"{said}{weights_source(used)}"))
 
     def _cells(self, row: dict[str, Any]) -> list[str]:
         return [

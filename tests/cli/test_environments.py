@@ -29,6 +29,7 @@ ASSET = "data_stubs/splat_like.triasset"
 CHECKPOINT = "data_stubs/checkpoint"
 SCENE = "data_stubs/scenes/nerf_synthetic/pebble"
 GOLDEN = "tests/golden/metrics"
+DRY = ("run", "--dry-run", "data_stubs/protocol.toml")
 SMALL = ("--turntable", "1", "--size", "32x24", "-o")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
 EXTRAS += ("dask", "distributed", "pynvml", "wgpu", "bpy")
@@ -130,19 +131,20 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         ("render", *SMALL, "s", ASSET),
         ("render", "--film", "f.gif", "--turntable", "2", "--size", "32x24", ASSET),
         ("bench", "--repeat", "1", "--seconds", "0.01", "--warmup", "0", ASSET),
-        ("run", "--dry-run", "data_stubs/protocol.toml"),
         ("report", "--paper", "--table", "mesh_connectivity"),
         ("methods",),
         ("view", "--html", "v.html", ASSET),
         ("web", "--out", "w.html", ASSET),
     ]
-    ended = run_all([*named, *whole], work, EXTRAS, MSB_BLENDER=None)
+    *ended, dry = run_all([*named, *whole, DRY], work, EXTRAS, MSB_BLENDER=None)
     for one in ended[: len(named)]:
         line = one.err.decode()
         assert (one.status, one.out, len(line.splitlines())) == (2, b"", 1), line
         assert line.startswith(("EXTRA_MISSING: ", "ENGINE_MISSING: "))
         assert f"meshsplatbench[{named[one.words]}]" in line
     assert {one.words: one.err for one in ended[len(named) :] if one.status} == {}
+    assert dry.status == 3
+    assert dry.err.startswith(b"EXTRA_MISSING: a run needs the extra bench")
     assert not {"e", "r", "paper", "track.json", "f.mp4", "f.png", "w", "b"} & {
         p.name for p in work.iterdir()
     }
@@ -167,18 +169,19 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
         ("info", ASSET),
         ("validate", ASSET),
         ("report", "--paper", "--table", "mesh_connectivity"),
-        ("run", "--dry-run", "data_stubs/protocol.toml"),
         ("render", "--tier", "reference", *SMALL, "ref", ASSET),
         ("view", "--html", "v.html", ASSET),
         ("web", "--out", "w.html", ASSET),
     ]
-    ended = run_all([*needs, *works], work, OCL_ICD_VENDORS=nowhere)
+    *ended, dry = run_all([*needs, *works, DRY], work, OCL_ICD_VENDORS=nowhere)
     for one in ended[: len(needs)]:
         line = one.err.decode()
         assert (one.status, one.out, len(line.splitlines())) == (5, b"", 1), line
         assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
         assert "OCL_ICD_VENDORS names nothing that exists" in line
     assert {one.words[0]: one.status for one in ended[len(needs) :] if one.status} == {}
+    assert dry.status == 3
+    assert dry.err.startswith(b"DEVICE_NOT_FOUND: there is no OpenCL device")
 
 
 @pytest.mark.slow

@@ -22,10 +22,13 @@ DTU = GOLDEN / "dtu_synthetic"
 
 
 def needs_torch(test: Test) -> Test:
-    """Mark a test that imports torch: seconds, and gigabytes that only `make test-all` installs."""
+    """Mark a test that imports torch: seconds, and gigabytes that only `make test-all` installs.
+
+    It runs in a session of its own: beside what other tests have loaded torch has crashed.
+    """
     absent = not (find_spec("torch") and find_spec("lpips"))
     marked = pytest.mark.skipif(absent, reason="extra lpips (torch, lpips) is not installed")(test)
-    return pytest.mark.slow(pytest.mark.oracle(marked))
+    return pytest.mark.torch(pytest.mark.slow(pytest.mark.oracle(marked)))
 
 
 def golden(name: str) -> Any:
