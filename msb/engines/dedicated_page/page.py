@@ -175,7 +175,6 @@ def make_page(
                 "image": image,
             }
         )
-    sphere = asset.manifest.bounding_sphere
     scene = scene_data(name, cameras, up, background)
     scene["dedicated"] = {
         "title": lookup(asset.manifest.method).title,
@@ -190,13 +189,27 @@ def make_page(
         },
         "arrays": {key: head for key, (head, _) in kept.items()},
         "standard": standard,
-        "sphere": {"center": list(sphere.center), "radius": sphere.radius},
+        "sphere": _seen_sphere(asset),
         "tests": listed,
         "against": against,
         "measured": None,
         "costs": [{"what": cost.what, "psnr": cost.psnr} for cost in costs],
     }
     return DedicatedPage(scene, "\n".join(_elements((key, data) for key, (_, data) in kept.items())))
+
+
+def _seen_sphere(asset: Asset) -> dict[str, Any]:
+    """Return what a free camera looks at: the bounding sphere, or less where a few faces are far away.
+
+    A capture has such faces, and to turn about the middle of their box would turn it out of view.
+    """
+    whole = asset.manifest.bounding_sphere
+    positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
+    middle = np.median(positions, axis=0)
+    radius = float(np.quantile(np.linalg.norm(positions - middle, axis=1), 0.9))
+    if whole.radius < 3 * radius:
+        return {"center": list(whole.center), "radius": whole.radius}
+    return {"center": middle.tolist(), "radius": radius}
 
 
 def _needed(buffers: Mapping[str, tuple[int, tuple[str, ...]]], most: int, guaranteed: int) -> int:

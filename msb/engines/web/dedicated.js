@@ -304,9 +304,9 @@ class Dedicated {
     device.queue.submit([encoder.finish()]);
   }
 
-  draw(view, background, degree, own) {
+  async draw(view, background, degree, own) {
     this.#encode(view, background, degree, own, null);
-    return this.device.queue.onSubmittedWorkDone();
+    await this.device.queue.onSubmittedWorkDone();
   }
 
   // The canvas's pixels of a view, RGB bytes from the top.
