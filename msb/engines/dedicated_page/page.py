@@ -12,8 +12,8 @@ import numpy as np
 
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
-from msb.engines.dedicated_page.plan_json import live_settings, plan_json, view_json
 from msb.engines.dedicated_page.stored import restore, store
+from msb.engines.dedicated_page.view_json import live_settings, view_json
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.program import Limits, make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
@@ -180,7 +180,7 @@ def make_page(
         "title": lookup(asset.manifest.method).title,
         "faces": packed.faces,
         "all_faces": all_faces or packed.faces,
-        "plan": plan_json(plan),
+        "plan": plan.record(),
         "view": view_json(packed),
         "settings": live_settings(asset, settings, packed.model),
         "needs": {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,6 +102,10 @@ class Plan:
     band_passes: tuple[Draws | Compute, ...]
     format: str
     scale: int
+
+    def record(self) -> dict[str, Any]:
+        """Return all but `data` as JSON takes it: what a page in a browser runs."""
+        return {key: value for key, value in asdict(replace(self, data={})).items() if key != "data"}
 
 
 @dataclass(frozen=True)
@@ -278,8 +282,9 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
     found: list[Compute] = []
     keys = [Binding(7, "write", "keys"), *([Binding(9, "write", "rectangles")] if debug else [])]
     room = planner.limits.binding // max(4 * packed.rest_stride, 1)
-    for first, count in _ranges(colored, min(room, _GROUP * _MOST_GROUPS)):
-        name = f"f_rest {len(found)}"
+    parts = _ranges(colored, min(room, _GROUP * _MOST_GROUPS))
+    for first, count in parts:
+        name = "f_rest" if len(parts) == 1 else f"f_rest {len(found)}"
         rest = packed.arrays["f_rest"]
         planner.upload(name, rest[first : first + count] if packed.rest_stride else rest)
         bindings = [

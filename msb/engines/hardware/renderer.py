@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -14,13 +13,14 @@ from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.program import Limits, make_plan
 from msb.engines.webgpu import WgpuRenderer
-from msb.engines.webgpu_adapter import choose_adapter, nanoseconds_a_tick
-from msb.errors import DeviceError, UsageError, shorten
+from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped
+from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
+    from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
 
@@ -31,10 +31,17 @@ if TYPE_CHECKING:
     Color = tuple[float, float, float]
 
 FLOAT, HALF = "rgba32float", "rgba16float"
+_BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24}
 """The most samples of a band: 256 MiB of two targets."""
 
 
+_GROUPS = {
+    **dict.fromkeys(("positions", "indices"), "geometry"),
+    **dict.fromkeys(("coverage", "f_dc", "f_rest"), "appearance"),
+    **dict.fromkeys(("image", "depth", "pixels,", "pixels"), "targets"),
+}
+"""First word of a use -> its group."""
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -109,7 +116,9 @@ class HardwareRenderer:
         features = [name for name in ("timestamp-query", "float32-blendable") if name in adapter.features]
         self._format = FLOAT if "float32-blendable" in features and not half else HALF
         self.device_info = {
-            "platform": f"{about['backend_type']}, {about['description']}".rstrip(", "),
+            "platform": ", ".join(
+                filter(None, (about["backend_type"], about["description"], _BLENDS[self._format]))
+            ),
             "name": about["device"],
             "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
         }
@@ -136,9 +145,10 @@ class HardwareRenderer:
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
+        self._check_open()
         with self._told("drawing"):
             drawn = self._run(camera, background, read=True)
-            pixels = self._mapped("pixels, read back").view(np.float32)
+            pixels = read_mapped(self._runs.held["pixels, read back"]).view(np.float32)
             keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
         found = np.zeros((camera.height, camera.width, 5), np.float32)
         for band in self._runs.bands:
@@ -156,6 +166,7 @@ class HardwareRenderer:
 
     def draw(self, camera: Camera, background: Color) -> Drawn:
         """Draw and wait, reading nothing back."""
+        self._check_open()
         with self._told("drawing"):
             return self._run(camera, background, read=False)
 
@@ -214,7 +225,7 @@ class HardwareRenderer:
         """Submit commands and return the timestamps; that they can be read says that all is done."""
         self._copy(encoder, "times")
         self._device.queue.submit([encoder.finish()])
-        return self._mapped("times, read back")
+        return read_mapped(self._runs.held["times, read back"])
 
     def _copy(self, encoder: Any, name: str) -> None:
         held = self._runs.held
@@ -242,14 +253,6 @@ class HardwareRenderer:
         runs.buffer("times, read back", 8 * count, "copy_dst", "map_read")
         self._size = width, height
 
-    def _mapped(self, name: str) -> NDArray[np.uint8]:
-        buffer = self._runs.held[name]
-        buffer.map_sync(self._gpu.MapMode.READ)
-        try:
-            return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
-        finally:
-            buffer.unmap()
-
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
         """Return what decided about faces in the last frame, with `debug`.
 
@@ -269,22 +272,27 @@ class HardwareRenderer:
         """Return use -> bytes of every buffer and texture."""
         return {name: _nbytes(thing) for name, thing in self._runs.held.items()}
 
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group."""
+        return {name: _GROUPS[word] for name in self._runs.held if (word := name.split()[0]) in _GROUPS}
+
     def close(self) -> None:
         """Release everything."""
         self._runs.close()
         self._device.destroy()
 
-    @contextlib.contextmanager
-    def _told(self, doing: str) -> Iterator[None]:
-        """Turn what wgpu raises into an error of ours."""
-        try:
-            yield
-        except self._gpu.GPUOutOfMemoryError as error:
-            text = f"{self.device_info['name']}: out of memory, {doing}"
-            raise DeviceError("DEVICE_MEMORY", text) from error
-        except (self._gpu.GPUError, RuntimeError) as error:
-            text = f"{self.device_info['name']}: {doing}: {shorten(str(error), 200)}"
-            raise DeviceError("ENGINE_FAILED", text) from error
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if not self._runs.held:
+            raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device_info['name']})")
+
+    def _told(self, doing: str) -> AbstractContextManager[None]:
+        return errors_of(self.device_info["name"], doing)
 
 
 def _limits_of(adapter: Any) -> Limits:
