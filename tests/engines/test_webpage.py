@@ -20,6 +20,7 @@ from msb.engines.mesh import engine_mesh
 from msb.render.images import to_bytes
 from tests.conftest import ROOT
 from tests.engines.conftest import need
+from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
 
 if TYPE_CHECKING:
@@ -109,6 +110,21 @@ def test_colours_taken_as_linear_come_out_lighter(in_browser: InBrowser) -> None
     wanted = 255 * (1.055 * (exact / 255) ** (1 / 2.4) - 0.055)
     assert np.abs(linear - wanted)[light].max() < 2
     assert linear.mean() > exact.mean() + 20
+
+
+def test_a_mesh_without_colours_is_lit_in_grey(in_browser: InBrowser) -> None:
+    mesh = engine_mesh(mesh_asset(scene("large", 7)), {}).encoded(".glb")
+    for lit, levels in ((True, range(56, 200)), (False, range(255, 256))):
+        page = webpage.page(mesh, name="mesh", cameras=[VIEW], background=(0, 0, 1), lit=lit)
+        shown = pixels(in_browser(page, SHOWN, "?camera=0")).reshape(-1, 3)
+        drawn = shown[shown[:, 2] == shown[:, 0]]
+        assert len(drawn) > 1000
+        assert set(drawn.ravel().astype(int)) <= set(levels)
+
+
+def test_mesh_files_have_y_up_and_trained_models_lie_as_colmap_has_them() -> None:
+    assert webpage.up_of(large()) == "+y"
+    assert webpage.up_of(exported(golden_views("two_dts")[0].folder / "checkpoint")) == "-y"
 
 
 HANDS = """

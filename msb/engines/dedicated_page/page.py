@@ -12,8 +12,8 @@ import numpy as np
 
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
-from msb.engines.dedicated_page.plan_json import live_settings, plan_json, view_json
 from msb.engines.dedicated_page.stored import restore, store
+from msb.engines.dedicated_page.view_json import live_settings, view_json
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.program import Limits, make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
@@ -175,13 +175,12 @@ def make_page(
                 "image": image,
             }
         )
-    sphere = asset.manifest.bounding_sphere
     scene = scene_data(name, cameras, up, background)
     scene["dedicated"] = {
         "title": lookup(asset.manifest.method).title,
         "faces": packed.faces,
         "all_faces": all_faces or packed.faces,
-        "plan": plan_json(plan),
+        "plan": plan.record(),
         "view": view_json(packed),
         "settings": live_settings(asset, settings, packed.model),
         "needs": {
@@ -190,13 +189,27 @@ def make_page(
         },
         "arrays": {key: head for key, (head, _) in kept.items()},
         "standard": standard,
-        "sphere": {"center": list(sphere.center), "radius": sphere.radius},
+        "sphere": _seen_sphere(asset),
         "tests": listed,
         "against": against,
         "measured": None,
         "costs": [{"what": cost.what, "psnr": cost.psnr} for cost in costs],
     }
     return DedicatedPage(scene, "\n".join(_elements((key, data) for key, (_, data) in kept.items())))
+
+
+def _seen_sphere(asset: Asset) -> dict[str, Any]:
+    """Return what a free camera looks at: the bounding sphere, or less where a few faces are far away.
+
+    A capture has such faces, and to turn about the middle of their box would turn it out of view.
+    """
+    whole = asset.manifest.bounding_sphere
+    positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
+    middle = np.median(positions, axis=0)
+    radius = float(np.quantile(np.linalg.norm(positions - middle, axis=1), 0.9))
+    if whole.radius < 3 * radius:
+        return {"center": list(whole.center), "radius": whole.radius}
+    return {"center": middle.tolist(), "radius": radius}
 
 
 def _needed(buffers: Mapping[str, tuple[int, tuple[str, ...]]], most: int, guaranteed: int) -> int:

@@ -147,11 +147,11 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
     if table.shape[1] < 2 or len(table) < _SAMPLE:
         return None
     rows = table.view(np.dtype((np.void, 4 * table.shape[1])))[:, 0]
-    sample = rows[:: len(rows) // _SAMPLE]
-    if len(np.unique(sample)) > len(sample) // 2 and len(np.unique(rows[:_SAMPLE])) > _SAMPLE // 2:
+    most = min(_MOST_ROWS, len(rows) // 4)
+    if len(np.unique(rows[: 2 * most])) > most:
         return None
     found, code = np.unique(rows, return_inverse=True)
-    if len(found) > min(_MOST_ROWS, len(rows) // 4):
+    if len(found) > most:
         return None
     dtype = np.dtype(np.uint8 if len(found) <= LEVELS else np.uint16)
     return {"how": "rows", "codes": dtype.name}, [_split(code[:, None].astype(dtype)), found.tobytes()]

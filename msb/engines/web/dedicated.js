@@ -131,7 +131,7 @@ class Dedicated {
   async #makeBuffers(read, told) {
     const names = Object.keys(this.plan.buffers);
     for (const [k, name] of names.entries()) {
-      const { bytes, usages } = this.plan.buffers[name];
+      const [bytes, usages] = this.plan.buffers[name];
       const made = this.#buffer(name, bytes, usages);
       if (!(name in this.about.arrays)) continue;
       told(`reading the model: ${Math.round(100 * k / names.length)} %`);
@@ -142,7 +142,7 @@ class Dedicated {
   // Explicit layouts: what a stage binds but does not use may stay.
   #layout(step) {
     const stages = GPUShaderStage;
-    const visibility = step.kind === "draws" ? stages.VERTEX | stages.FRAGMENT : stages.COMPUTE;
+    const visibility = step.records ? stages.VERTEX | stages.FRAGMENT : stages.COMPUTE;
     const kinds = {
       uniform: { buffer: { type: "uniform" } }, read: { buffer: { type: "read-only-storage" } },
       write: { buffer: { type: "storage" } }, texture: { texture: { sampleType: "unfilterable-float" } },
@@ -153,7 +153,7 @@ class Dedicated {
 
   async #pipeline(step, module) {
     const group = this.#layout(step), layout = this.device.createPipelineLayout({ bindGroupLayouts: [group] });
-    if (step.kind === "compute") {
+    if (!step.records) {
       const compute = { module, entryPoint: step.entry };
       return { group, pipeline: await this.device.createComputePipelineAsync({ layout, compute }) };
     }
@@ -293,7 +293,7 @@ class Dedicated {
     computing.end();
     for (let k = 0; k < this.bands.length; k += 1) {
       for (let number = this.plan.passes.length; number < this.steps.length; number += 1) {
-        if (this.steps[number].kind === "draws") { this.#blend(encoder, number, k); continue; }
+        if (this.steps[number].records) { this.#blend(encoder, number, k); continue; }
         const pass = encoder.beginComputePass();
         this.#compute(pass, number, k);
         pass.end();
@@ -304,9 +304,9 @@ class Dedicated {
     device.queue.submit([encoder.finish()]);
   }
 
-  draw(view, background, degree, own) {
+  async draw(view, background, degree, own) {
     this.#encode(view, background, degree, own, null);
-    return this.device.queue.onSubmittedWorkDone();
+    await this.device.queue.onSubmittedWorkDone();
   }
 
   // The canvas's pixels of a view, RGB bytes from the top.

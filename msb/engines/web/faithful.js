@@ -57,7 +57,7 @@ function showFaithful() {
   byId("views").replaceChildren(top, body);
   byId("views").hidden = head.length === 1;
   byId("measure").hidden = !official;
-  byId("costs").textContent = "What the smaller page costs. " +
+  byId("costs").textContent = "What the smaller page costs: " +
     about.costs.map((cost) => `${cost.what}: ${decibels(cost.psnr)}.`).join(" ");
   byId("costs").hidden = !about.costs.length;
 }

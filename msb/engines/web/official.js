@@ -63,9 +63,10 @@ function showOfficial(view) {
     const took = performance.now() - begun;
     // Of the frame in full size: pixels take most of the time.
     milliseconds = size === 1 ? took : Math.max(milliseconds * 0.9, took);
-    byId("frame").textContent = `${took < 10 ? took.toFixed(1) : Math.round(took)} ms a frame` +
+    const time = took < 10 ? `${took.toFixed(1)} ms` : took < 2000 ? `${Math.round(took)} ms` : `${(took / 1000).toFixed(1)} s`;
+    byId("frame").textContent = `${time} a frame` +
       (size < 1 ? `, at ${Math.round(100 * size)} % of the size while it moves` : "");
-  }, () => {}).finally(() => {
+  }, (error) => { if (official) note(`This frame cannot be drawn: ${error.message || error}`); }).finally(() => {
     busy = false;
     if (again) { again = false; show(); }
   });

@@ -1,15 +1,14 @@
-"""The plan of a frame and the camera record as JSON, as web/dedicated.js runs and fills them."""
+"""What web/dedicated.js fills the camera record with, as JSON, and which settings change it alone."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.asset.settings import effective_settings
 from msb.engines.hardware.packing import VIEW
-from msb.engines.hardware.program import Draws
 from msb.errors import MsbError
 from msb.methods import lookup, role
 
@@ -18,25 +17,9 @@ if TYPE_CHECKING:
 
     from msb.asset import Asset
     from msb.engines.hardware.packing import Packed
-    from msb.engines.hardware.program import Compute, Plan
     from msb.render.splat.model import Model
 
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
-
-
-def plan_json(plan: Plan) -> dict[str, Any]:
-    """Return all of a plan but its arrays."""
-    return {
-        "modules": dict(plan.modules),
-        "buffers": {name: {"bytes": size, "usages": usages} for name, (size, usages) in plan.buffers.items()},
-        "passes": [_step(step) for step in plan.passes],
-        "band_passes": [_step(step) for step in plan.band_passes],
-        "scale": plan.scale,
-    }
-
-
-def _step(step: Compute | Draws) -> dict[str, Any]:
-    return {"kind": "draws" if isinstance(step, Draws) else "compute", **asdict(step)}
 
 
 def view_json(packed: Packed) -> dict[str, Any]:
