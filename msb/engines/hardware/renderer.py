@@ -12,7 +12,8 @@ from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
 from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
 from msb.engines.hardware.packing import pack
-from msb.engines.hardware.program import Limits, make_plan
+from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.program import make_plan
 from msb.engines.webgpu import WgpuRenderer
 from msb.engines.webgpu_adapter import choose_adapter, nanoseconds_a_tick
 from msb.errors import DeviceError, UsageError, shorten
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     Color = tuple[float, float, float]
 
 FLOAT, HALF = "rgba32float", "rgba16float"
+_SAMPLE_BYTES = {FLOAT: 16, HALF: 8}
+"""Those of r32uint and depth32float are 4."""
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24}
 """The most samples of a band: 256 MiB of two targets."""
 
@@ -306,4 +309,4 @@ def _nbytes(thing: Any) -> int:
     if hasattr(thing, "map_sync"):
         return int(thing.size)
     width, height, _ = thing.size
-    return int(width * height * (16 if thing.format == FLOAT else 8))
+    return int(width * height * _SAMPLE_BYTES.get(thing.format, 4))
