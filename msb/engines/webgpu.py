@@ -15,13 +15,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
-from msb.engines.webgpu_adapter import INSTALL, all_adapters, choose_adapter, nanoseconds_a_tick
-from msb.errors import DeviceError, shorten
+from msb.engines.webgpu_adapter import (
+    INSTALL,
+    all_adapters,
+    choose_adapter,
+    errors_of,
+    nanoseconds_a_tick,
+    read_mapped,
+)
+from msb.errors import DeviceError
 from msb.extras import install, is_installed
 from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
+    from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
 
@@ -256,7 +264,7 @@ class WgpuRenderer(Engine):
             encoder.resolve_query_set(self._queries, 0, 2, source, 0)
         encoder.copy_buffer_to_buffer(source, 0, target, 0, 16)
         self._device.queue.submit([encoder.finish()])
-        began, ended = self._mapped("times, read back").view(np.uint64).tolist()
+        began, ended = read_mapped(self._held["times, read back"]).view(np.uint64).tolist()
         waited = 1000 * (time.perf_counter() - start)
         if self._tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
@@ -312,28 +320,15 @@ class WgpuRenderer(Engine):
     def _read(self, use: str, dtype: Any, channels: int) -> NDArray[Any]:
         assert self._size is not None
         width, height = self._size
-        values = self._mapped(f"{use}, read back").view(dtype).reshape(height, -1)[:, : width * channels]
+        values = (
+            read_mapped(self._held[f"{use}, read back"])
+            .view(dtype)
+            .reshape(height, -1)[:, : width * channels]
+        )
         return np.reshape(values, (height, width) if channels == 1 else (height, width, channels))
 
-    def _mapped(self, use: str) -> NDArray[np.uint8]:
-        buffer = self._held[use]
-        buffer.map_sync(self._gpu.MapMode.READ)
-        try:
-            return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
-        finally:
-            buffer.unmap()
-
-    @contextlib.contextmanager
-    def _told(self, doing: str) -> Iterator[None]:
-        """Turn what wgpu raises into an error of ours."""
-        try:
-            yield
-        except self._gpu.GPUOutOfMemoryError as error:
-            text = f"{self.device_info['name']}: out of memory, {doing}"
-            raise DeviceError("DEVICE_MEMORY", text) from error
-        except (self._gpu.GPUError, RuntimeError) as error:
-            text = f"{self.device_info['name']}: {doing}: {shorten(str(error), 200)}"
-            raise DeviceError("ENGINE_FAILED", text) from error
+    def _told(self, doing: str) -> AbstractContextManager[None]:
+        return errors_of(self.device_info["name"], doing)
 
 
 def camera_record(camera: Camera) -> NDArray[np.float32]:

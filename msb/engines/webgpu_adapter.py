@@ -9,10 +9,14 @@ import tempfile
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from msb.errors import DeviceError
+import numpy as np
+
+from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
 
 INSTALL = (
     "apt-get install mesa-vulkan-drivers brings Vulkan in software"
@@ -75,6 +79,38 @@ def _runtime_folder() -> Iterator[None]:
         yield
     finally:
         del os.environ["XDG_RUNTIME_DIR"]
+
+
+@contextlib.contextmanager
+def errors_of(device: str, doing: str) -> Iterator[None]:
+    """Turn what wgpu raises in a block into an error of ours, which names the device and says what it did.
+
+    Raises
+    ------
+    DeviceError
+        `DEVICE_MEMORY`, or `ENGINE_FAILED` for all else, such as a device that is lost.
+    """
+    import wgpu
+
+    try:
+        yield
+    except wgpu.GPUOutOfMemoryError as error:
+        raise DeviceError("DEVICE_MEMORY", f"{device}: out of memory, {doing}") from error
+    except (wgpu.GPUError, RuntimeError) as error:
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        text = shorten(lines[-1] if lines else type(error).__name__, 200)
+        raise DeviceError("ENGINE_FAILED", f"{device}: {doing}: {text}") from error
+
+
+def read_mapped(buffer: Any) -> NDArray[np.uint8]:
+    """Wait until a buffer can be mapped, and return a copy of its bytes."""
+    import wgpu
+
+    buffer.map_sync(wgpu.MapMode.READ)
+    try:
+        return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
+    finally:
+        buffer.unmap()
 
 
 def nanoseconds_a_tick(device: Any) -> float | None:

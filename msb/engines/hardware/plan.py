@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -87,6 +87,10 @@ class Plan:
     band_passes: tuple[Draws | Compute, ...]
     format: str
     scale: int
+
+    def record(self) -> dict[str, Any]:
+        """Return all but `data` as JSON takes it: what a page in a browser runs."""
+        return {key: value for key, value in asdict(replace(self, data={})).items() if key != "data"}
 
 
 @dataclass(frozen=True)

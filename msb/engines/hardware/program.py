@@ -208,13 +208,13 @@ def _z_buffered(
     for number, (name, rows) in enumerate(_parts(planner, "opacity", surface.opacity)):
         bound = (VIEW_BINDING, _BAND, Binding(2, "read", name), replace(rows, number=3))
         first = "load" if number else "clear"
-        found.append(Draws("raster", "draw", bound, ("faces",), records, members, first))
+        found.append(Draws("raster", "draw", bound, ("nearest",), records, members, first))
     for name, rows in _parts(planner, "features", surface.features):
         bindings = (
             *planner.model(),
             rows,
             replace(_BAND, number=5),
-            Binding(6, "numbers", "faces"),
+            Binding(6, "numbers", "nearest"),
             Binding(7, "read", name),
             Binding(8, "uniform", "decoder"),
             replace(_PIXELS, number=9),
@@ -261,8 +261,9 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
     found: list[Compute] = []
     keys = [Binding(7, "write", "keys"), *([Binding(9, "write", "rectangles")] if debug else [])]
     room = planner.limits.binding // max(4 * packed.rest_stride, 1)
-    for first, count in _ranges(colored if colors else 0, min(room, _GROUP * _MOST_GROUPS)):
-        name = f"f_rest {len(found)}"
+    parts = _ranges(colored if colors else 0, min(room, _GROUP * _MOST_GROUPS))
+    for first, count in parts:
+        name = "f_rest" if len(parts) == 1 else f"f_rest {len(found)}"
         rest = packed.arrays["f_rest"]
         planner.upload(name, rest[first : first + count] if packed.rest_stride else rest)
         bindings = [

@@ -1,5 +1,17 @@
-// Stages before and after the sort. A method's file stands before this one: it defines `Face`,
-// `project_face(number, ptr to Face) -> Projected` and, for soups, `point_seen(corners)`.
+// Stages before and after the sort. A method's file NAME.wgsl, beside its NAME.cl, stands before this one and
+// before draw.wgsl. It includes what it needs of the files here, and defines
+//
+//   Face                                what the fragments of a face read: members of vec4<f32>, the first of
+//                                       which is `quad`
+// and, where COMPUTE is set,
+//   project_face(number, ptr to Face)   culling, projection, official tiles and reach: `Projected`
+//   point_seen(rows of the corners)     of soups: towards which point the colour is evaluated
+//   color_face(number, ptr to Face)     where RECORDING is set: puts colours into the record
+// and otherwise
+//   cover(Face, x, y)                   a face at the sample (x, y): `Seen`
+//
+// ENGINE is set where an engine's sampling is asked for. What the method's `look` says in `defines` is set, too,
+// and what it says in `own` are members of `view`.
 //
 // A face is projected twice: before the sort for its key alone, and after it for the record that its
 // fragments read. So records are written once, in the order in which they are drawn, and only of faces that

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,13 +14,15 @@ from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import make_plan
 from msb.engines.webgpu import WgpuRenderer
-from msb.engines.webgpu_adapter import choose_adapter, nanoseconds_a_tick
-from msb.errors import DeviceError, UsageError, shorten
+from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped
+from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
+from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
+    from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
 
@@ -31,13 +32,19 @@ if TYPE_CHECKING:
 
     Color = tuple[float, float, float]
 
-FLOAT, HALF = "rgba32float", "rgba16float"
-_SAMPLE_BYTES = {FLOAT: 16, HALF: 8}
-"""Those of r32uint and depth32float are 4."""
-_ROOM = {FLOAT: 1 << 23, HALF: 1 << 24}
-"""The most samples of a band: 256 MiB of two targets."""
+FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
+_BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
+_SAMPLE_BYTES = {FLOAT: 16, HALF: 8, NUMBERS: 4, "depth32float": 4}
+_ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
+"""The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths."""
 
 
+_GROUPS = {
+    **dict.fromkeys(("positions", "indices"), "geometry"),
+    **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
+    **dict.fromkeys(("image", "depth", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
+}
+"""First word of a use -> its group."""
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -57,7 +64,7 @@ _NEEDED = {
 
 
 class HardwareRenderer:
-    """Draws an asset of a blended method as quads in depth order, through wgpu-py.
+    """Draws an asset through wgpu-py: as quads in depth order, which are blended, or by a z-buffer.
 
     Parameters
     ----------
@@ -111,8 +118,12 @@ class HardwareRenderer:
         about = dict(adapter.info)
         features = [name for name in ("timestamp-query", "float32-blendable") if name in adapter.features]
         self._format = FLOAT if "float32-blendable" in features and not half else HALF
+        if isinstance(self._packed.model, Surface):
+            self._format = NUMBERS
         self.device_info = {
-            "platform": f"{about['backend_type']}, {about['description']}".rstrip(", "),
+            "platform": ", ".join(
+                filter(None, (about["backend_type"], about["description"], _BLENDS.get(self._format)))
+            ),
             "name": about["device"],
             "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
         }
@@ -139,9 +150,10 @@ class HardwareRenderer:
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
+        self._check_open()
         with self._told("drawing"):
             drawn = self._run(camera, background, read=True)
-            pixels = self._mapped("pixels, read back").view(np.float32)
+            pixels = read_mapped(self._runs.held["pixels, read back"]).view(np.float32)
             keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
         found = np.zeros((camera.height, camera.width, 5), np.float32)
         for band in self._runs.bands:
@@ -159,6 +171,7 @@ class HardwareRenderer:
 
     def draw(self, camera: Camera, background: Color) -> Drawn:
         """Draw and wait, reading nothing back."""
+        self._check_open()
         with self._told("drawing"):
             return self._run(camera, background, read=False)
 
@@ -217,7 +230,7 @@ class HardwareRenderer:
         """Submit commands and return the timestamps; that they can be read says that all is done."""
         self._copy(encoder, "times")
         self._device.queue.submit([encoder.finish()])
-        return self._mapped("times, read back")
+        return read_mapped(self._runs.held["times, read back"])
 
     def _copy(self, encoder: Any, name: str) -> None:
         held = self._runs.held
@@ -245,14 +258,6 @@ class HardwareRenderer:
         runs.buffer("times, read back", 8 * count, "copy_dst", "map_read")
         self._size = width, height
 
-    def _mapped(self, name: str) -> NDArray[np.uint8]:
-        buffer = self._runs.held[name]
-        buffer.map_sync(self._gpu.MapMode.READ)
-        try:
-            return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
-        finally:
-            buffer.unmap()
-
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
         """Return what decided about faces in the last frame, with `debug`.
 
@@ -272,22 +277,27 @@ class HardwareRenderer:
         """Return use -> bytes of every buffer and texture."""
         return {name: _nbytes(thing) for name, thing in self._runs.held.items()}
 
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group."""
+        return {name: _GROUPS[word] for name in self._runs.held if (word := name.split()[0]) in _GROUPS}
+
     def close(self) -> None:
         """Release everything."""
         self._runs.close()
         self._device.destroy()
 
-    @contextlib.contextmanager
-    def _told(self, doing: str) -> Iterator[None]:
-        """Turn what wgpu raises into an error of ours."""
-        try:
-            yield
-        except self._gpu.GPUOutOfMemoryError as error:
-            text = f"{self.device_info['name']}: out of memory, {doing}"
-            raise DeviceError("DEVICE_MEMORY", text) from error
-        except (self._gpu.GPUError, RuntimeError) as error:
-            text = f"{self.device_info['name']}: {doing}: {shorten(str(error), 200)}"
-            raise DeviceError("ENGINE_FAILED", text) from error
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if not self._runs.held:
+            raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device_info['name']})")
+
+    def _told(self, doing: str) -> AbstractContextManager[None]:
+        return errors_of(self.device_info["name"], doing)
 
 
 def _limits_of(adapter: Any) -> Limits:
@@ -309,4 +319,4 @@ def _nbytes(thing: Any) -> int:
     if hasattr(thing, "map_sync"):
         return int(thing.size)
     width, height, _ = thing.size
-    return int(width * height * _SAMPLE_BYTES.get(thing.format, 4))
+    return int(width * height * _SAMPLE_BYTES[thing.format])
