@@ -10,7 +10,7 @@ import pytest
 import msb
 from msb.asset.settings import effective_settings
 from msb.engines.hardware import renderer as hardware
-from msb.engines.hardware.program import Limits
+from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.renderer import HardwareRenderer
 from msb.errors import MsbError
 from msb.methods import role

@@ -9,7 +9,8 @@ import pytest
 
 from msb.engines.hardware.device import bands_of
 from msb.engines.hardware.packing import pack
-from msb.engines.hardware.program import Limits, make_plan
+from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.program import make_plan
 from msb.engines.hardware.wgsl import assemble, face_members
 from tests.reference.golden import exported, golden_views
 

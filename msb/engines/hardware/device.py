@@ -7,22 +7,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.engines.hardware.program import SLOT, Compute, Draws
+from msb.engines.hardware.plan import SLOT, Compute, Draws
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
-    from msb.engines.hardware.program import Binding, Plan
+    from msb.engines.hardware.plan import Binding, Plan
 
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
     "read": {"buffer": {"type": "read-only-storage"}},
     "write": {"buffer": {"type": "storage"}},
     "texture": {"texture": {"sample_type": "unfilterable-float", "view_dimension": "2d"}},
+    "numbers": {"texture": {"sample_type": "uint", "view_dimension": "2d"}},
 }
-_SAMPLE_BYTES = {"rgba32float": 16, "rgba16float": 8}
+Z_BUFFER = "z-buffer"
+"""The texture of depths, where a plan has one."""
+_DEPTH = "depth32float"
 PIXEL_BYTES = 20
 """Red, green, blue, alpha and depth, float32."""
 
@@ -109,13 +112,13 @@ class DevicePlan:
             return self._device.create_compute_pipeline(
                 layout=whole, compute={"module": module, "entry_point": step.entry}
             )
-        blend = {"src_factor": "one-minus-dst-alpha", "dst_factor": "one", "operation": "add"}
+        one = {"src_factor": "one-minus-dst-alpha", "dst_factor": "one", "operation": "add"}
+        blended: dict[str, Any] = {} if step.z_buffer else {"blend": {"color": one, "alpha": one}}
+        nearest = {"format": _DEPTH, "depth_write_enabled": True, "depth_compare": "less"}
         attributes = [
             {"format": "float32x4", "offset": 16 * k, "shader_location": k} for k in range(step.members)
         ]
-        targets = [
-            {"format": self._plan.format, "blend": {"color": blend, "alpha": blend}} for _ in step.targets
-        ]
+        targets = [{"format": self._plan.format, **blended} for _ in step.targets]
         return self._device.create_render_pipeline(
             layout=whole,
             vertex={
@@ -126,7 +129,12 @@ class DevicePlan:
                 ],
             },
             primitive={"topology": "triangle-strip", "cull_mode": "none"},
-            fragment={"module": module, "entry_point": "blend", "targets": targets},
+            depth_stencil=nearest if step.z_buffer else None,
+            fragment={
+                "module": module,
+                "entry_point": "nearest" if step.z_buffer else "blend",
+                "targets": targets,
+            },
         )
 
     def set_bands(self, bands: list[Band]) -> None:
@@ -143,18 +151,19 @@ class DevicePlan:
         self.buffer("pixels, read back", size, "copy_dst", "map_read")
         usage = self._gpu.TextureUsage.RENDER_ATTACHMENT | self._gpu.TextureUsage.TEXTURE_BINDING
         scale = self._plan.scale
-        for name in self._targets():
+        for name, form in self._targets().items():
             old = self.held.pop(name, None)
             if old is not None:
                 old.destroy()
             self.held[name] = self._device.create_texture(
-                size=(scale * bands[0].width, scale * bands[0].height, 1),
-                format=self._plan.format,
-                usage=usage,
+                size=(scale * bands[0].width, scale * bands[0].height, 1), format=form, usage=usage
             )
 
-    def _targets(self) -> tuple[str, ...]:
-        return next(step.targets for step in self._plan.band_passes if isinstance(step, Draws))
+    def _targets(self) -> dict[str, str]:
+        """Return name -> format of what is drawn into."""
+        step = next(step for step in self._plan.band_passes if isinstance(step, Draws))
+        found = dict.fromkeys(step.targets, self._plan.format)
+        return {**found, Z_BUFFER: _DEPTH} if step.z_buffer else found
 
     def _group(self, number: int, step: Compute | Draws, k: int) -> Any:
         """Return the bind group of a step for band `k`."""
@@ -169,7 +178,7 @@ class DevicePlan:
 
     def _resource(self, binding: Binding, k: int) -> Any:
         held = self.held[binding.name]
-        if binding.kind == "texture":
+        if binding.kind in ("texture", "numbers"):
             return held.create_view()
         offset, size = binding.offset, binding.size
         if binding.name == "pixels":
@@ -223,11 +232,19 @@ class DevicePlan:
 
     def _draw(self, encoder: Any, number: int, step: Draws, k: int, timed: dict[str, Any]) -> None:
         band, scale = self.bands[k], self._plan.scale
+        first = step.z_buffer or "clear"
+        if step.z_buffer:
+            timed["depth_stencil_attachment"] = {
+                "view": self.held[Z_BUFFER].create_view(),
+                "depth_load_op": first,
+                "depth_store_op": "store",
+                "depth_clear_value": 1.0,
+            }
         drawing = encoder.begin_render_pass(
             color_attachments=[
                 {
                     "view": self.held[target].create_view(),
-                    "load_op": "clear",
+                    "load_op": first,
                     "store_op": "store",
                     "clear_value": (0, 0, 0, 0),
                 }

@@ -1,15 +1,11 @@
-// One quad for each drawn face, from front to back, blended by fixed hardware. A method's file stands before
-// this one: it defines `Face` and `cover`.
+// One quad for each drawn face: from front to back, blended by fixed hardware, or in the order of the asset, the
+// nearest kept by the z-buffer (Z_BUFFER). A method's file stands before this one: it defines `Face`, and
+// `cover`, or `place_of` and `number_of`.
 //
 // The quad's corners are edges of samples, half a sample from any centre, so no rounding of the hardware's
 // changes which samples it has. `Face` comes as instance-stepped vertex attributes and goes on unchanged
 // (flat): no storage buffer is read here, so no limit of one holds.
-
-struct Band {
-    first: vec2<u32>, // pixel of the frame
-    size: vec2<u32>,  // pixels
-    output: u32,      // where its pixels begin, in floats
-}
+#include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
 
 struct Between {
@@ -29,6 +25,30 @@ fn corner(@builtin(vertex_index) index: u32, face: Face) -> Between {
 BETWEEN_COPIES
     return between;
 }
+
+#if Z_BUFFER
+// Of equal depths the face that is drawn first stays, which has the lower number.
+struct Nearest {
+    @builtin(frag_depth) depth: f32,
+    @location(0) face: u32, // number + 1
+}
+
+struct Place {
+    inside: bool,
+    depth: f32, // at least 0, below 1
+}
+
+@fragment
+fn nearest(between: Between) -> Nearest {
+    let pixel = vec2<i32>(between.place.xy) + vec2<i32>(band.first);
+    let face = Face(FACE_VALUES);
+    let place = place_of(face, pixel.x, pixel.y);
+    if (!place.inside) {
+        discard;
+    }
+    return Nearest(place.depth, number_of(face) + 1u);
+}
+#else
 
 // The colour is premultiplied. The target's alpha holds 1 - T, not T: what is left is computed from one minus
 // it, and in half floats the steps near 0 are finer than those near 1, where most of a sample's faces are.
@@ -54,3 +74,4 @@ fn blend(between: Between) -> Targets {
 #endif
     return targets;
 }
+#endif

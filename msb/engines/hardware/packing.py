@@ -14,6 +14,7 @@ from msb.errors import Unsupported
 from msb.methods import role
 from msb.render.splat.model import Model, make_model, sh_buffers
 from msb.render.splat.view import make_view
+from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -57,7 +58,8 @@ class Packed:
     rest_stride : int
         Floats of `f_rest` in a row, 0 where there are none.
     arrays : mapping of str to ndarray
-        `positions`, `indices` (of meshes), `coverage`, `f_dc`, `f_rest` (one row of a zero at degree 0).
+        `positions`, `indices` (of meshes), `coverage`; of blended methods `f_dc`, `f_rest` (one row of a
+        zero at degree 0).
     """
 
     model: Model
@@ -80,6 +82,8 @@ class Packed:
             if name in (made.dtype.names or ()):
                 record[name] = made[name]
         record["background"] = background
+        if isinstance(model, Surface):
+            record["full"] = model.projection(camera).ravel()
         data = record.tobytes() + made["own"].tobytes()
         return data + bytes(-len(data) % 16)
 
@@ -99,6 +103,8 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     method = asset.manifest.method
     values = effective_settings(asset.manifest, settings)
     look: Any = role(method, "look")
+    if hasattr(look, "surface_model"):
+        return _pack_surface(asset, look.surface_model(asset, values))
     if not hasattr(look, "splat_model"):
         raise _unsupported(asset)
     check_drawable(asset)
@@ -122,6 +128,18 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
         degree=values.get("sh_degree", asset.manifest.sh_degree),
         rest_stride=0 if f_rest is None else f_rest.shape[1],
         arrays={name: np.ascontiguousarray(array) for name, array in arrays.items()},
+    )
+
+
+def _pack_surface(asset: Asset, surface: Surface) -> Packed:
+    names = ("positions", "indices", "coverage")
+    return Packed(
+        model=surface,
+        faces=asset.manifest.face_count,
+        vertices=len(surface.positions),
+        degree=0,
+        rest_stride=0,
+        arrays={name: np.ascontiguousarray(getattr(surface, name)) for name in names},
     )
 
 

@@ -1,26 +1,26 @@
-"""The passes and buffers of a frame as plain data, which wgpu-py and a browser's WebGPU run alike."""
+"""The plan of an asset's frame: its texts of WGSL, its buffers, and the passes that use them."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.engines.hardware.packing import VIEW
+from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Limits, Plan
 from msb.engines.hardware.wgsl import as_attributes, assemble, face_members
 from msb.errors import DeviceError
+from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
     from msb.engines.hardware.packing import Packed
     from msb.methods import Order, Sampling
 
-SLOT = 256
-"""Bytes between entries of a uniform buffer that are bound one at a time."""
 _GROUP = 64
 """Invocations of a work-group of the stages over faces."""
 _MOST_GROUPS = 65535
@@ -30,91 +30,6 @@ _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
-
-
-@dataclass(frozen=True)
-class Binding:
-    """A part of a buffer, or a texture, at a number of group 0.
-
-    `kind` is "uniform", "read", "write" or "texture". `per_band` says that `offset` is that of the band.
-    """
-
-    number: int
-    kind: str
-    name: str
-    offset: int = 0
-    size: int | None = None
-    per_band: bool = False
-
-
-@dataclass(frozen=True)
-class Compute:
-    """A dispatch: `groups` work-groups, or as many as `arguments` says at a byte offset (`indirect`).
-
-    A dispatch of a band has a work-item for each pixel, by columns of 64 (`groups` None).
-    """
-
-    stage: str
-    module: str
-    entry: str
-    bindings: tuple[Binding, ...]
-    groups: int | None = None
-    indirect: int | None = None
-
-
-@dataclass(frozen=True)
-class Draws:
-    """A render pass: for each buffer of records a draw, whose numbers `arguments` has at an offset."""
-
-    stage: str
-    module: str
-    bindings: tuple[Binding, ...]
-    targets: tuple[str, ...]
-    records: tuple[tuple[str, int], ...]
-    members: int
-    """vec4 of a record: attributes at locations 0, 1, ..."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a frame is made of.
-
-    Attributes
-    ----------
-    modules : mapping
-        Name -> WGSL.
-    buffers : mapping
-        Name -> bytes and usages. What `data` holds is uploaded once.
-    data : mapping
-        Name -> array.
-    passes, band_passes : tuple
-        Once a frame, and once for each band of it.
-    format : str
-        Of the targets `image` and `depth`, whose sizes are those of a band in samples.
-    scale : int
-        Samples of a pixel along each axis.
-    """
-
-    modules: Mapping[str, str]
-    buffers: Mapping[str, tuple[int, tuple[str, ...]]]
-    data: Mapping[str, NDArray[Any]]
-    passes: tuple[Compute, ...]
-    band_passes: tuple[Draws | Compute, ...]
-    format: str
-    scale: int
-
-    def record(self) -> dict[str, Any]:
-        """Return all but `data` as JSON takes it: what a page in a browser runs."""
-        return {key: value for key, value in asdict(replace(self, data={})).items() if key != "data"}
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a device takes: bytes of a storage binding and of a buffer, and texels of a target's side."""
-
-    binding: int
-    buffer: int
-    side: int
 
 
 class _Planner:
@@ -189,14 +104,22 @@ def make_plan(
         `DEVICE_MEMORY`: an array does not fit into a buffer of the device.
     """
     model, planner = packed.model, _Planner(packed, limits, name)
+    surface = model if isinstance(model, Surface) else None
+    lattices: dict[str, bool | int | str] = {}
+    if surface is not None:
+        order, form = "none", "r32uint"  # a z-buffer has no order, and numbers of faces are its targets
+        as_bytes = surface.features.dtype == np.uint8
+        lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
         **{key: bool(value) for key, value in model.defines.items()},
         "OWN_MEMBERS": "\n".join(f"    {k}: {_TYPES[v.dtype.name]}," for k, v in model.own.items()),
         "VERTEX_COLORS": model.vertex_colors,
         "ENGINE": sampling == "engine",
-        "IN_TILES": order == "tile" and sampling == "official",
+        "IN_TILES": order == "tile" and sampling == "official" and surface is None,
         "DEPTH": depth,
         "DEBUG": debug,
+        "Z_BUFFER": surface is not None,
+        **lattices,
         "REST_STRIDE": packed.rest_stride,
         "SCALE": model.scale,
         "FIRST_SAMPLE": 0 if model.box_mean else (model.scale - 1) // 2,
@@ -218,7 +141,10 @@ def make_plan(
         "draw": as_attributes(text(own, "draw.wgsl", **_between(members)), members),
         "resolve": text("resolve.wgsl"),
     }
-    if not planner.soup:
+    if surface is not None:
+        modules["decode"] = text(own, "surface.wgsl", COMPUTE=True, DECODING=True)
+        del modules["resolve"]
+    elif not planner.soup:
         modules["shade"] = text(own, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
     passes = [*_projection(planner, debug), *_sorting(planner, order, record_bytes)]
     ranges = _record_ranges(planner, record_bytes)
@@ -229,7 +155,7 @@ def make_plan(
         bindings = [
             *planner.model(),
             planner.part(first, count),
-            Binding(8, "read", "colors"),
+            Binding(8, "read", "colors") if surface is None else Binding(7, "write", "keys"),
             Binding(10, "read", last),
             Binding(11, "read", "arguments"),
             Binding(12, "write", f"records {k}"),
@@ -238,23 +164,74 @@ def make_plan(
         records.append((f"records {k}", 4 * (7 + 7 * k)))
     own_bytes = 4 * len(model.own)
     planner.buffer("view", VIEW.itemsize + own_bytes, "uniform", "copy_dst")
+    if surface is not None:
+        band_passes = _z_buffered(planner, surface, tuple(records), len(members))
+    else:
+        band_passes = _blended(("image", "depth") if depth else ("image",), tuple(records), len(members))
     planner.upload("parts", _slots(np.array(planner.parts, np.uint32)), "uniform")
-    band = Binding(1, "uniform", "bands", 0, 32, per_band=True)
-    targets = ("image", "depth") if depth else ("image",)
-    textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
-    pixels = Binding(4, "write", "pixels", per_band=True)
     return Plan(
         modules=modules,
         buffers=planner.buffers,
         data=planner.data,
         passes=tuple(passes),
-        band_passes=(
-            Draws("blend", "draw", (VIEW_BINDING, band), targets, tuple(records), len(members)),
-            Compute("resolve", "resolve", "resolve", (VIEW_BINDING, band, *textures, pixels)),
-        ),
+        band_passes=band_passes,
         format=form,
         scale=model.scale,
     )
+
+
+_BAND = Binding(1, "uniform", "bands", 0, 32, per_band=True)
+_PIXELS = Binding(4, "write", "pixels", per_band=True)
+
+
+def _blended(
+    targets: tuple[str, ...], records: tuple[tuple[str, int], ...], members: int
+) -> tuple[Draws | Compute, ...]:
+    """Return the passes of a band that blend faces and turn samples into pixels."""
+    textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
+    return (
+        Draws("blend", "draw", (VIEW_BINDING, _BAND), targets, records, members),
+        Compute("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS)),
+    )
+
+
+def _z_buffered(
+    planner: _Planner, surface: Surface, records: tuple[tuple[str, int], ...], members: int
+) -> tuple[Draws | Compute, ...]:
+    """Return the passes of a band that find the nearest faces and decode what they look like.
+
+    A lattice longer than a binding may be is bound part by part: all faces are drawn, and all pixels decoded,
+    once for each part, which takes its own faces.
+    """
+    planner.upload("decoder", surface.decoder, "uniform")
+    found: list[Draws | Compute] = []
+    for number, (name, rows) in enumerate(_parts(planner, "opacity", surface.opacity)):
+        bound = (VIEW_BINDING, _BAND, Binding(2, "read", name), replace(rows, number=3))
+        first = "load" if number else "clear"
+        found.append(Draws("raster", "draw", bound, ("nearest",), records, members, first))
+    for name, rows in _parts(planner, "features", surface.features):
+        bindings = (
+            *planner.model(),
+            rows,
+            replace(_BAND, number=5),
+            Binding(6, "numbers", "nearest"),
+            Binding(7, "read", name),
+            Binding(8, "uniform", "decoder"),
+            replace(_PIXELS, number=9),
+            Binding(10, "write", "keys"),
+        )
+        found.append(Compute("decode", "decode", "surface", bindings))
+    return tuple(found)
+
+
+def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
+    """Upload lattices of faces, as many as a binding takes; yield the buffer of each part and its rows."""
+    room = min(planner.limits.binding, planner.limits.buffer) // lattices[0].nbytes
+    for number, (first, count) in enumerate(_ranges(len(lattices), max(room, 1))):
+        here = lattices[first : first + count].reshape(-1)
+        padding = -here.nbytes % 4
+        planner.upload(f"{name} {number}", np.pad(here, (0, padding)) if padding else here)
+        yield f"{name} {number}", planner.part(first, count)
 
 
 def _between(members: list[str]) -> dict[str, str]:
@@ -271,18 +248,20 @@ def _between(members: list[str]) -> dict[str, str]:
 def _projection(planner: _Planner, debug: bool) -> list[Compute]:
     """Return the passes that give every face its key, and faces or vertices their colours."""
     packed = planner.packed
+    colors = not isinstance(packed.model, Surface)
     for name, array in packed.arrays.items():
         if name != "f_rest":
             planner.upload(name, array)
     colored = packed.faces if planner.soup else packed.vertices
     planner.buffer("keys", 4 * packed.faces, "storage", "copy_src")
-    planner.buffer("colors", 12 * colored, "storage")
+    if colors:
+        planner.buffer("colors", 12 * colored, "storage")
     if debug:
         planner.buffer("rectangles", 16 * packed.faces, "storage", "copy_src")
     found: list[Compute] = []
     keys = [Binding(7, "write", "keys"), *([Binding(9, "write", "rectangles")] if debug else [])]
     room = planner.limits.binding // max(4 * packed.rest_stride, 1)
-    parts = _ranges(colored, min(room, _GROUP * _MOST_GROUPS))
+    parts = _ranges(colored if colors else 0, min(room, _GROUP * _MOST_GROUPS))
     for first, count in parts:
         name = "f_rest" if len(parts) == 1 else f"f_rest {len(found)}"
         rest = packed.arrays["f_rest"]

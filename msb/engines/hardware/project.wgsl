@@ -85,14 +85,20 @@ fn project(@builtin(global_invocation_id) id: vec3<u32>) {
 
 #if RECORDING
 // ---- records, in the order of drawing
+#if Z_BUFFER
+@group(0) @binding(7) var<storage, read_write> keys: array<u32>;
+#else
 @group(0) @binding(8) var<storage, read> colors: array<f32>;
+#endif
 @group(0) @binding(10) var<storage, read> order: array<u32>;
 @group(0) @binding(11) var<storage, read> counts: array<u32>;
 @group(0) @binding(12) var<storage, read_write> records: array<Face>;
 
+#if !Z_BUFFER
 fn color_at(row: u32) -> vec3<f32> {
     return vec3<f32>(colors[3u * row], colors[3u * row + 1u], colors[3u * row + 2u]);
 }
+#endif
 
 @compute @workgroup_size(64)
 fn record(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -103,7 +109,11 @@ fn record(@builtin(global_invocation_id) id: vec3<u32>) {
     let number = order[place];
     var face: Face;
     let found = project_face(number, &face);
+#if Z_BUFFER
+    keys[number] = DROPPED; // until a pixel sees it
+#else
     color_face(number, &face);
+#endif
     face.quad = vec4<f32>(quad_of(found));
     records[id.x] = face;
 }

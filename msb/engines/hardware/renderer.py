@@ -11,12 +11,14 @@ from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
 from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
 from msb.engines.hardware.packing import pack
-from msb.engines.hardware.program import Limits, make_plan
+from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.program import make_plan
 from msb.engines.webgpu import WgpuRenderer
 from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped
 from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
+from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,16 +32,17 @@ if TYPE_CHECKING:
 
     Color = tuple[float, float, float]
 
-FLOAT, HALF = "rgba32float", "rgba16float"
+FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
-_ROOM = {FLOAT: 1 << 23, HALF: 1 << 24}
-"""The most samples of a band: 256 MiB of two targets."""
+_SAMPLE_BYTES = {FLOAT: 16, HALF: 8, NUMBERS: 4, "depth32float": 4}
+_ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
+"""The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths."""
 
 
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
-    **dict.fromkeys(("coverage", "f_dc", "f_rest"), "appearance"),
-    **dict.fromkeys(("image", "depth", "pixels,", "pixels"), "targets"),
+    **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
+    **dict.fromkeys(("image", "depth", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
 """First word of a use -> its group."""
 _LIMITS = (
@@ -61,7 +64,7 @@ _NEEDED = {
 
 
 class HardwareRenderer:
-    """Draws an asset of a blended method as quads in depth order, through wgpu-py.
+    """Draws an asset through wgpu-py: as quads in depth order, which are blended, or by a z-buffer.
 
     Parameters
     ----------
@@ -115,9 +118,11 @@ class HardwareRenderer:
         about = dict(adapter.info)
         features = [name for name in ("timestamp-query", "float32-blendable") if name in adapter.features]
         self._format = FLOAT if "float32-blendable" in features and not half else HALF
+        if isinstance(self._packed.model, Surface):
+            self._format = NUMBERS
         self.device_info = {
             "platform": ", ".join(
-                filter(None, (about["backend_type"], about["description"], _BLENDS[self._format]))
+                filter(None, (about["backend_type"], about["description"], _BLENDS.get(self._format)))
             ),
             "name": about["device"],
             "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
@@ -314,4 +319,4 @@ def _nbytes(thing: Any) -> int:
     if hasattr(thing, "map_sync"):
         return int(thing.size)
     width, height, _ = thing.size
-    return int(width * height * (16 if thing.format == FLOAT else 8))
+    return int(width * height * _SAMPLE_BYTES[thing.format])

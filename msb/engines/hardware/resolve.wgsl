@@ -1,11 +1,6 @@
 // From samples to the pixels of a frame: red, green, blue over the background, alpha, depth.
 #include "view.wgsl"
-
-struct Band {
-    first: vec2<u32>,
-    size: vec2<u32>,
-    output: u32,
-}
+#include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
 @group(0) @binding(2) var image: texture_2d<f32>;
 #if DEPTH

@@ -14,6 +14,7 @@ from msb._version import __version__
 from msb.asset.settings import check_modes, effective_settings
 from msb.methods.diffsoup.look_camera import diffsoup_matrices, pixel_centers
 from msb.methods.diffsoup.look_model import FEATURES, diffsoup_model
+from msb.methods.diffsoup.look_surface import surface_model
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from msb.cl.kernel_text import Define
     from msb.methods import Order, Sampling
     from msb.scenes import Camera
+
+__all__ = ["Pipeline", "surface_model"]
 
 HARMONICS = 9
 _LANES = 8

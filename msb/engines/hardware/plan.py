@@ -1,0 +1,102 @@
+"""The passes and buffers of a frame as plain data, which wgpu-py and a browser's WebGPU run alike."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+SLOT = 256
+"""Bytes between entries of a uniform buffer that are bound one at a time."""
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A part of a buffer, or a texture, at a number of group 0.
+
+    `kind` is "uniform", "read", "write", "texture" (of floats) or "numbers" (a texture of uint32). `per_band`
+    says that `offset` is that of the band.
+    """
+
+    number: int
+    kind: str
+    name: str
+    offset: int = 0
+    size: int | None = None
+    per_band: bool = False
+
+
+@dataclass(frozen=True)
+class Compute:
+    """A dispatch: `groups` work-groups, or as many as `arguments` says at a byte offset (`indirect`).
+
+    A dispatch of a band has a work-item for each pixel, by columns of 64 (`groups` None).
+    """
+
+    stage: str
+    module: str
+    entry: str
+    bindings: tuple[Binding, ...]
+    groups: int | None = None
+    indirect: int | None = None
+
+
+@dataclass(frozen=True)
+class Draws:
+    """A render pass: for each buffer of records a draw, whose numbers `arguments` has at an offset."""
+
+    stage: str
+    module: str
+    bindings: tuple[Binding, ...]
+    targets: tuple[str, ...]
+    records: tuple[tuple[str, int], ...]
+    members: int
+    """vec4 of a record: attributes at locations 0, 1, ..."""
+    z_buffer: str = ""
+    """"clear" or "load": entry point `nearest` instead of `blend`; nothing is blended, the nearest stays."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a frame is made of.
+
+    Attributes
+    ----------
+    modules : mapping
+        Name -> WGSL.
+    buffers : mapping
+        Name -> bytes and usages. What `data` holds is uploaded once.
+    data : mapping
+        Name -> array.
+    passes, band_passes : tuple
+        Once a frame, and once for each band of it.
+    format : str
+        Of the targets `image` and `depth`, whose sizes are those of a band in samples.
+    scale : int
+        Samples of a pixel along each axis.
+    """
+
+    modules: Mapping[str, str]
+    buffers: Mapping[str, tuple[int, tuple[str, ...]]]
+    data: Mapping[str, NDArray[Any]]
+    passes: tuple[Compute, ...]
+    band_passes: tuple[Draws | Compute, ...]
+    format: str
+    scale: int
+
+    def record(self) -> dict[str, Any]:
+        """Return all but `data` as JSON takes it: what a page in a browser runs."""
+        return {key: value for key, value in asdict(replace(self, data={})).items() if key != "data"}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a device takes: bytes of a storage binding and of a buffer, and texels of a target's side."""
+
+    binding: int
+    buffer: int
+    side: int

@@ -1,0 +1,183 @@
+"""DiffSoup through a graphics pipeline with a z-buffer, on whatever adapter there is."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from benchmarks.dedicated_scenes import camera, grid_mesh
+from msb.engines.hardware import renderer as hardware
+from msb.engines.hardware.packing import pack
+from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.program import make_plan
+from msb.engines.hardware.renderer import HardwareRenderer
+from msb.errors import MsbError
+from msb.methods.diffsoup.look import Pipeline
+from msb.methods.diffsoup.reference import pixel_boxes
+from tests.engines.conftest import need
+from tests.reference.golden import View, exported, golden_views, names
+from tests.render.random_cases import draw_case
+from tests.render.test_diffsoup_scenes import model as diffsoup_model
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.render import Frame
+
+VIEWS = golden_views("diffsoup")
+ROOMY = Limits(1 << 27, 1 << 31, 8192)
+
+pytestmark = pytest.mark.oracle
+every = pytest.mark.parametrize("view", VIEWS, ids=names)
+
+
+@pytest.fixture(autouse=True)
+def _needs_wgpu() -> None:
+    need("wgpu")
+
+
+def asset_of(view: View, *, web: bool = False) -> Asset:
+    return exported(view.folder / "web_export" / view.folder.name if web else view.folder / "checkpoint")
+
+
+def drawn(make: Any, asset: Asset, view: View, **options: Any) -> Frame:
+    renderer = make(asset, settings=view.settings, **options)
+    try:
+        frame: Frame = renderer.render(view.camera, view.background)
+        return frame
+    finally:
+        renderer.close()
+
+
+def same_as_opencl(asset: Asset, view: View, **options: Any) -> Frame:
+    """Hold a frame to that of our OpenCL: all but colours to the bit."""
+    found = drawn(HardwareRenderer, asset, view, **options)
+    wanted = drawn(Pipeline, asset, view, outputs=(), **options)
+    for name in ("alpha", "depth", "visible"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    np.testing.assert_allclose(found.image, wanted.image, rtol=0, atol=1e-5)
+    return found
+
+
+def is_official(frame: Frame, view: View) -> None:
+    error = np.square(frame.image.astype(np.float64) - view.image)
+    assert -10 * np.log10(error[view.stable].mean()) > 128
+
+
+def test_a_golden_view_is_the_official_image() -> None:
+    is_official(same_as_opencl(asset_of(VIEWS[3]), VIEWS[3]), VIEWS[3])
+
+
+@pytest.mark.slow
+@every
+def test_every_golden_view_is_the_official_image(view: View) -> None:
+    is_official(same_as_opencl(asset_of(view), view), view)
+
+
+@pytest.mark.slow
+@every
+def test_triangles_across_the_camera_plane_are_clipped_as_in_opencl(view: View) -> None:
+    same_as_opencl(asset_of(view), view, sampling="engine", order="none")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("view", VIEWS[::3], ids=names)
+def test_bytes_of_the_web_export_are_drawn_as_in_opencl(view: View) -> None:
+    same_as_opencl(asset_of(view, web=True), view)
+
+
+@pytest.mark.slow
+@every
+def test_rectangles_are_the_reference_s_bit_for_bit(view: View) -> None:
+    asset = asset_of(view)
+    clip = drawn(Pipeline, asset, view, outputs="all").raw["clip_corners"]
+    dropped, boxes = pixel_boxes(clip, view.camera.width, view.camera.height)
+    with HardwareRenderer(asset, settings=view.settings, debug=True) as renderer:
+        renderer.draw(view.camera, (0, 0, 0))
+        _, rectangles = renderer.decisions()
+    kept = rectangles[:, 2] > 0
+    np.testing.assert_array_equal(kept, ~dropped)
+    np.testing.assert_array_equal(rectangles[kept], (boxes[:, [0, 2, 1, 3]] + (0, 0, 1, 1))[kept])
+
+
+@pytest.mark.parametrize("web", [False, True])
+def test_the_same_frame_has_the_same_bytes_however_it_is_cut(
+    web: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lattices and records in parts, many bands, and a second frame of one renderer."""
+    view = VIEWS[3]
+    asset = asset_of(view, web=web)
+    wanted = drawn(HardwareRenderer, asset, view)
+    most = max(asset.buffers[name].nbytes for name in ("positions", "features.opacity"))
+    limits = Limits(most // 256 * 256 // (1 if web else 2), 1 << 24, 64)
+    monkeypatch.setattr(hardware, "_limits_of", lambda _: limits)
+    with HardwareRenderer(asset, settings=view.settings) as renderer:
+        assert "features 2" in renderer.memory()
+        assert web or "opacity 1" in renderer.memory()
+        for _ in range(2):
+            found = renderer.render(view.camera, view.background)
+            for name in ("image", "alpha", "depth", "visible"):
+                assert getattr(found, name).tobytes() == getattr(wanted, name).tobytes()
+
+
+def test_what_does_not_fit_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hardware, "_limits_of", lambda _: Limits(512, 1 << 24, 8192))
+    with pytest.raises(MsbError) as info:
+        drawn(HardwareRenderer, asset_of(VIEWS[0]), VIEWS[0])
+    assert info.value.code == "DEVICE_MEMORY"
+
+
+def test_planes_that_are_no_range_are_refused() -> None:
+    view = VIEWS[0]
+    settings = {"z_near": 2.0, "z_far": 1.0}
+    with msb.Renderer(asset_of(view), "dedicated", name="wgpu", settings=settings) as renderer:
+        with pytest.raises(MsbError) as info:
+            renderer.render(view.camera)
+        assert info.value.code == "SETTING_VALUE"
+
+
+def test_a_plan_with_a_z_buffer_is_plain_data() -> None:
+    packed = pack(asset_of(VIEWS[0]), VIEWS[0].settings)
+    plan = make_plan(packed, ROOMY, "none")
+    record = json.loads(json.dumps(plan.record()))
+    assert record["format"] == "r32uint"
+    assert [step["stage"] for step in record["band_passes"]] == ["raster", "decode"]
+    named = {binding["name"] for step in record["passes"] for binding in step["bindings"]}
+    assert named <= set(record["buffers"])
+    assert all("#if" not in text for text in record["modules"].values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_is_drawn_is_as_in_opencl(seed: int) -> None:
+    """Slivers, faces without area or that coincide, and all around the camera.
+
+    Where the planes are far apart, the float32 inverse by which directions are computed officially is off by
+    more than the decoder's rounding; here they come from the camera's rotation.
+    """
+    case = draw_case("diffsoup", seed)
+    options = {name: case.options[name] for name in ("order", "sampling")}
+    with HardwareRenderer(case.asset, settings=case.settings, **options) as renderer:
+        found = renderer.render(case.camera, case.background)
+    ours = Pipeline(case.asset, settings=case.settings, outputs=(), **options)
+    wanted = ours.render(case.camera, case.background)
+    ours.close()
+    for name in ("alpha", "depth", "visible"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=f"{name}, {case}")
+    np.testing.assert_allclose(found.image, wanted.image, rtol=0, atol=2e-3, err_msg=str(case))
+
+
+@pytest.mark.slow
+def test_a_million_faces() -> None:
+    mesh = grid_mesh(1_000_000)
+    asset = diffsoup_model(mesh["positions"], mesh["indices"], 0, seed=1)
+    view = camera(310, 206)
+    with msb.Renderer(asset, "dedicated", name="wgpu") as renderer:
+        found = renderer.render(view)
+    wanted = msb.render(asset, view, tier="dedicated", outputs=())
+    np.testing.assert_array_equal(found.visible, wanted.visible)
+    np.testing.assert_array_equal(found.depth, wanted.depth)
+    np.testing.assert_allclose(found.image, wanted.image, rtol=0, atol=1e-5)
