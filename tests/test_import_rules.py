@@ -111,7 +111,6 @@ LAZY = {
 FOREIGN: dict[str, set[str]] = {
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
     "meshes": {"numpy", "trimesh"},
-    "repair": {"numpy", "PIL"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},
