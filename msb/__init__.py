@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from msb.saving import save
     from msb.scenes import Camera, read_cameras
     from msb.topology import Audit
+    from msb.trial import trial
 
 _HOME = {
     "Asset": "msb.asset",
@@ -38,8 +39,8 @@ _HOME = {
     "Audit": "msb.topology",
     "audit": "msb.auditing",
 }
-_PACKAGES = ("metrics", "render")
-"""Packages of the public API. The package `render` can also be called as a function."""
+_PACKAGES = ("metrics", "render", "trial")
+"""Packages of the public API. `render` and `trial` can also be called as functions."""
 
 __all__ = [
     "Asset",
@@ -58,6 +59,7 @@ __all__ = [
     "read_cameras",
     "render",
     "save",
+    "trial",
 ]
 
 

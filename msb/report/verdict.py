@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.metrics.likeness import ALIKE, NEARLY
 from msb.report.collect import REFERENCE
 from msb.report.likeness import likeness
 from msb.report.metric_format import text
@@ -22,12 +23,11 @@ Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 SHOWS_NOTHING = 15.0
 """PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs."""
 _ALIKE: tuple[tuple[float, Mark, str], ...] = (
-    (35.0, "YES", "Looks as in"),
-    (25.0, "WITH CARE", "Looks nearly as in"),
+    (ALIKE, "YES", "Looks as in"),
+    (NEARLY, "WITH CARE", "Looks nearly as in"),
     (0.0, "NO", "Looks different from"),
 )
-"""The least PSNR in dB between two renderings, its mark, and how it is said. From 35 dB on the eye finds a
-difference only by flipping between the two; below 25 dB it is obvious side by side."""
+"""The least PSNR in dB between two renderings, its mark, and how it is said."""
 SMALL_LOSS, LARGE_LOSS = 1.0, 3.0
 """Losses of PSNR in dB: a smaller one than the first is hard to see, one of the second is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
