@@ -165,7 +165,7 @@ def try_asset(
     device: str | None = None,
     keep: Path | None = None,
     meshes: bool = True,
-    watch: Callable[[Task], None] = lambda _: None,
+    watch: Callable[[Trial], None] = lambda _: None,
 ) -> Trials:
     """Return what became of the tasks, and what they were tried on; parameters as for `trial`.
 
@@ -175,7 +175,7 @@ def try_asset(
         The folder that gets a picture of each task and, with `meshes`, what was made, as GLB.
     meshes : bool
     watch : callable
-        Called with each task before it is tried.
+        Called with each task's outcome.
     """
     chosen = chosen_tasks(tasks)
     limits = limits or Limits()
@@ -183,8 +183,8 @@ def try_asset(
     look = Look(mesh, cameras if cameras is not None else around(asset, VIEWS), device)
     found = []
     for task in chosen:
-        watch(task)
         found.append(_Trying(task, mesh, look, limits).run(keep, meshes=meshes))
+        watch(found[-1])
     about: dict[str, Any] = {
         "count": len(look.cameras),
         "from": "turntable" if cameras is None else "given",

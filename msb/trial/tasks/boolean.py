@@ -76,7 +76,7 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
 
 def _says(numbers: Numbers) -> str:
     if "volume_left" not in numbers:
-        return str(numbers["status"])
+        return ""
     share = numbers["volume_left"] / ((numbers["volume_left"] + numbers["volume_taken"]) or 1.0)
     return f"{numbers['faces_left']:,} faces left, {100 * share:.0f} % of the volume"
 

@@ -63,7 +63,7 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
 
 def _says(numbers: Numbers) -> str:
     if "trimesh" in numbers and not numbers["trimesh"]["watertight"]:
-        return "not watertight"
+        return ""
     return f"volume {numbers['volume']:.4g}"
 
 
