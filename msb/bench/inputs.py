@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from msb.bench.job import Inputs, Job, Part
     from msb.bench.photographs import SceneAt
+    from msb.bench.protocol_tables import TrialTable
 
 _SHORT = 16
 _CLOCK = "from the first start"
@@ -91,6 +92,8 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     if condition == "exported_mesh":
         if job.model is not None:
             found["audit"] = {"asset": _asset(job), "tool": __version__}
+            if job.trial is not None:
+                found["trial"] = _trial(job, job.trial)
         if job.cell.dataset == "dtu" and job.chamfer_data is not None:
             found["chamfer"] = _chamfer(job, known)
     else:
@@ -108,6 +111,21 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     if job.renderer_timing is not None:
         found["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
     return found
+
+
+def _trial(job: Job, wanted: TrialTable) -> Inputs:
+    """Return what decides the trials; a library that was missing and is there now is such a thing, too."""
+    from msb.trial.registry import chosen_tasks, missing_modules
+
+    tasks = chosen_tasks(wanted.tasks)
+    return {
+        "asset": _asset(job),
+        "cameras": job.views.cameras,
+        "tool": __version__,
+        "tasks": ", ".join(task.name for task in tasks),
+        "limits": f"{wanted.seconds:g} s, {wanted.memory:g} GiB",
+        "missing": ", ".join(missing_modules(tasks)),
+    }
 
 
 def _asset(job: Job) -> str:

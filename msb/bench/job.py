@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 
     from msb.bench.models import Model
     from msb.bench.photographs import SceneAt, Views
+    from msb.bench.protocol_tables import TrialTable
     from msb.bench.records import Cell, Reason, Status
     from msb.methods import Tier
 
-Part = Literal["quality", "audit", "timing", "chamfer", "training", "renderer_timing"]
+Part = Literal["quality", "audit", "trial", "timing", "chamfer", "training", "renderer_timing"]
 MAIN: tuple[Part, ...] = ("quality", "audit")
 """Parts without which a cell has failed; any other missing part leaves a reason."""
 Inputs = dict[str, str]
@@ -52,6 +53,7 @@ class Job:
         The least numbers of frames and seconds of the timing.
     chamfer_data : Path, optional
     chamfer_seed : int
+    trial : TrialTable, optional
     """
 
     root: Path
@@ -73,6 +75,7 @@ class Job:
     seconds: float = 0.0
     chamfer_data: Path | None = None
     chamfer_seed: int = 0
+    trial: TrialTable | None = None
 
     @property
     def name(self) -> str:

@@ -10,6 +10,7 @@ from msb.bench.memory import grouped
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.bench.records import Timing, Training
+from msb.bench.tried import Tried
 from msb.errors import InputError, MetricError, Unsupported
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
     from msb.bench.job import Job
     from msb.scenes.datasets import Scene
+
+
+TRIAL_FOLDER = "trial"
+"""The folder below a cell's with the pictures of its trials."""
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
@@ -74,6 +79,36 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
     assert job.model is not None
     return {"audit": audit(job.model.open()).to_dict()}
+
+
+def measure_trial(job: Job) -> dict[str, Any]:
+    """Return what became of the protocol's tasks on a cell's mesh, seen by the test cameras.
+
+    The cell's folder gets a picture of each.
+
+    Raises
+    ------
+    InputError, SceneError, AssetError, OutputError
+    """
+    from msb.atomic import new_folder
+    from msb.trial.limits import Limits
+    from msb.trial.run import try_asset
+
+    assert job.model is not None
+    assert job.trial is not None
+    cameras = checked_scene(job.scene, job.views).test
+    limits = Limits(job.trial.seconds, job.trial.memory)
+    with new_folder(job.folder / TRIAL_FOLDER) as folder:
+        found = try_asset(
+            job.model.open(),
+            job.trial.tasks,
+            cameras=cameras,
+            limits=limits,
+            device=job.device,
+            keep=folder,
+            meshes=False,
+        )
+    return {"trial": Tried.model_validate(found.to_dict(), strict=False)}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:

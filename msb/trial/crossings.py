@@ -1,9 +1,9 @@
 """Faces that cross each other, by a uniform grid, and slivers. Vectorised; no library is needed.
 
-Two faces cross if an edge of one goes through the inside of the other. The signs of determinants decide that
-(Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap Test Using Orientation Predicates", 2003),
-and one that is within its rounding error counts as 0. So faces that only touch do not cross, neither do
-neighbours at their common corner or edge, nor faces of one plane that overlap.
+Two faces cross if an edge of one goes from side to side of the other through it, its border included. The
+signs of determinants decide that (as in Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap Test
+Using Orientation Predicates", 2003), and one that is within its rounding error counts as 0. So faces that
+only touch do not cross, neither do neighbours at their common corner or edge, nor overlapping ones of a plane.
 """
 
 from __future__ import annotations
@@ -105,8 +105,11 @@ def _cross(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.boo
     """Return which pairs of triangles (n, 3, 3) cross."""
     sides_of_two = np.stack([_orient(two[:, 0], two[:, 1], two[:, 2], one[:, k]) for k in range(3)], axis=1)
     sides_of_one = np.stack([_orient(one[:, 0], one[:, 1], one[:, 2], two[:, k]) for k in range(3)], axis=1)
-    # Either triangle has corners on one side only of the other's plane, or one may go through the other.
-    apart = _one_sided(sides_of_two) | _one_sided(sides_of_one)
+    # Wholly on one side of the other's plane, or neither has an edge that goes from side to side.
+    apart = np.zeros(len(one), bool)
+    for sides in (sides_of_two, sides_of_one):
+        apart |= np.abs(sides.sum(axis=1)) == 3
+    apart |= _one_sided(sides_of_two) & _one_sided(sides_of_one)
     found = np.zeros(len(one), bool)
     rows = np.flatnonzero(~apart)
     one, two = one[rows], two[rows]
@@ -115,8 +118,10 @@ def _cross(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.boo
         for k in range(3):
             start, stop = edges[:, k], edges[:, (k + 1) % 3]
             through = sides[:, k] * sides[:, (k + 1) % 3] < 0
-            turns = [_orient(start, stop, face[:, j], face[:, (j + 1) % 3]) for j in range(3)]
-            crossed |= through & (turns[0] * turns[1] > 0) & (turns[1] * turns[2] > 0)
+            turns = np.stack(
+                [_orient(start, stop, face[:, j], face[:, (j + 1) % 3]) for j in range(3)], axis=1
+            )
+            crossed |= through & _one_sided(turns)
     found[rows] = crossed
     return found
 

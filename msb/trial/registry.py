@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from msb.errors import UsageError, shorten
+from msb.extras import is_installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,6 +38,12 @@ def chosen_tasks(names: Iterable[str]) -> list[Task]:
             raise UsageError("USAGE", text, value=name)
         found |= own
     return [task for key, task in TASKS.items() if key in found] if found else list(TASKS.values())
+
+
+def missing_modules(tasks: Iterable[Task]) -> list[str]:
+    """Return the modules that these tasks need and that are not installed."""
+    needed = dict.fromkeys(name for task in tasks for one in task.attempts for name in one.modules)
+    return [name for name in needed if not is_installed(name)]
 
 
 def _has_word(name: str, word: str) -> bool:
