@@ -10,7 +10,6 @@ from msb.bench.memory import grouped
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.bench.records import Timing, Training
-from msb.bench.tried import Tried
 from msb.errors import InputError, MetricError, Unsupported
 
 if TYPE_CHECKING:
@@ -108,7 +107,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
             keep=folder,
             meshes=False,
         )
-    return {"trial": Tried.model_validate(found.to_dict(), strict=False)}
+    return {"trial": found.to_dict()}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:

@@ -12,12 +12,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from msb._version import __version__
 from msb.bench.checked import checked, read_json
-from msb.bench.strict import Amount, Count, Name, Record, Sha256
-from msb.bench.tried import Tried  # noqa: TC001 - read by pydantic
 from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 
@@ -46,6 +44,18 @@ _ROUNDING = 1e-9
 by."""
 
 Status = Literal["done", "failed", "unsupported"]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0)]
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class Record(BaseModel):
+    """A model that is read strictly: no unknown key, no NaN, no text for a number."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
+    )
 
 
 class Reason(Record):
@@ -311,8 +321,8 @@ class Result(Record):
     """The result of `msb.metrics.chamfer_dtu`, with its identity under "metric"; for DTU only."""
     audit: dict[str, Any] | None = None
     """The document of `msb-audit --json`, in the condition exported_mesh only."""
-    trial: Tried | None = None
-    """What became of tasks that were tried on the mesh, in the condition exported_mesh only."""
+    trial: dict[str, Any] | None = None
+    """The document of `msb trial --json`, in the same condition; pictures lie in "trial" beside it."""
     training: Training | None = None
     renderer_timing: RendererTiming | None = None
     """Of the method's own renderer, measured elsewhere; condition non_engine only."""

@@ -10,6 +10,7 @@ from msb.report.collect import REFERENCE
 from msb.report.likeness import likeness
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
+from msb.report.trials import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -54,10 +55,11 @@ class Statement:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The statements on one asset and scene."""
+    """The statements on one asset and scene, and the tasks that were tried on its mesh."""
 
     place: Place
     statements: tuple[Statement, ...]
+    tried: tuple[TriedTask, ...] = ()
 
     @property
     def title(self) -> str:
@@ -99,7 +101,7 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
         *(replace(one, short="editing") for one in _structure(records)),
         *_notes(place, numbers),
     ]
-    return Verdict(place, tuple(statements))
+    return Verdict(place, tuple(statements), tuple(tried_tasks(loaded.get("exported_mesh"), pictures=False)))
 
 
 def _looks(

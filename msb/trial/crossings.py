@@ -3,7 +3,7 @@
 Two faces cross if an edge of one goes from side to side of the other through it, its border included. The
 signs of determinants decide that (as in Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap Test
 Using Orientation Predicates", 2003), and one that is within its rounding error counts as 0. So faces that
-only touch do not cross, neither do neighbours at their common corner or edge, nor overlapping ones of a plane.
+only touch do not cross, neither do neighbours at their common corner or edge, nor faces that overlap flat.
 """
 
 from __future__ import annotations
