@@ -42,6 +42,7 @@ NOT_RUN = {
     r"make ": "installs everything; the continuous integration runs it",
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
     r"msb (view|compare) (?!.*--(screenshot|figure|html) )": "opens a window",
+    r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_cluster.py has one",
 }
 """Commands that are not run, and why. Of ours at least the options are parsed."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,8 @@ BACKGROUND = (0.5, 0.5, 0.5)
 VIEWS = 8
 """Cameras of the turntable where none are given."""
 PICTURE_WIDTH = 480
+_DARKEST = 0.4
+"""Light on a face of a picture that is seen from its edge, of that on one which faces the camera."""
 
 
 class Look:
@@ -117,12 +120,14 @@ class Look:
         return float(np.count_nonzero(empty) / np.count_nonzero(seen)) if seen.any() else None
 
     def picture(self, mesh: TriedMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
-        """Return a small picture (H, W, 3) of `mesh`, from the first camera if none is given."""
+        """Return a small picture (H, W, 3) of `mesh`: from `camera` as it is, else from the first, shaded."""
         if not len(mesh.faces):
             return None
-        chosen = camera or self.cameras[0]
-        chosen = chosen if camera else chosen.scaled(min(1.0, PICTURE_WIDTH / chosen.width))
-        for frame in self._frames(mesh, [chosen]):
+        if camera is None:
+            first = self.cameras[0]
+            camera = first.scaled(min(1.0, PICTURE_WIDTH / first.width))
+            mesh = _shaded(mesh, camera)
+        for frame in self._frames(mesh, [camera]):
             return to_bytes(frame.image)
         return None
 
@@ -158,6 +163,20 @@ def facing(size: int = PICTURE_WIDTH) -> Camera:
     return Camera.look_at(
         (0.5, 0.5, -10.0), (0.5, 0.5, 0.0), up=(0, -1, 0), width=size, height=size, fov_y=0.104
     )
+
+
+def _shaded(mesh: TriedMesh, camera: Camera) -> TriedMesh:
+    """Return the mesh with faces of their own, darker the more they are turned away: to show their shape."""
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    towards = camera.center - corners.mean(axis=1)
+    sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(towards, axis=1)
+    facing = np.abs((normals * towards).sum(axis=1)) / np.maximum(sizes, np.finfo(np.float64).tiny)
+    light = np.repeat(_DARKEST + (1 - _DARKEST) * facing, 3)[:, None]
+    colors = mesh.colors[mesh.faces.reshape(-1)] * light
+    apart = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
+    return replace(mesh, vertices=corners.reshape(-1, 3).astype(np.float32), faces=apart,
+                   colors=colors.astype(np.float32), uv=None)  # fmt: skip
 
 
 def _speck(mesh: TriedMesh) -> TriedMesh:

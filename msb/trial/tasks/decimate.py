@@ -94,8 +94,9 @@ def _grade(own: Numbers, target: int) -> tuple[Outcome, str | None]:
     decibels = own["psnr"]
     if decibels is None or decibels >= ALIKE:
         return "works", None
-    why = f"the picture is at {decibels:.1f} dB of what it was"
-    return ("care" if decibels >= NEARLY else "fails"), why
+    if decibels >= NEARLY:
+        return "care", f"the difference can be seen ({decibels:.1f} dB)"
+    return "fails", f"it looks different ({decibels:.1f} dB)"
 
 
 def _key(library: str) -> str:
