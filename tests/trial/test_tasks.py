@@ -118,6 +118,23 @@ def test_cracks_open_between_faces_that_were_only_beside_each_other() -> None:
 
 @pytest.mark.slow
 @pytest.mark.oracle
+def test_lone_faces_are_no_surface_to_subdivide() -> None:
+    apart = together(*(made_of([[0, 0, k], [1, 0, k], [0, 1, k]], [[0, 1, 2]]) for k in range(5)))
+    _, judged = attempt("subdivide", apart)
+    assert (judged.outcome, judged.numbers["lone_share"], judged.numbers["gap_area"]) == ("fails", 1.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_decimating_lone_faces_drops_some_and_keeps_the_colours_of_the_rest() -> None:
+    apart = together(*(made_of([[0, 0, k], [1, 0, k], [0, 1, k]], [[0, 1, 2]]) for k in range(20)))
+    made, judged = attempt("decimate_50", apart)
+    assert judged.numbers["fast_simplification"]["reached"]
+    np.testing.assert_allclose(made["fast-simplification"].meshes["mesh"].colors, 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
 @pytest.mark.parametrize(("name", "parts"), [("box", 1), ("two boxes", 2)])
 def test_convex_bodies_are_a_part_each(name: str, parts: int) -> None:
     made, judged = attempt("collision", MESHES[name])

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.topology.verdict import percent
 from msb.trial.crossings import crossing_pairs, slivers
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
@@ -41,15 +42,15 @@ def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]])
     return Made(numbers, {}, {"crossing": crossing, "sliver": thin})
 
 
-def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
+def _judge(mesh: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
     numbers = made["numpy"].numbers
     crossing = graded(numbers["face_share"], 0.0, FEW)
     thin = graded(numbers["sliver_share"], FEW_SLIVERS, MANY_SLIVERS)
     reasons = []
     if crossing != "works":
-        reasons.append(f"{100 * numbers['face_share']:.2g} % of the faces cross another")
+        reasons.append(f"{percent(numbers['faces'], len(mesh.faces))} of the faces cross another")
     if thin != "works":
-        reasons.append(f"{100 * numbers['sliver_share']:.2g} % are slivers")
+        reasons.append(f"{percent(numbers['slivers'], len(mesh.faces))} are slivers")
     return Judgement(worst((crossing, thin)), "; ".join(reasons) or None, numbers)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from msb.topology.components import label_components
 from msb.trial.geometry import areas
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, graded
+from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
+FEW_LONE, MANY_LONE = 0.01, 0.1
+"""Share of the faces that have no neighbour: there is no surface to make smooth."""
 SMALL_GAPS = 0.001
 """Area of the cracks, of the surface's: the most that a picture mostly hides."""
 
@@ -48,6 +50,7 @@ def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]])
         "edges_of_three_faces": crowded,
         "edges_of_clashing_winding": clashes,
         "vertices_cut": len(origin) - len(np.unique(proper)),
+        "lone_share": _lone_share(proper),
         "faces": len(faces),
         "gap_area": gaps,
         "gap_share": gaps / surface if surface else None,
@@ -89,6 +92,14 @@ def turned_alike(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     _, label = label_components(2 * count, first, second)
     turn = label[:count] > label[count:]
     return np.where(turn[:, None], faces[:, ::-1], faces)
+
+
+def _lone_share(faces: NDArray[np.int64]) -> float:
+    """Return the share of faces that are joined to no other, which the rule shrinks each by itself."""
+    one, other, agree = _neighbours(faces)
+    joined = np.zeros(len(faces), bool)
+    joined[np.concatenate([one[agree], other[agree]])] = True
+    return float(1 - joined.mean())
 
 
 def _neighbours(faces: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
@@ -216,19 +227,21 @@ def _middles(start: NDArray[np.int64], stop: NDArray[np.int64], fine: NDArray[np
 def _judge(_: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
     one = made["libigl"]
     numbers = {**one.numbers, **look.psnr(one.meshes["mesh"])}
-    outcome = graded(numbers["gap_share"], 0.0, SMALL_GAPS)
-    if outcome == "works":
-        if numbers["defined"]:
-            return Judgement("works", None, numbers)
+    cracks = graded(numbers["gap_share"], 0.0, SMALL_GAPS)
+    lone = graded(numbers["lone_share"], FEW_LONE, MANY_LONE)
+    reasons = []
+    if cracks != "works":
+        reasons.append(f"cracks open over {100 * numbers['gap_share']:.2g} % of the surface")
+    if lone != "works":
+        reasons.append(f"{100 * numbers['lone_share']:.0f} % of the faces have no neighbour and shrink alone")
+    if not (reasons or numbers["defined"]):
         return Judgement("care", "the mesh is cut first, which opens nothing", numbers)
-    why = f"cracks open over {100 * numbers['gap_share']:.2g} % of the surface"
-    return Judgement(outcome, why, numbers)
+    return Judgement(worst((cracks, lone)), "; ".join(reasons) or None, numbers)
 
 
 def _says(numbers: Numbers) -> str:
     decibels = "" if numbers["psnr"] is None else f", {numbers['psnr']:.1f} dB"
-    cracks = numbers["gap_share"]
-    return f"{numbers['faces']:,} faces{decibels}" + (f", cracks {100 * cracks:.2g} %" if cracks else "")
+    return f"{numbers['faces']:,} faces{decibels}"
 
 
 def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
