@@ -37,8 +37,8 @@ def _fast_simplification(
     *_mesh, collapses = fast_simplification.simplify(
         mesh.vertices, faces, target_count=_target(mesh, parameters["percent"]), return_collapses=True
     )
-    # It knows no colours: a vertex gets the mean of those that were merged into it and that faces used. One whose
-    # faces are all gone is merged into none.
+    # It knows no colours: a vertex gets the mean of those that were merged into it and that faces used. One
+    # whose faces are all gone is merged into none.
     vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
     used = np.unique(mesh.faces)
     used = used[np.asarray(merged)[used] >= 0]
