@@ -116,7 +116,10 @@ def _says(numbers: Numbers) -> str:
 
 
 def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
-    return look.picture(next(iter(made.values())).meshes["mesh"])
+    """Draw what each library made, side by side."""
+    drawn = [look.picture(one.meshes["mesh"]) for one in made.values()]
+    pictures = [one for one in drawn if one is not None]
+    return np.concatenate(pictures, axis=1) if pictures else None
 
 
 _ATTEMPTS = (

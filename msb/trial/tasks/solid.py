@@ -62,7 +62,8 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
 
 
 def _says(numbers: Numbers) -> str:
-    if "trimesh" in numbers and not numbers["trimesh"]["watertight"]:
+    taken = numbers.get("manifold3d", {"accepted_merged": True})["accepted_merged"]
+    if not (taken and numbers.get("trimesh", {"watertight": True})["watertight"]):
         return ""
     return f"volume {numbers['volume']:.4g}"
 

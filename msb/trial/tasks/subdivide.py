@@ -235,7 +235,8 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
     if lone != "works":
         reasons.append(f"{100 * numbers['lone_share']:.0f} % of the faces have no neighbour and shrink alone")
     if not (reasons or numbers["defined"]):
-        return Judgement("care", "the mesh is cut first, which opens nothing", numbers)
+        first = "is cut" if numbers["vertices_cut"] else "is turned to one winding"
+        return Judgement("care", f"the mesh {first} first, which opens nothing", numbers)
     return Judgement(worst((cracks, lone)), "; ".join(reasons) or None, numbers)
 
 
