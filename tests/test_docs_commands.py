@@ -49,12 +49,13 @@ NOT_RUN = {
 NEEDS = {
     r"msb view .*--(screenshot|figure)": "view",
     r"msb-audit .*--cross-check": "crosscheck",
+    r"msb trial .*--task uv": "trial",
     r"msb render .*--renderer wgpu": "wgpu",
     r"msb bench .*--renderer threejs": "threejs",
 }
 """Commands that need more than the core: an extra, or a renderer that `msb devices` says is missing."""
 PYTHON_NOT_RUN = {"docs/metrics.md": "it scores images, weights and scans of the reader's"}
-PEERS = {"view": "pyvista", "crosscheck": "pymeshlab"}
+PEERS = {"view": "pyvista", "crosscheck": "pymeshlab", "trial": "xatlas"}
 
 DRIVER = """
 import json, sys

@@ -99,6 +99,18 @@ COMMANDS = {
         ),
         Command("convert", lambda at, out: ["convert", at / "mesh.triasset", out / "a.glb"], _asset),
         Command("convert-ply", lambda at, out: ["convert", at / "mesh.triasset", out / "a.ply"], _asset),
+        Command(
+            "trial",
+            lambda _at, out: [
+                "trial",
+                "--task",
+                "intersections",
+                "--save",
+                out / "kept",
+                STUBS / "checkpoint",
+            ],
+            _nothing,
+        ),
         Command("render", _render(), _nothing),
         Command("render-npy", _render("--format", "npy", "--depth"), _nothing),
         Command(
