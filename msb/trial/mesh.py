@@ -73,7 +73,9 @@ def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:
     Raises
     ------
     ValueError
-        An array is missing, or is not of the kind it should be.
+        An array is not of the kind it should be, or holds what cannot be drawn.
+    OSError
+        One is missing.
     """
     found: dict[str, NDArray[Any]] = {}
     kinds = {"vertices": (3, "f"), "faces": (3, "iu"), "colors": (3, "f"), "uv": (2, "f")}
@@ -84,6 +86,8 @@ def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:
         array = np.load(path, allow_pickle=False)
         if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in kind:
             raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{key} of the mesh {name} are not all finite")
         found[key] = array.astype(np.int64 if key == "faces" else np.float32)
     if found["faces"].size and not 0 <= found["faces"].min() <= found["faces"].max() < len(found["vertices"]):
         raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")

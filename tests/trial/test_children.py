@@ -97,6 +97,11 @@ def test_a_task_that_takes_too_much_memory_is_reported_with_its_limit(
         ("import os; os.abort()", "it crashed (SIGABRT)", "crash"),
         ("sys.exit(3)", "it crashed (status 3)", "crash"),
         ("sys.exit(0)", "[Errno 2] No such file", "crash"),
+        (
+            "mesh.vertices[0] = np.nan; return Made({}, {'again': mesh})",
+            "vertices of the mesh again are not all finite",
+            "crash",
+        ),
         ("return Made({'volume': float('nan')})", "it crashed (status 1)", "crash"),
         (
             "sys.stderr.write('std::bad_alloc'); import os; os.abort()",
