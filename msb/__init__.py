@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from msb.saving import save
     from msb.scenes import Camera, read_cameras
     from msb.topology import Audit
+    from msb.trial import trial
 
 _HOME = {
     "Asset": "msb.asset",
@@ -40,8 +41,8 @@ _HOME = {
     "Audit": "msb.topology",
     "audit": "msb.auditing",
 }
-_PACKAGES = ("metrics", "render", "repair")
-"""Packages of the public API. The packages `render` and `repair` can also be called as functions."""
+_PACKAGES = ("metrics", "render", "repair", "trial")
+"""Packages of the public API. `render`, `repair` and `trial` can also be called as functions."""
 
 __all__ = [
     "Asset",
@@ -62,6 +63,7 @@ __all__ = [
     "render",
     "repair",
     "save",
+    "trial",
 ]
 
 

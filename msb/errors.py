@@ -282,7 +282,7 @@ CODES: dict[str, Code] = {
         GateFailed,
         {
             "GATE_FAILED": (
-                "A condition of --fail-on or of the --profile holds.",
+                "A condition of --fail-on or of the --profile holds, or a trial of --fail-on failed.",
                 "Look at the sample elements of the audit, repair the mesh, or relax the condition.",
             ),
             "WEB_UNFAITHFUL": (

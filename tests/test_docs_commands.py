@@ -43,19 +43,21 @@ NOT_RUN = {
     r"make ": "installs everything; the continuous integration runs it",
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
     r"msb (view|compare) (?!.*--(screenshot|figure|html) )": "opens a window",
+    r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_cluster.py has one",
 }
 """Commands that are not run, and why. Of ours at least the options are parsed."""
 NEEDS = {
     r"msb view .*--(screenshot|figure)": "view",
     r"msb-audit .*--cross-check": "crosscheck",
+    r"msb trial .*--task uv": "trial",
     r"msb render .*--renderer wgpu": "wgpu",
     r"msb bench .*--renderer threejs": "threejs",
     r"msb web .*--(tier dedicated|verify)": "threejs",
 }
 """Commands that need more than the core: an extra, or a renderer that `msb devices` says is missing."""
 PYTHON_NOT_RUN = {"docs/metrics.md": "it scores images, weights and scans of the reader's"}
-PEERS = {"view": "pyvista", "crosscheck": "pymeshlab"}
+PEERS = {"view": "pyvista", "crosscheck": "pymeshlab", "trial": "xatlas"}
 
 DRIVER = """
 import json, sys

@@ -26,6 +26,7 @@ GROUND = {
     "methods",
     "atomic",
     "bounded_parsing",
+    "children",
     "files",
     "paths",
     "asset",
@@ -36,7 +37,7 @@ GROUND = {
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
     "__init__": GROUND
-    | {"topology", "render", "repair", "adapters", "metrics", "opening", "saving", "auditing"},
+    | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},
     "saving": GROUND | {"meshes"},
@@ -49,14 +50,15 @@ ALLOWED: dict[str, set[str]] = {
     "demo": {"atomic"},
     "files": {"errors", "paths"},
     "bounded_parsing": set(),
+    "children": {"errors"},
     "paths": {"errors"},
     "_version": set(),
     "asset": GROUND,
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
-    "cl": {"errors", "extras", "atomic", "_version"},
-    "topology": {"errors", "extras", "cl"},
+    "cl": {"errors", "extras", "atomic", "children", "_version"},
+    "topology": {"errors", "extras", "children", "cl"},
     "metrics": {"errors", "extras", "bounded_parsing", "files", "paths", "meshes"},
     "render": GROUND | {"cl", "opening"},
     "reference": GROUND,
@@ -80,8 +82,10 @@ ALLOWED: dict[str, set[str]] = {
         "reference",
         "engines",
         "cl",
+        "trial",
     },
     "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
+    "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
 }
@@ -106,6 +110,9 @@ LAZY = {
     "OpenEXR",
     "trimesh",
     "pyopencl",
+    "xatlas",
+    "fast_simplification",
+    "coacd",
 }
 """Imported inside the function that needs them, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
@@ -121,6 +128,8 @@ FOREIGN: dict[str, set[str]] = {
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
     "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
+    "trial": {"numpy", "scipy", "PIL", "trimesh", "igl", "pymeshlab", "manifold3d", "xatlas", "coacd"}
+    | {"fast_simplification"},
     "report": {"pydantic", "PIL", "jinja2", "matplotlib"},
 }
 """Third-party packages a part may use; the ground and everything not named here: numpy."""
@@ -132,6 +141,7 @@ DISTRIBUTIONS = {
     "igl": "libigl",
     "vtkmodules": "pyvista",  # which depends on vtk
     "distributed": "dask",
+    "fast_simplification": "fast-simplification",
     "pynvml": "nvidia-ml-py",
     "mathutils": "bpy",
     "gpu": "bpy",
@@ -261,14 +271,14 @@ def test_all_is_every_extra_but_those_for_developers_and_the_largest() -> None:
     assert set(named) == set(EXTRAS) - {"all", "blender", "intel", "train", "docs", "fuzz", "test"}
 
 
-def test_only_crosscheck_knows_the_peers() -> None:
+def test_only_cross_checks_and_trials_know_the_peers() -> None:
     users = {
         path.relative_to(ROOT / "msb").as_posix()
         for path in MODULES
         if any(name.partition(".")[0] in PEERS for name, _ in imports_of(path))
     }
     assert users
-    assert all(user.startswith("topology/crosscheck") for user in users)
+    assert all(user.startswith(("topology/crosscheck", "trial")) for user in users)
 
 
 def test_what_draws_opens_no_path_but_at_its_front_door() -> None:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 from msb.atomic import new_file
 from msb.bench.folder import RESULT, Results, check_run
 from msb.bench.job import MAIN, Done
-from msb.bench.parts import measure_audit, measure_chamfer, measure_timing, read_own_timing, read_training
+from msb.bench.parts import (
+    measure_audit,
+    measure_chamfer,
+    measure_timing,
+    measure_trial,
+    read_own_timing,
+    read_training,
+)
 from msb.bench.quality import measure_quality
 from msb.bench.records import Reason, Result
 from msb.errors import MsbError, shorten
@@ -26,6 +33,7 @@ INTERNAL = "INTERNAL"
 MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
+    "trial": measure_trial,
     "chamfer": measure_chamfer,
     "training": read_training,
     "renderer_timing": read_own_timing,
@@ -35,6 +43,7 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
 _OWN: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "audit": ("audit",),
+    "trial": ("trial",),
     "chamfer": ("chamfer",),
     "training": ("training",),
     "renderer_timing": ("renderer_timing",),

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bench.job import Inputs, Job, Part
+    from msb.bench.protocol_tables import TrialTable
     from msb.bench.renders import Renders
     from msb.scenes.datasets import SceneAt
 
@@ -97,6 +98,8 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     if condition == "exported_mesh":
         if job.model is not None:
             found["audit"] = {"asset": _asset(job), "tool": __version__}
+            if job.trial is not None:
+                found["trial"] = _trial(job, job.trial)
         if job.cell.dataset == "dtu" and job.chamfer_data is not None:
             found["chamfer"] = _chamfer(job, known)
     else:
@@ -114,6 +117,21 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     if job.renderer_timing is not None:
         found["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
     return found
+
+
+def _trial(job: Job, wanted: TrialTable) -> Inputs:
+    """Return what decides the trials; a library that was missing and is there now is such a thing, too."""
+    from msb.trial.registry import chosen_tasks, missing_modules
+
+    tasks = chosen_tasks(wanted.tasks)
+    return {
+        "asset": _asset(job),
+        "cameras": job.views.cameras,
+        "tool": __version__,
+        "tasks": ", ".join(task.name for task in tasks),
+        "limits": f"{wanted.seconds:g} s, {wanted.memory:g} GiB",
+        "missing": ", ".join(missing_modules(tasks)),
+    }
 
 
 def _asset(job: Job) -> str:

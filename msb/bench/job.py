@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 
     from msb.bench.models import Model
     from msb.bench.photographs import Views
+    from msb.bench.protocol_tables import TrialTable
     from msb.bench.records import Cell, Reason, Status
     from msb.methods import Tier
     from msb.scenes.datasets import SceneAt
 
-Part = Literal["quality", "audit", "timing", "chamfer", "training", "renderer_timing"]
+Part = Literal["quality", "audit", "trial", "timing", "chamfer", "training", "renderer_timing"]
 MAIN: tuple[Part, ...] = ("quality", "audit")
 """Parts without which a cell has failed; any other missing part leaves a reason."""
 Inputs = dict[str, str]
@@ -53,6 +54,7 @@ class Job:
         The least numbers of frames and seconds of the timing.
     chamfer_data : Path, optional
     chamfer_seed : int
+    trial : TrialTable, optional
     """
 
     root: Path
@@ -74,6 +76,7 @@ class Job:
     seconds: float = 0.0
     chamfer_data: Path | None = None
     chamfer_seed: int = 0
+    trial: TrialTable | None = None
 
     @property
     def name(self) -> str:

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
+TRIAL_FOLDER = "trial"
+"""The folder below a cell's with the pictures of its trials."""
+
+
 def measure_timing(job: Job) -> dict[str, Any]:
     """Return timing, memory and device of a cell; the timing writes no file and reads no pixel back.
 
@@ -76,6 +80,36 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
     assert job.model is not None
     return {"audit": audit(job.model.open()).to_dict()}
+
+
+def measure_trial(job: Job) -> dict[str, Any]:
+    """Return what became of the protocol's tasks on a cell's mesh, seen by the test cameras.
+
+    The cell's folder gets a picture of each.
+
+    Raises
+    ------
+    InputError, SceneError, AssetError, OutputError
+    """
+    from msb.atomic import new_folder
+    from msb.trial.limits import Limits
+    from msb.trial.run import try_asset
+
+    assert job.model is not None
+    assert job.trial is not None
+    cameras = checked_scene(job.scene, job.views).test
+    limits = Limits(job.trial.seconds, job.trial.memory)
+    with new_folder(job.folder / TRIAL_FOLDER) as folder:
+        found = try_asset(
+            job.model.open(),
+            job.trial.tasks,
+            cameras=cameras,
+            limits=limits,
+            device=job.device,
+            keep=folder,
+            meshes=False,
+        )
+    return {"trial": found.to_dict()}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:

@@ -295,6 +295,7 @@ class Planner:
             seconds=protocol.timing.seconds,
             chamfer_data=None if chamfer is None else path(chamfer.data),
             chamfer_seed=0 if chamfer is None else chamfer.seed,
+            trial=protocol.trial if cell.condition == "exported_mesh" else None,
         )
 
     def scene_at(self, pair: Pair, model: Model | None, method: str) -> SceneAt:

@@ -177,6 +177,13 @@ def _check(protocol: Protocol, path: object) -> None:
         if method.name != AUTO:
             _check_settings(method, where, path)
     _check_labels(protocol, path)
+    if protocol.trial is not None:
+        from msb.trial.registry import chosen_tasks
+
+        try:
+            chosen_tasks(protocol.trial.tasks)
+        except UsageError as error:
+            raise _bad(path, f"/trial/tasks: {error.message}", "/trial/tasks") from None
     from msb.render.backend import BUILT_IN, renderers
 
     engines = [name for name in renderers() if name not in BUILT_IN]

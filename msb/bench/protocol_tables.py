@@ -174,6 +174,23 @@ class VideosTable(_Table):
     fps: Annotated[int, Field(ge=1, le=240)] = 24
 
 
+class TrialTable(_Table):
+    """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library for each task.
+
+    Attributes
+    ----------
+    tasks : tuple of str
+        Names of tasks as `msb trial --task` takes them; all, if not given.
+    seconds : float
+    memory : float
+        GiB.
+    """
+
+    tasks: tuple[str, ...] = ()
+    seconds: Annotated[float, Field(gt=0)] = 60.0
+    memory: Annotated[float, Field(gt=0)] = 4.0
+
+
 class Protocol(_Table):
     """The whole file. docs/protocol.md has it with comments."""
 
@@ -188,3 +205,4 @@ class Protocol(_Table):
     timing: TimingTable = TimingTable()
     chamfer: ChamferTable | None = None
     videos: VideosTable | None = None
+    trial: TrialTable | None = None

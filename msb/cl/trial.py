@@ -10,11 +10,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import platform
-import signal
 import subprocess
-import sys
 import threading
 from dataclasses import dataclass
 from functools import cache
@@ -23,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
 from msb.atomic import new_file
+from msb.children import ending, environment, last_line, module_command
 from msb.cl import mend
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import user_cache
@@ -105,15 +103,12 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
 
 def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     """Try in a child process; return None or what went wrong, and whether its compiler said so."""
-    package = str(Path(__file__).parents[2])
-    before = os.environ.get("PYTHONPATH")
-    paths = os.pathsep.join(filter(None, (package, before)))
     # A kernel out of a cache says nothing of the compiler.
-    variables = {**os.environ, "PYTHONPATH": paths, "POCL_KERNEL_CACHE": "0"}
-    command = [sys.executable or "python3", "-m", _CHILD, record.selector, str(int(mended))]
+    variables = environment({"POCL_KERNEL_CACHE": "0"})
+    words = module_command(_CHILD, record.selector, str(int(mended)))
     try:
         child = subprocess.run(
-            command,
+            words,
             capture_output=True,
             text=True,
             errors="replace",
@@ -129,18 +124,8 @@ def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     if child.returncode == 0 and answers:
         why: str | None = json.loads(answers[-1].removeprefix(ANSWER))
         return why, True
-    last = next((line for line in reversed(child.stderr.splitlines()) if line.strip()), "")
-    return (
-        f"its compiler ended the process ({_ending(child.returncode)}) {shorten(last, 150)}".rstrip(),
-        False,
-    )
-
-
-def _ending(status: int) -> str:
-    if status < 0:
-        with contextlib.suppress(ValueError):
-            return signal.Signals(-status).name
-    return f"status {status}"
+    how = f"({ending(child.returncode)}) {last_line(child.stderr, 150)}".rstrip()
+    return f"its compiler ended the process {how}", False
 
 
 def _key(handle: Any, record: DeviceRecord) -> str:

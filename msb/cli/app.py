@@ -25,6 +25,7 @@ from msb.cli import (
     run,
     scenes,
     track,
+    trial,
     validate,
     view,
     web,
@@ -68,6 +69,7 @@ app.command(epilog=bench.EPILOG)(with_shared(bench.bench))
 app.command(epilog=run.EPILOG)(with_shared(run.run))
 app.command(epilog=report.EPILOG)(with_shared(report.report))
 app.command(epilog=track.EPILOG, context_settings={**_SETTINGS, **track.CONTEXT})(with_shared(track.track))
+app.command(epilog=trial.EPILOG)(with_shared(trial.trial))
 app.command(epilog=demo_data.EPILOG)(with_shared(demo_data.demo_data))
 app.command(epilog=completion.EPILOG)(with_shared(completion.completion))
 

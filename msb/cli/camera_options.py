@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import re
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -53,10 +51,6 @@ SamplingName = Annotated[
     Literal["official", "engine"] | None,
     typer.Option("--sampling", help="Sample as officially, or as an engine's hardware does."),
 ]
-
-_FOV_Y = math.radians(40)
-_MARGIN = 1.05
-"""A turntable's distance, relative to that at which the bounding sphere fills the image."""
 
 
 def choose_cameras(
@@ -138,25 +132,7 @@ def chosen_modes(order: str | None, sampling: str | None) -> dict[str, str]:
 
 def around(asset: Asset, count: int, size: str | None, up: str | None, elevation: float) -> list[Camera]:
     """Return a turntable of `count` cameras that see all of the asset."""
-    from msb.scenes import turntable
+    from msb.scenes.around import around as turntable_around
 
     width, height = parse_size(size) if size else (960, 720)
-    sphere = asset.manifest.bounding_sphere
-    axis = up or asset.manifest.coordinate_frame.up
-    vector = [0.0, 0.0, 0.0]
-    # Where nothing is known, the axis COLMAP scenes have.
-    axis = axis if axis != "unknown" else "-y"
-    vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
-    narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
-    distance = _MARGIN * max(sphere.radius, 1e-6) / math.sin(narrow / 2)
-    cameras = turntable(
-        sphere.center,
-        distance,
-        up=vector,
-        count=count,
-        width=width,
-        height=height,
-        fov_y=_FOV_Y,
-        elevation=math.radians(elevation),
-    )
-    return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
+    return turntable_around(asset, count, width, height, up, elevation)

@@ -137,6 +137,8 @@ def write(mesh: Mesh, stream: BinaryIO) -> None:
     ]
     if mesh.vertex_colors is not None:
         arrays.append((_aligned_colors(mesh.vertex_colors), "COLOR_0"))
+    if mesh.vertex_uvs is not None:
+        arrays.append((mesh.vertex_uvs.astype("<f4", copy=False), "TEXCOORD_0"))
     text = json.dumps(_description(arrays, positions), separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
     size = sum(array.nbytes for array, _ in arrays)

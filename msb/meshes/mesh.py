@@ -27,6 +27,8 @@ class Mesh:
         None where the file has none.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle, that is per row of `faces`.
+    vertex_uvs : (V, 2) float32, optional
+        Texture coordinates, v downwards as in glTF. GLB is written with them; no reader gives any.
 
     Raises
     ------
@@ -38,6 +40,7 @@ class Mesh:
     faces: NDArray[np.int64]
     vertex_colors: NDArray[Any] | None = None
     face_colors: NDArray[Any] | None = None
+    vertex_uvs: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         _check("vertices", self.vertices, None, (3,), (np.float32, np.float64))
@@ -46,6 +49,8 @@ class Mesh:
             _check("vertex_colors", self.vertex_colors, len(self.vertices), (3, 4), (np.uint8, np.float32))
         if self.face_colors is not None:
             _check("face_colors", self.face_colors, len(self.faces), (3, 4), (np.uint8, np.float32))
+        if self.vertex_uvs is not None:
+            _check("vertex_uvs", self.vertex_uvs, len(self.vertices), (2,), (np.float32,))
 
 
 def _check(

@@ -115,7 +115,11 @@ class Report:
             "findings": [finding.to_dict() for finding in self.findings],
             "notes": list(self.notes),
             "verdicts": [
-                {**verdict.place._asdict(), "statements": [one.to_dict() for one in verdict.statements]}
+                {
+                    **verdict.place._asdict(),
+                    "statements": [one.to_dict() for one in verdict.statements],
+                    "tried": [one.to_dict() for one in verdict.tried],
+                }
                 for verdict in self.verdicts
             ],
             "tables": [table.to_dict() for table in self.tables.values()],

@@ -17,6 +17,7 @@ from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
+from msb.report.trials import tried_tasks
 from msb.report.writers import WRITERS, markdown, markdown_text
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ def _verdict_page(
         provenance=provenance(records),
         topology=None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}",
         asset=asset,
+        tried=tried_tasks(own.get("exported_mesh")),
         audited="exported_mesh" in records and records["exported_mesh"].audit is not None,
         video=_video(report, place, folder),
     )

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.metrics.likeness import ALIKE, NEARLY
 from msb.report.collect import REFERENCE
 from msb.report.likeness import likeness
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
+from msb.report.trials import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -22,12 +24,11 @@ Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 SHOWS_NOTHING = 15.0
 """PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs."""
 _ALIKE: tuple[tuple[float, Mark, str], ...] = (
-    (35.0, "YES", "Looks as in"),
-    (25.0, "WITH CARE", "Looks nearly as in"),
+    (ALIKE, "YES", "Looks as in"),
+    (NEARLY, "WITH CARE", "Looks nearly as in"),
     (0.0, "NO", "Looks different from"),
 )
-"""The least PSNR in dB between two renderings, its mark, and how it is said. From 35 dB on the eye finds a
-difference only by flipping between the two; below 25 dB it is obvious side by side."""
+"""The least PSNR in dB between two renderings, its mark, and how it is said."""
 SMALL_LOSS, LARGE_LOSS = 1.0, 3.0
 """Losses of PSNR in dB: a smaller one than the first is hard to see, one of the second is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
@@ -54,10 +55,11 @@ class Statement:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The statements on one asset and scene."""
+    """The statements on one asset and scene, and the tasks that were tried on its mesh."""
 
     place: Place
     statements: tuple[Statement, ...]
+    tried: tuple[TriedTask, ...] = ()
 
     @property
     def title(self) -> str:
@@ -99,7 +101,7 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
         *(replace(one, short="editing") for one in _structure(records)),
         *_notes(place, numbers),
     ]
-    return Verdict(place, tuple(statements))
+    return Verdict(place, tuple(statements), tuple(tried_tasks(loaded.get("exported_mesh"), pictures=False)))
 
 
 def _looks(

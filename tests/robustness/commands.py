@@ -104,6 +104,18 @@ COMMANDS = {
             lambda at, out: ["repair", at / "mesh.triasset", "-o", out / "a.triasset"],
             _asset,
         ),
+        Command(
+            "trial",
+            lambda _at, out: [
+                "trial",
+                "--task",
+                "intersections",
+                "--save",
+                out / "kept",
+                STUBS / "checkpoint",
+            ],
+            _nothing,
+        ),
         Command("render", _render(), _nothing),
         Command("render-npy", _render("--format", "npy", "--depth"), _nothing),
         Command(

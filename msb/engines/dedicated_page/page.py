@@ -15,7 +15,8 @@ from msb.asset.settings import effective_settings
 from msb.engines.dedicated_page.stored import restore, store
 from msb.engines.dedicated_page.view_json import live_settings, view_json
 from msb.engines.hardware.packing import pack
-from msb.engines.hardware.program import Limits, make_plan
+from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
 from msb.errors import DeviceError, InputError
 from msb.files import read_file

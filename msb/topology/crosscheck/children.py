@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -15,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.errors import shorten
+from msb.children import end, ending, environment, last_line, module_command
 from msb.topology.crosscheck.peers import PEERS
 
 if TYPE_CHECKING:
@@ -83,56 +80,39 @@ def run_children(names: Sequence[str], folder: Path, timeout: float) -> dict[str
                     replies[peer] = f"it did not answer within {timeout:g} s"
                 else:
                     continue
-                _end(running.pop(peer)[0])
+                end(running.pop(peer)[0])
             time.sleep(_POLL)
     finally:
         for child, _ in running.values():
-            _end(child)
+            end(child)
     return replies
 
 
 def command(peer: str, folder: Path) -> list[str]:
     """Return the command line of the child that asks `peer` about the mesh in `folder`."""
-    # -P: a file in the current folder that is named like a module must not be run in its stead.
-    return [sys.executable, "-P", "-m", "msb.topology.crosscheck", peer, str(folder)]
+    return module_command("msb.topology.crosscheck", peer, str(folder))
 
 
 def _start(peer: str, folder: Path) -> subprocess.Popen[bytes]:
-    root = str(Path(__file__).resolve().parents[3])
-    path = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     with (folder / f"{peer}.err").open("wb") as errors:
         return subprocess.Popen(
             command(peer, folder),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,  # PyMeshLab prints
             stderr=errors,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
+            env=environment(),
         )
-
-
-def _end(child: subprocess.Popen[bytes]) -> None:
-    if child.poll() is None:
-        child.kill()
-    child.wait()
 
 
 def _reply(peer: str, folder: Path, status: int) -> Reply | str:
     if status < 0:
-        return f"it crashed ({_signal_name(-status)})"
+        return f"it crashed ({ending(status)})"
     try:
         data = json.loads((folder / f"{peer}.json").read_text("utf-8"))
         return Reply(data["version"], data["answers"])
     except (OSError, ValueError, KeyError, TypeError):
-        lines = (folder / f"{peer}.err").read_text("utf-8", "replace").split("\n")
-        last = next((line for line in reversed(lines) if line.strip()), "")
-        return f"it ended with status {status}" + (f": {shorten(last.strip(), 200)}" if last else "")
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
+        last = last_line((folder / f"{peer}.err").read_text("utf-8", "replace"))
+        return f"it ended with {ending(status)}" + (f": {last}" if last else "")
 
 
 def serve(peer: str, folder: Path) -> None:

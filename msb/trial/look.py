@@ -1,0 +1,187 @@
+"""The pictures by which trials are judged: the standard tier over the cameras, against the mesh as it was."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.errors import MsbError
+from msb.meshes.assets import asset_from_mesh
+from msb.metrics import psnr
+from msb.metrics.registry import mean_of
+from msb.render import Renderer
+from msb.render.images import to_bytes
+from msb.scenes import Camera
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.render import Frame
+    from msb.trial.mesh import TriedMesh
+
+BACKGROUND = (0.5, 0.5, 0.5)
+"""The colour behind the mesh: neither a dark nor a bright surface that is lost goes unseen before it."""
+VIEWS = 8
+"""Cameras of the turntable where none are given."""
+PICTURE_WIDTH = 480
+_DARKEST = 0.4
+"""Light on a face of a picture that is seen from its edge, of that on one which faces the camera."""
+
+
+class Look:
+    """What cameras see of a mesh, and of what tasks made of it.
+
+    Parameters
+    ----------
+    mesh : TriedMesh
+        The mesh as it was.
+    cameras : sequence of Camera
+        At least one.
+    device : str, optional
+        The OpenCL device, as `msb.Renderer` takes it.
+
+    Attributes
+    ----------
+    why_not : str or None
+        Why there are no pictures: no OpenCL device. All methods then return None or nothing.
+    """
+
+    def __init__(self, mesh: TriedMesh, cameras: Sequence[Camera], device: str | None = None) -> None:
+        self.mesh, self.cameras, self.device = mesh, list(cameras), device
+        self.why_not: str | None = None
+        self._pictures: list[NDArray[np.uint8]] | None = None
+
+    def psnr(self, mesh: TriedMesh) -> dict[str, Any]:
+        """Return how much `mesh` looks like the mesh as it was.
+
+        Returns
+        -------
+        dict
+            "psnr": the mean over the cameras in dB, where equal pictures count 100; None without pictures.
+            "same_pictures": whether all are equal.
+        """
+        before = self._before()
+        if before is None:
+            return {"psnr": None, "same_pictures": None}
+        if not len(mesh.faces):
+            mesh = _speck(mesh)
+        values = [
+            psnr(to_bytes(frame.image), old)
+            for old, frame in zip(before, self._frames(mesh, self.cameras), strict=True)
+        ]
+        return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}
+
+    def visible_points(self, count: int) -> NDArray[np.float64] | None:
+        """Return about `count` points (n, 3) of the surface that cameras see, evenly over their pixels."""
+        depths = self._depths
+        if depths is None:
+            return None
+        step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
+        found: list[NDArray[np.float64]] = []
+        skip = 0
+        for camera, depth in zip(self.cameras, depths, strict=True):
+            pixels = np.flatnonzero(depth)[skip::step]
+            skip = (skip - int(np.count_nonzero(depth))) % step
+            row, column = np.divmod(pixels, camera.width)
+            z = depth.reshape(-1)[pixels].astype(np.float64)
+            x = (column + 0.5 - camera.cx) / camera.fx * z
+            y = (row + 0.5 - camera.cy) / camera.fy * z
+            points = np.stack([x, y, z, np.ones_like(z)], axis=1)
+            found.append((points @ camera.camera_to_world.T)[:, :3])
+        return np.concatenate(found)
+
+    def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
+        """Return the share of `points` (n, 3) at which some camera sees that there is nothing.
+
+        A point is empty if a camera has it in its picture more than `tolerance` before the surface that is
+        drawn there, or where none is drawn. Points in no picture do not count; None if all are such.
+        """
+        depths = self._depths
+        if depths is None:
+            return None
+        seen = np.zeros(len(points), bool)
+        empty = np.zeros(len(points), bool)
+        for camera, depth in zip(self.cameras, depths, strict=True):
+            pixels, z = camera.project(points)
+            with np.errstate(invalid="ignore"):
+                column, row = np.floor(pixels).T
+                inside = (
+                    (z > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+                )
+            there = depth[row[inside].astype(int), column[inside].astype(int)]
+            seen |= inside
+            empty[inside] |= (there == 0) | (z[inside] < there - tolerance)
+        return float(np.count_nonzero(empty) / np.count_nonzero(seen)) if seen.any() else None
+
+    def picture(self, mesh: TriedMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
+        """Return a small picture (H, W, 3) of `mesh`: from `camera` as it is, else from the first, shaded."""
+        if not len(mesh.faces):
+            return None
+        if camera is None:
+            first = self.cameras[0]
+            camera = first.scaled(min(1.0, PICTURE_WIDTH / first.width))
+            mesh = _shaded(mesh, camera)
+        for frame in self._frames(mesh, [camera]):
+            return to_bytes(frame.image)
+        return None
+
+    def _before(self) -> list[NDArray[np.uint8]] | None:
+        if self._pictures is None and self.why_not is None:
+            found = [to_bytes(frame.image) for frame in self._frames(self.mesh, self.cameras)]
+            self._pictures = None if self.why_not else found
+        return self._pictures
+
+    @cached_property
+    def _depths(self) -> list[NDArray[np.float32]] | None:
+        found = [np.array(frame.depth) for frame in self._frames(self.mesh, self.cameras)]
+        return None if self.why_not else found
+
+    def _frames(self, mesh: TriedMesh, cameras: Sequence[Camera]) -> Iterator[Frame]:
+        """Yield what each camera sees; nothing where there is no device to draw on."""
+        if self.why_not is not None:
+            return
+        try:
+            renderer = Renderer(asset_from_mesh(mesh.to_mesh()), "standard", self.device)
+        except MsbError as error:
+            if error.code != "DEVICE_NOT_FOUND":
+                raise
+            self.why_not = error.message
+            return
+        with contextlib.closing(renderer):
+            for camera in cameras:
+                yield renderer.render(camera, BACKGROUND)
+
+
+def facing(size: int = PICTURE_WIDTH) -> Camera:
+    """Return a camera that sees the unit square of the plane z = 0 as a picture of `size` pixels a side."""
+    return Camera.look_at(
+        (0.5, 0.5, -10.0), (0.5, 0.5, 0.0), up=(0, -1, 0), width=size, height=size, fov_y=0.104
+    )
+
+
+def _shaded(mesh: TriedMesh, camera: Camera) -> TriedMesh:
+    """Return the mesh with faces of their own, darker the more they are turned away: to show their shape."""
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    towards = camera.center - corners.mean(axis=1)
+    sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(towards, axis=1)
+    facing = np.abs((normals * towards).sum(axis=1)) / np.maximum(sizes, np.finfo(np.float64).tiny)
+    light = np.repeat(_DARKEST + (1 - _DARKEST) * facing, 3)[:, None]
+    colors = mesh.colors[mesh.faces.reshape(-1)] * light
+    apart = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
+    return replace(mesh, vertices=corners.reshape(-1, 3).astype(np.float32), faces=apart,
+                   colors=colors.astype(np.float32), uv=None)  # fmt: skip
+
+
+def _speck(mesh: TriedMesh) -> TriedMesh:
+    """Return a mesh of one face without area, which draws nothing: an asset must have a face."""
+    from msb.trial.mesh import TriedMesh
+
+    point = mesh.vertices[:1] if len(mesh.vertices) else np.zeros((1, 3), np.float32)
+    return TriedMesh(point, np.zeros((1, 3), np.int64), np.ones((1, 3), np.float32))

@@ -1,0 +1,149 @@
+"""The mesh that tasks are tried on: arrays with a colour at every vertex, and how they travel as files."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset.drawable import check_drawable
+from msb.asset.look import WHITE, colors_of, stored_threshold, visible_faces
+from msb.errors import about
+from msb.meshes import Mesh
+from msb.topology.weld import weld_vertices
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.topology.weld import Weld
+
+
+@dataclass(frozen=True, eq=False)
+class TriedMesh:
+    """A triangle mesh with a colour at every vertex.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float32
+    faces : (F, 3) int64
+        Vertex numbers, all in range.
+    colors : (V, 3) float32
+        Red, green and blue in [0, 1].
+    uv : (V, 2) float32, optional
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int64]
+    colors: NDArray[np.float32]
+    uv: NDArray[np.float32] | None = None
+
+    @property
+    def diagonal(self) -> float:
+        """The length of the bounding box's diagonal, of the vertices that faces use."""
+        used = self.vertices[np.unique(self.faces)].astype(np.float64)
+        return float(np.linalg.norm(np.ptp(used, axis=0))) if len(used) else 0.0
+
+    @property
+    def sha256(self) -> str:
+        """The SHA-256 of the coordinates (little-endian float32) and the faces (little-endian int64)."""
+        found = hashlib.sha256(self.vertices.astype("<f4").tobytes())
+        found.update(self.faces.astype("<i8").tobytes())
+        return found.hexdigest()
+
+    def to_mesh(self) -> Mesh:
+        """Return it as what mesh files hold."""
+        return Mesh(self.vertices, self.faces, self.colors, vertex_uvs=self.uv)
+
+    def save(self, folder: Path, name: str = "mesh") -> None:
+        """Write its arrays into `folder`, a file each."""
+        for key in ("vertices", "faces", "colors", "uv"):
+            array = getattr(self, key)
+            if array is not None:
+                np.save(folder / f"{name}.{key}.npy", array, allow_pickle=False)
+
+
+def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:
+    """Return the mesh that `TriedMesh.save` wrote; what a library made may be of other types and shapes.
+
+    Raises
+    ------
+    ValueError
+        An array is not of the kind it should be, or holds what cannot be drawn.
+    OSError
+        One is missing.
+    """
+    found: dict[str, NDArray[Any]] = {}
+    kinds = {"vertices": (3, "f"), "faces": (3, "iu"), "colors": (3, "f"), "uv": (2, "f")}
+    for key, (width, kind) in kinds.items():
+        path = folder / f"{name}.{key}.npy"
+        if key == "uv" and not path.exists():
+            continue
+        array = np.load(path, allow_pickle=False)
+        if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in kind:
+            raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{key} of the mesh {name} are not all finite")
+        found[key] = array.astype(np.int64 if key == "faces" else np.float32)
+    if found["faces"].size and not 0 <= found["faces"].min() <= found["faces"].max() < len(found["vertices"]):
+        raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")
+    return TriedMesh(**found)
+
+
+def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
+    """Return the mesh of `asset` as it is stored, less the faces that its STE threshold hides.
+
+    Colours of faces and corners become the means of the faces at each vertex, so that the mesh keeps its
+    vertices as they are; without any colours it is white.
+
+    Parameters
+    ----------
+    asset : Asset
+    weld : "exact" or float, optional
+        Merge coincident vertices first (`weld_vertices`); the merged one has their mean colour.
+
+    Raises
+    ------
+    AssetError
+        A coordinate or a colour is not finite, or an index is out of range.
+    MeshError
+        `WELD_DISTANCE` or `WELD_TOO_WIDE`.
+    """
+    check_drawable(asset, ("positions", "color", "f_dc"))
+    vertices = np.asarray(asset.buffers["positions"], np.float32)
+    faces = asset.buffers["indices"].astype(np.int64)
+    colors = _vertex_colors(asset, faces)
+    shown = visible_faces(asset, stored_threshold(asset))
+    faces = faces if shown is None else faces[shown]
+    if weld is not None:
+        with about(asset.path):
+            merged, welded = weld_vertices(vertices, faces, weld)
+        # A vertex that no face uses merges with none that is seen, so corners tell all that matters.
+        colors = _means(welded.reshape(-1), colors[faces.reshape(-1)], len(merged))
+        vertices, faces = merged, welded
+    return TriedMesh(vertices, faces, colors)
+
+
+def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
+    found = colors_of(asset)
+    if found is None:
+        return np.full((asset.manifest.vertex_count, 3), WHITE, np.float32)
+    values = found.values[:, :3]
+    scale = np.float32(255 if values.dtype == np.uint8 else 1)
+    values = (values / scale).astype(np.float32)
+    if found.domain == "vertex":
+        return values
+    corners = np.repeat(values, 3, axis=0) if found.domain == "face" else values
+    return _means(faces.reshape(-1), corners, asset.manifest.vertex_count)
+
+
+def _means(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+    """Return the mean of the values (n, 3) of each of `count` groups; white where a group has none."""
+    size = np.bincount(group, minlength=count)
+    sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
+    means = sums / np.maximum(size, 1)[:, None]
+    return np.where(size[:, None] > 0, means, 1.0).astype(np.float32)

@@ -1,0 +1,50 @@
+"""The tasks there are, by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from msb.errors import UsageError, shorten
+from msb.extras import is_installed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from msb.trial.task import Task
+
+_MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
+"""Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports."""
+
+TASKS: dict[str, Task] = {
+    task.name: task for name in _MODULES for task in import_module(f"msb.trial.tasks.{name}").TASKS
+}
+"""Name -> task."""
+
+
+def chosen_tasks(names: Iterable[str]) -> list[Task]:
+    """Return the tasks of these names, all if there are none; a word of a name stands for all that have it.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`, listing the tasks.
+    """
+    found: dict[str, Task] = {}
+    for name in names:
+        own = {key: task for key, task in TASKS.items() if key == name or _has_word(key, name)}
+        if not own:
+            text = f'there is no task "{shorten(name, 40)}"; there are {", ".join(TASKS)}'
+            raise UsageError("USAGE", text, value=name)
+        found |= own
+    return [task for key, task in TASKS.items() if key in found] if found else list(TASKS.values())
+
+
+def missing_modules(tasks: Iterable[Task]) -> list[str]:
+    """Return the modules that these tasks need and that are not installed."""
+    needed = dict.fromkeys(name for task in tasks for one in task.attempts for name in one.modules)
+    return [name for name in needed if not is_installed(name)]
+
+
+def _has_word(name: str, word: str) -> bool:
+    return name.startswith(f"{word}_") or name.endswith(f"_{word}")

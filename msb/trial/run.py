@@ -1,0 +1,296 @@
+"""Try tasks on a mesh: libraries in child processes, judged by pictures, kept as files if that is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from msb.atomic import new_file
+from msb.errors import shorten
+from msb.extras import install, is_installed
+from msb.meshes import write_mesh
+from msb.opening import as_asset
+from msb.scenes.around import around
+from msb.trial.children import run_attempt
+from msb.trial.limits import Limits
+from msb.trial.look import VIEWS, Look
+from msb.trial.mesh import mesh_to_try
+from msb.trial.registry import chosen_tasks
+from msb.trial.task import Judgement
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.scenes import Camera
+    from msb.topology.weld import Weld
+    from msb.trial.mesh import TriedMesh
+    from msb.trial.task import Made, Numbers, Outcome, Reply, Task
+
+SCHEMA = "msb.trial/1"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What became of one task.
+
+    Attributes
+    ----------
+    task, title : str
+    outcome : {"works", "care", "fails", "not_run"}
+        "care" works with something to watch; "not_run" lacks a library.
+    why : str or None
+        Why it is not better.
+    seconds : float
+        The time that the libraries took; that of a library that was ended is its limit.
+    numbers : dict
+        What was measured, as JSON has it.
+    libraries : dict of str to str
+        Library -> version, of those that answered.
+    says : str
+        The numbers in a few words.
+    files : tuple of str
+        The names of the files that were kept.
+    picture : str or None
+        The name of the picture among them.
+    """
+
+    task: str
+    title: str
+    outcome: Outcome
+    why: str | None
+    seconds: float
+    numbers: Numbers = field(default_factory=dict)
+    libraries: dict[str, str] = field(default_factory=dict)
+    says: str = ""
+    files: tuple[str, ...] = ()
+    picture: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON data."""
+        return {**vars(self), "files": list(self.files)}
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What became of all tasks on one mesh.
+
+    Attributes
+    ----------
+    path : str or None
+    trials : tuple of Trial
+    mesh : dict
+        Numbers of vertices and faces, the weld, and the SHA-256 of what was tried.
+    limits : dict
+        `Limits.to_dict`.
+    cameras : dict
+        How many there were, and "turntable" or "given"; with a reason where no picture could be drawn.
+    """
+
+    path: str | None
+    trials: tuple[Trial, ...]
+    mesh: dict[str, Any]
+    limits: dict[str, float | None]
+    cameras: dict[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON data (schema msb.trial/1)."""
+        trials = [one.to_dict() for one in self.trials]
+        return {"schema": SCHEMA, **vars(self), "trials": trials}
+
+
+def trial(
+    asset: Asset | str | os.PathLike[str],
+    tasks: Iterable[str] = (),
+    *,
+    weld: Weld | None = None,
+    cameras: Sequence[Camera] | None = None,
+    limits: Limits | None = None,
+    device: str | None = None,
+) -> list[Trial]:
+    """Try tasks on a mesh with the libraries that artists use, and return what became of them.
+
+    Parameters
+    ----------
+    asset : Asset or path-like
+        Or the path of anything that `msb.open` takes.
+    tasks : iterable of str
+        Names of tasks, or words of names: "decimate" is "decimate_50", "decimate_25" and "decimate_10". All,
+        if there are none; docs/trial.md describes them.
+    weld : "exact" or float, optional
+        Merge coincident vertices first.
+    cameras : sequence of Camera, optional
+        Where the mesh is looked at from; eight turntable views if not given.
+    limits : Limits, optional
+        What each library may take for each task; 60 s and 4 GiB if not given.
+    device : str, optional
+        The OpenCL device that draws.
+
+    Returns
+    -------
+    list of Trial
+        In the order of `msb.trial.registry.TASKS`.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: there is no such task.
+    AssetError
+        A coordinate is not finite, or an index is out of range.
+    InputError, CheckpointError, MeshFileError, MeshError, Unsupported
+        The path cannot be read, or the weld is none.
+
+    Examples
+    --------
+    >>> import msb
+    >>> (solid,) = msb.trial("data_stubs/splat_like.triasset", ["solid"])
+    >>> solid.outcome
+    'fails'
+    """
+    found = try_asset(as_asset(asset), tasks, weld=weld, cameras=cameras, limits=limits, device=device)
+    return list(found.trials)
+
+
+def try_asset(
+    asset: Asset,
+    tasks: Iterable[str] = (),
+    *,
+    weld: Weld | None = None,
+    cameras: Sequence[Camera] | None = None,
+    limits: Limits | None = None,
+    device: str | None = None,
+    keep: Path | None = None,
+    meshes: bool = True,
+    watch: Callable[[Trial], None] = lambda _: None,
+) -> Trials:
+    """Return what became of the tasks, and what they were tried on; parameters as for `trial`.
+
+    Parameters
+    ----------
+    keep : Path, optional
+        The folder that gets a picture of each task and, with `meshes`, what was made, as GLB.
+    meshes : bool
+    watch : callable
+        Called with each task's outcome.
+    """
+    chosen = chosen_tasks(tasks)
+    limits = limits or Limits()
+    mesh = mesh_to_try(asset, weld)
+    look = Look(mesh, cameras if cameras is not None else around(asset, VIEWS), device)
+    found = []
+    for task in chosen:
+        found.append(_Trying(task, mesh, look, limits).run(keep, meshes=meshes))
+        watch(found[-1])
+    about: dict[str, Any] = {
+        "count": len(look.cameras),
+        "from": "turntable" if cameras is None else "given",
+    }
+    if look.why_not is not None:
+        about["no_pictures"] = look.why_not
+    tried = {
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "weld": weld,
+        "sha256": mesh.sha256,
+    }
+    path = None if asset.path is None else str(asset.path)
+    return Trials(path, tuple(found), tried, limits.to_dict(), about)
+
+
+class _Trying:
+    """One task on one mesh."""
+
+    def __init__(self, task: Task, mesh: TriedMesh, look: Look, limits: Limits) -> None:
+        self.task, self.mesh, self.look, self.limits = task, mesh, look, limits
+
+    def run(self, keep: Path | None, *, meshes: bool) -> Trial:
+        """Make the attempts, judge them, and keep what is wanted."""
+        task = self.task
+        able = [one for one in task.attempts if all(map(is_installed, one.modules))]
+        absent = [
+            module
+            for one in task.attempts
+            if one not in able
+            for module in one.modules
+            if not is_installed(module)
+        ]
+        lacks = f"{' and '.join(dict.fromkeys(absent))} not installed: {install('trial')}" if absent else ""
+        if not able:
+            return Trial(task.name, task.title, "not_run", lacks, 0.0)
+        arrays = task.prepare(self.mesh, self.look) if task.prepare else {}
+        replies = {one.library: run_attempt(task, one, self.mesh, arrays, self.limits) for one in able}
+        made = {name: reply.made for name, reply in replies.items() if reply.made is not None}
+        judged = self.judged(replies, made)
+        files, picture = self.kept(keep, made, meshes=meshes)
+        said = task.says(judged.numbers) if made else ""
+        return Trial(
+            task.name,
+            task.title,
+            judged.outcome,
+            "; ".join(filter(None, (judged.why, lacks if judged.outcome != "works" else ""))) or None,
+            sum(reply.seconds or 0.0 for reply in replies.values()),
+            judged.numbers,
+            {name: reply.version for name, reply in replies.items() if reply.version is not None},
+            said,
+            files,
+            picture,
+        )
+
+    def judged(self, replies: dict[str, Reply], made: dict[str, Made]) -> Judgement:
+        """Return the task's own judgement, with what is to be said of attempts that failed."""
+        failed = {name: reply for name, reply in replies.items() if reply.made is None}
+        why = "; ".join(f"{name}: {reply.why}" for name, reply in failed.items())
+        numbers: Numbers = {}
+        if failed:
+            numbers["failed"] = {
+                name: {"why": reply.why, "ended_by": reply.ended_by, "seconds": reply.seconds}
+                for name, reply in failed.items()
+            }
+        if not made:
+            return Judgement("fails", why, numbers)
+        judged = self.task.judge(self.mesh, made, self.look)
+        reason = "; ".join(filter(None, (judged.why, why))) or None
+        return Judgement(judged.outcome, reason, {**judged.numbers, **numbers})
+
+    def kept(
+        self, folder: Path | None, made: dict[str, Made], *, meshes: bool
+    ) -> tuple[tuple[str, ...], str | None]:
+        """Write what is to be kept; return the names of the files, and of the picture among them."""
+        if folder is None:
+            return (), None
+        files = []
+        for library, one in made.items() if meshes else ():
+            for mesh in one.meshes.values():
+                if len(mesh.faces):
+                    parts = (self.task.name, *([library] if len(self.task.attempts) > 1 else []))
+                    files.append(f"{'-'.join(parts)}.glb")
+                    with new_file(folder / files[-1]) as stream:
+                        write_mesh(mesh.to_mesh(), stream, suffix=".glb")
+        image = self.task.picture(self.mesh, made, self.look) if self.task.picture and made else None
+        if image is None:
+            return tuple(files), None
+        picture = f"{self.task.name}.png"
+        _write_picture(folder / picture, image)
+        return (*files, picture), picture
+
+
+def _write_picture(path: Path, image: NDArray[Any]) -> None:
+    from PIL import Image
+
+    with new_file(path) as stream:
+        Image.fromarray(image).save(stream, "PNG", optimize=True)
+
+
+def summary(trials: Iterable[Trial]) -> str:
+    """Return how many tasks came to what, worst first: "3 fail: uv, boolean, solid; 2 work"."""
+    verbs = {"fails": "fail", "care": "work with care", "not_run": "not run", "works": "work"}
+    found = []
+    for outcome, verb in verbs.items():
+        names = [one.task for one in trials if one.outcome == outcome]
+        if names:
+            found.append(f"{len(names)} {verb}: {', '.join(names)}")
+    return shorten("; ".join(found), 400)

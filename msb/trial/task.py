@@ -1,0 +1,128 @@
+"""What a task is: what is asked of which libraries, each in its own child, and how the answers are judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.trial.look import Look
+    from msb.trial.mesh import TriedMesh
+
+Outcome = Literal["works", "care", "fails", "not_run"]
+OUTCOMES: tuple[Outcome, ...] = ("works", "care", "fails")
+"""What a task that was run can come to, best first."""
+Numbers = dict[str, Any]
+
+
+@dataclass
+class Made:
+    """What an attempt leaves: numbers as JSON has them, meshes to draw and keep, and further arrays."""
+
+    numbers: Numbers = field(default_factory=dict)
+    meshes: dict[str, TriedMesh] = field(default_factory=dict)
+    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One library's way to do a task. It runs in a child process (`msb.trial.children`).
+
+    Attributes
+    ----------
+    library : str
+        The distribution, whose version is reported.
+    modules : tuple of str
+        What has to be installed for it.
+    work : callable
+        A function of the mesh, the task's parameters and the arrays that `Task.prepare` made. What it raises
+        is reported as the library's words.
+    """
+
+    library: str
+    modules: tuple[str, ...]
+    work: Callable[[TriedMesh, Mapping[str, Any], Mapping[str, NDArray[Any]]], Made]
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What became of an attempt.
+
+    Attributes
+    ----------
+    made : Made, optional
+        None where the attempt failed.
+    why : str
+        Why it failed, in the library's words or ours; empty if it did not.
+    ended_by : {"time", "memory", "crash"}, optional
+        What ended it, where it did not end by itself.
+    seconds : float, optional
+        The time that the library took; None where it did not run.
+    version : str, optional
+    """
+
+    made: Made | None
+    why: str = ""
+    ended_by: Literal["time", "memory", "crash"] | None = None
+    seconds: float | None = None
+    version: str | None = None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a task came to: the outcome, why it is not better, and the numbers."""
+
+    outcome: Outcome
+    why: str | None = None
+    numbers: Numbers = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A thing that is done with meshes, and how it is tried.
+
+    Attributes
+    ----------
+    name, title : str
+        The name in JSON and on the command line, and what tables and pages print.
+    attempts : tuple of Attempt
+    judge : callable
+        A function of the mesh, library -> what it made, and the pictures. It sees successes only, of one
+        library or several; where there is none, the task has failed.
+    says : callable
+        A function of the numbers to a short text for a table.
+    parameters : mapping
+        What the attempts are told.
+    prepare : callable, optional
+        Makes arrays for the attempts from the pictures.
+    picture : callable, optional
+        Draws what was made, as an image (H, W, 3) uint8, or None if there is nothing to draw.
+    """
+
+    name: str
+    title: str
+    attempts: tuple[Attempt, ...]
+    judge: Callable[[TriedMesh, Mapping[str, Made], Look], Judgement]
+    says: Callable[[Numbers], str]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    prepare: Callable[[TriedMesh, Look], dict[str, NDArray[Any]]] | None = None
+    picture: Callable[[TriedMesh, Mapping[str, Made], Look], NDArray[Any] | None] | None = None
+
+
+def worst(outcomes: Iterable[Outcome]) -> Outcome:
+    """Return the worst outcome of several conditions."""
+    return max(outcomes, key=OUTCOMES.index)
+
+
+def graded(value: float | None, works: float, care: float) -> Outcome:
+    """Return the outcome of a value that should be small: at most `works`, at most `care`, or more.
+
+    A value that there is not does not count against a task.
+    """
+    if value is None or value <= works:
+        return "works"
+    return "care" if value <= care else "fails"

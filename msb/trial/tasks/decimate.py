@@ -1,0 +1,140 @@
+"""Decimation to a half, a quarter and a tenth of the faces, by two libraries; the better one counts."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.metrics.likeness import ALIKE, NEARLY
+from msb.topology import audit_arrays
+from msb.trial.mesh import TriedMesh
+from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Outcome, Task
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.trial.look import Look
+    from msb.trial.task import Numbers
+
+SLACK = 1.05
+"""A target is reached with up to so many times its faces."""
+
+
+def _target(mesh: TriedMesh, percent: int) -> int:
+    return max(1, len(mesh.faces) * percent // 100)
+
+
+def _fast_simplification(
+    mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]
+) -> Made:
+    import fast_simplification
+
+    faces = mesh.faces.astype(np.int32)
+    *_mesh, collapses = fast_simplification.simplify(
+        mesh.vertices, faces, target_count=_target(mesh, parameters["percent"]), return_collapses=True
+    )
+    # It knows no colours: a vertex gets the mean of those that were merged into it and that faces used. One
+    # whose faces are all gone is merged into none.
+    vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
+    used = np.unique(mesh.faces)
+    used = used[np.asarray(merged)[used] >= 0]
+    into = np.asarray(merged)[used]
+    count = np.maximum(np.bincount(into, minlength=len(vertices)), 1)
+    sums = [np.bincount(into, mesh.colors[used, k], len(vertices)) for k in range(3)]
+    colors = (np.stack(sums, axis=1) / count[:, None]).astype(np.float32)
+    return Made({}, {"mesh": TriedMesh(vertices.astype(np.float32), kept.astype(np.int64), colors)})
+
+
+def _pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]) -> Made:
+    import pymeshlab
+
+    opaque = np.ones((len(mesh.colors), 1))
+    colors = np.concatenate([mesh.colors.astype(np.float64), opaque], axis=1)
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces, v_color_matrix=colors))
+    meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, parameters["percent"]))
+    found = meshes.current_mesh()
+    made = TriedMesh(
+        found.vertex_matrix().astype(np.float32),
+        found.face_matrix().astype(np.int64),
+        found.vertex_color_matrix()[:, :3].astype(np.float32),
+    )
+    return Made({}, {"mesh": made})
+
+
+def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look, *, percent: int) -> Judgement:
+    target = _target(mesh, percent)
+    numbers: Numbers = {"target_faces": target}
+    best: tuple[int, bool, float] | None = None
+    outcome: Outcome = "fails"
+    why: str | None = None
+    for library, one in made.items():
+        found = one.meshes["mesh"]
+        reached = 0 < len(found.faces) <= SLACK * target
+        likeness = look.psnr(found)
+        numbers[_key(library)] = own = {
+            "faces": len(found.faces),
+            "reached": reached,
+            **likeness,
+            "verdict": audit_arrays(found.vertices, found.faces)[0].verdict,
+        }
+        grade, reason = _grade(own, target)
+        rank = (OUTCOMES.index(grade), not reached, -(likeness["psnr"] or 0.0))
+        if best is None or rank < best:
+            best, outcome, why = rank, grade, None if reason is None else f"{library}: {reason}"
+            numbers["best"] = library
+    return Judgement(outcome, why, numbers)
+
+
+def _grade(own: Numbers, target: int) -> tuple[Outcome, str | None]:
+    if not own["reached"]:
+        return "fails", f"it stops at {own['faces']:,} faces; {target:,} were asked for"
+    decibels = own["psnr"]
+    if decibels is None or decibels >= ALIKE:
+        return "works", None
+    if decibels >= NEARLY:
+        return "care", f"the difference can be seen ({decibels:.1f} dB)"
+    return "fails", f"it looks different ({decibels:.1f} dB)"
+
+
+def _key(library: str) -> str:
+    return library.replace("-", "_")
+
+
+def _says(numbers: Numbers) -> str:
+    parts = []
+    for library in ("fast_simplification", "pymeshlab"):
+        if library in numbers:
+            own = numbers[library]
+            decibels = "" if own["psnr"] is None else f" at {own['psnr']:.1f} dB"
+            parts.append(f"{own['faces']:,} faces{decibels}")
+    return " or ".join(parts)
+
+
+def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
+    """Draw what each library made, side by side."""
+    drawn = [look.picture(one.meshes["mesh"]) for one in made.values()]
+    pictures = [one for one in drawn if one is not None]
+    return np.concatenate(pictures, axis=1) if pictures else None
+
+
+_ATTEMPTS = (
+    Attempt("fast-simplification", ("fast_simplification",), _fast_simplification),
+    Attempt("pymeshlab", ("pymeshlab",), _pymeshlab),
+)
+TASKS = tuple(
+    Task(
+        f"decimate_{percent}",
+        f"Decimation to {percent} %",
+        _ATTEMPTS,
+        partial(_judge, percent=percent),
+        _says,
+        {"percent": percent},
+        picture=_picture,
+    )
+    for percent in (50, 25, 10)
+)

@@ -1,0 +1,80 @@
+"""Faces that cross each other, and slivers: what an audit of the structure does not cover."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.topology.verdict import percent
+from msb.trial.crossings import crossing_pairs, slivers
+from msb.trial.mesh import TriedMesh
+from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.trial.look import Look
+    from msb.trial.task import Numbers
+
+FEW = 0.01
+"""Share of the faces that cross others: one in a hundred is mended by hand."""
+FEW_SLIVERS, MANY_SLIVERS = 0.01, 0.1
+_CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
+
+
+def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    pairs = crossing_pairs(corners)
+    thin = slivers(corners)
+    crossing = np.zeros(len(corners), bool)
+    crossing[pairs.reshape(-1)] = True
+    count = max(1, len(corners))
+    numbers = {
+        "pairs": len(pairs),
+        "faces": int(crossing.sum()),
+        "face_share": float(crossing.sum() / count),
+        "slivers": int(thin.sum()),
+        "sliver_share": float(thin.sum() / count),
+    }
+    return Made(numbers, {}, {"crossing": crossing, "sliver": thin})
+
+
+def _judge(mesh: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
+    numbers = made["numpy"].numbers
+    crossing = graded(numbers["face_share"], 0.0, FEW)
+    thin = graded(numbers["sliver_share"], FEW_SLIVERS, MANY_SLIVERS)
+    reasons = []
+    if crossing != "works":
+        reasons.append(f"{percent(numbers['faces'], len(mesh.faces))} of the faces cross another")
+    if thin != "works":
+        reasons.append(f"{percent(numbers['slivers'], len(mesh.faces))} are slivers")
+    return Judgement(worst((crossing, thin)), "; ".join(reasons) or None, numbers)
+
+
+def _says(numbers: Numbers) -> str:
+    return f"{numbers['faces']:,} faces cross, {numbers['slivers']:,} slivers"
+
+
+def _picture(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
+    """Draw the mesh with the faces that cross in red, slivers in yellow."""
+    marks = made["numpy"].arrays
+    colors = np.full((len(mesh.faces), 3), _PLAIN, np.float32)
+    colors[marks["sliver"]] = _SLIVER
+    colors[marks["crossing"]] = _CROSSING
+    apart = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
+    return look.picture(TriedMesh(mesh.vertices[mesh.faces.reshape(-1)], apart, np.repeat(colors, 3, axis=0)))
+
+
+TASKS = (
+    Task(
+        "self_intersections",
+        "Self-intersections, slivers",
+        (Attempt("numpy", ("numpy",), _work),),
+        _judge,
+        _says,
+        picture=_picture,
+    ),
+)

@@ -1,0 +1,54 @@
+"""A protocol's trials: in the records of exported meshes, with pictures, computed once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from msb.bench.folder import Results
+from msb.bench.records import read_result
+from msb.bench.run import run_protocol
+from msb.errors import InputError
+from msb.report.build import build_report
+from msb.report.pages import report_files
+from msb.report.results import read_results
+from tests.bench.protocols import protocol
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+EACH = 'conditions = ["exported_mesh"]'
+
+
+@pytest.mark.slow
+def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) -> None:
+    tail = '[trial]\ntasks = ["self_intersections"]'
+    file = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=tail)
+    first = run_protocol(file)
+    assert first.exit_status == 0
+    (path,) = Results(file.results).records()
+    record = read_result(path)
+    assert record.trial is not None
+    (one,) = record.trial["trials"]
+    assert (one["task"], one["picture"]) == ("self_intersections", "self_intersections.png")
+    assert record.trial["cameras"]["from"] == "given"
+    assert (path.parent / "trial" / one["picture"]).read_bytes().startswith(b"\x89PNG")
+    (again,) = run_protocol(file).rows
+    assert again.planned.status == "done"
+    (changed,) = run_protocol(
+        protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=f"{tail}\nseconds = 50")
+    ).rows
+    assert changed.planned.why == {"trial": "limits changed"}
+    report = build_report(read_results(file.results))
+    (tried,) = report.verdicts[0].tried
+    assert tried.to_dict() == report.to_dict()["verdicts"][0]["tried"][0]
+    pages = [data.decode() for name, data in report_files(report).items() if name.startswith("verdict-")]
+    assert "What happened when it was tried" in pages[0]
+    assert "data:image/png;base64," in pages[0].partition("What happened")[2]
+
+
+def test_a_task_that_is_none_is_refused_with_its_place(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'/trial/tasks: there is no task "uvs"') as caught:
+        protocol(tmp_path, tail='[trial]\ntasks = ["uvs"]')
+    assert (caught.value.code, caught.value.pointer) == ("PROTOCOL_INVALID", "/trial/tasks")

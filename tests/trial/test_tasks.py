@@ -1,0 +1,210 @@
+"""What each task says of meshes whose answers are known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msb.trial.mesh import TriedMesh
+from msb.trial.tasks.boolean import TASKS as BOOLEAN
+from msb.trial.tasks.collision import points_inside
+from msb.trial.tasks.solid import section
+from msb.trial.tasks.subdivide import cut_apart, turned_alike
+from msb.trial.tasks.uv import l2_stretch
+from tests.trial.conftest import MESHES, attempt, bow_tie, box, grid, made_of, pages, soup, together
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("name", "outcome"),
+    [
+        ("box", "works"),
+        ("two boxes", "works"),
+        ("open grid", "fails"),
+        ("bow-tie", "fails"),
+        ("soup", "care"),
+        ("pages", "fails"),
+    ],
+)
+@pytest.mark.parametrize("task", ["solid", "boolean"])
+def test_solids_are_what_is_closed(task: str, name: str, outcome: str) -> None:
+    made, judged = attempt(task, MESHES[name])
+    assert judged.outcome == outcome, judged.why
+    assert (judged.why is None) == (outcome == "works")
+    if task == "solid" and outcome == "works":
+        bodies = 2 if name == "two boxes" else 1
+        assert made["manifold3d"].numbers["volume"] == pytest.approx(bodies)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_a_box_wound_inwards_is_a_solid_with_care() -> None:
+    assert attempt("solid", made_of(box().vertices, box().faces[:, ::-1]))[1].outcome != "works"
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_the_box_takes_half_of_the_volume() -> None:
+    (task,) = BOOLEAN
+    _, judged = attempt(task.name, together(box(), box(3.0)))
+    assert judged.numbers["volume_left"] == pytest.approx(1.0)
+    assert judged.numbers["volume_taken"] == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
+    made, judged = attempt("uv", together(*(box(3.0 * k) for k in range(20))))
+    assert judged.numbers["charts"] <= 6 * 20
+    assert judged.numbers["stretch_l2"] == pytest.approx(1.0, abs=1e-3)
+    assert judged.numbers["faces_left_out"] == 0
+    unwrapped = made["xatlas"].meshes["uv"]
+    assert unwrapped.uv is not None
+    assert ((unwrapped.uv >= 0) & (unwrapped.uv <= 1)).all()
+    _, of_soup = attempt("uv", soup(grid()))  # xatlas joins vertices at one place by itself
+    assert (of_soup.outcome, of_soup.numbers["charts"]) == ("works", 1)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize("percent", [50, 25, 10])
+def test_decimation_reaches_its_target_on_a_grid_and_keeps_its_colours(percent: int) -> None:
+    flat = grid(20)
+    colored = TriedMesh(flat.vertices, flat.faces, np.full_like(flat.colors, 0.25))
+    made, judged = attempt(f"decimate_{percent}", colored)
+    for library, one in made.items():
+        own = judged.numbers[library.replace("-", "_")]
+        assert own["reached"], library
+        assert own["faces"] <= 1.05 * 800 * percent / 100
+        np.testing.assert_allclose(one.meshes["mesh"].colors, 0.25, atol=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("name", "outcome"), [("box", "works"), ("open grid", "works"), ("two boxes", "works")]
+)
+def test_subdivision_is_defined_on_manifold_meshes(name: str, outcome: str) -> None:
+    made, judged = attempt("subdivide", MESHES[name])
+    assert (judged.outcome, judged.numbers["defined"]) == (outcome, True)
+    assert judged.numbers["gap_area"] == 0
+    assert len(made["libigl"].meshes["mesh"].faces) == 4 * len(MESHES[name].faces)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_cracks_open_between_faces_that_were_only_beside_each_other() -> None:
+    # Two triangles of a flat square, not joined. Loop's boundary rule moves each corner a quarter of the way
+    # to the mean of its neighbours, so the copies of the diagonal move apart.
+    square = soup(grid(1))
+    _, judged = attempt("subdivide", square)
+    assert judged.outcome == "fails"
+    corners = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    ends = 0.75 * corners + 0.25 * (corners.sum(axis=0) - corners) / 2
+    one = np.array([ends[0], [0.5, 0.5], ends[1]])
+    two = 1 - one[::-1]  # the other triangle is the same, turned by half a turn
+    gap = 0.0
+    for k in (0, 1):
+        shape = np.array([one[k], one[k + 1], two[k + 1], two[k]])
+        x, y = shape.T
+        gap += abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+    assert judged.numbers["gap_area"] == pytest.approx(gap, rel=1e-5)
+    assert judged.numbers["gap_share"] == pytest.approx(gap, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_lone_faces_are_no_surface_to_subdivide() -> None:
+    apart = together(*(made_of([[0, 0, k], [1, 0, k], [0, 1, k]], [[0, 1, 2]]) for k in range(5)))
+    _, judged = attempt("subdivide", apart)
+    assert (judged.outcome, judged.numbers["lone_share"], judged.numbers["gap_area"]) == ("fails", 1.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_decimating_lone_faces_drops_some_and_keeps_the_colours_of_the_rest() -> None:
+    apart = together(*(made_of([[0, 0, k], [1, 0, k], [0, 1, k]], [[0, 1, 2]]) for k in range(20)))
+    made, judged = attempt("decimate_50", apart)
+    assert judged.numbers["fast_simplification"]["reached"]
+    np.testing.assert_allclose(made["fast-simplification"].meshes["mesh"].colors, 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize(("name", "parts"), [("box", 1), ("two boxes", 2)])
+def test_convex_bodies_are_a_part_each(name: str, parts: int) -> None:
+    made, judged = attempt("collision", MESHES[name])
+    assert judged.outcome == "works"
+    assert judged.numbers["parts"] == parts
+    assert judged.numbers["volume"] == pytest.approx(parts, rel=0.05)
+    inside = made["coacd"].arrays["inside"]
+    assert len(inside) > 1000
+    nearest = np.round(inside.mean(axis=0), 1)
+    np.testing.assert_allclose(nearest, 0.5 if parts == 1 else 2.0, atol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("name", "pairs"),
+    [("box", 0), ("two boxes", 0), ("open grid", 0), ("bow-tie", 0), ("soup", 0), ("pages", 0)],
+)
+def test_neighbours_do_not_cross(name: str, pairs: int) -> None:
+    _, judged = attempt("self_intersections", MESHES[name])
+    assert (judged.outcome, judged.numbers["pairs"], judged.numbers["slivers"]) == ("works", pairs, 0)
+
+
+def test_crossing_boxes_and_slivers_are_counted() -> None:
+    _, judged = attempt("self_intersections", MESHES["boxes that cross"])
+    assert judged.outcome == "fails"
+    assert judged.numbers["faces"] > 0
+    needle = made_of(
+        [[0, 0, 0], [1, 0, 0], [0.5, 0.005, 0], [0, 5, 0], [1, 5, 0], [0, 6, 0]], [[0, 1, 2], [3, 4, 5]]
+    )
+    _, judged = attempt("self_intersections", needle)
+    assert (judged.numbers["slivers"], judged.numbers["sliver_share"]) == (1, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "vertices"), [(box(), 8), (bow_tie(), 6), (pages(), 9), (soup(box()), 36), (grid(2), 9)]
+)
+def test_cutting_leaves_one_fan_at_every_vertex(mesh: TriedMesh, vertices: int) -> None:
+    cut, origin = cut_apart(mesh.faces)
+    assert len(origin) == vertices
+    np.testing.assert_array_equal(origin[cut], mesh.faces)
+
+
+def test_winding_is_made_consistent_where_it_can_be() -> None:
+    faces = box().faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    assert len(cut_apart(faces)[1]) > 8
+    assert len(cut_apart(turned_alike(faces))[1]) == 8
+    strip = np.array([[k % 5, (k + 1) % 5, (k + 2) % 5] for k in range(5)])  # of Möbius, five faces
+    np.testing.assert_array_equal(turned_alike(strip), strip)
+
+
+def test_stretch_is_one_for_a_scaled_map_and_grows_with_squeezing() -> None:
+    flat = grid(3)
+    uv = flat.vertices[:, :2] * 7
+    assert l2_stretch(flat.vertices, flat.faces, uv) == pytest.approx(1.0)
+    # Squeezed by a and stretched by 1/a the singular values are a and 1/a: sqrt((a^2 + 1/a^2) / 2).
+    assert l2_stretch(flat.vertices, flat.faces, uv * (2.0, 0.5)) == pytest.approx(math.sqrt((4 + 0.25) / 2))
+    assert l2_stretch(flat.vertices, flat.faces, uv * 0) is None
+
+
+def test_points_of_a_volume_are_even_over_its_parts() -> None:
+    small, large = box(), box(5.0, 2.0)
+    parts: list[Any] = [(one.vertices, one.faces) for one in (small, large)]
+    points = points_inside(parts, np.array([1.0, 8.0]), 9000)
+    first = (points < 2).all(axis=1)
+    assert first.mean() == pytest.approx(1 / 9, abs=0.02)
+    np.testing.assert_allclose(points[first].mean(axis=0), 0.5, atol=0.05)
+    assert ((points[~first] >= 5) & (points[~first] <= 7)).all()
+
+
+def test_a_cut_through_a_box_is_its_outline() -> None:
+    lines = section(box())
+    assert len(lines) == 8
+    assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(4.0)
