@@ -62,7 +62,8 @@ def inside(wheel: Path) -> set[str]:
 def test_wheel_holds_every_file_of_the_packages_and_nothing_else(wheel: Path) -> None:
     there = package_files()
     assert inside(wheel) == there
-    assert {Path(name).suffix for name in there} >= {".py", ".cl", ".json", ".html", ".js", ".css", ".typed"}
+    kinds = {".py", ".cl", ".wgsl", ".json", ".html", ".js", ".css", ".typed"}
+    assert {Path(name).suffix for name in there} >= kinds
 
 
 def test_sdist_holds_what_is_needed_to_build_test_and_read(built: Path, wheel: Path, tmp_path: Path) -> None:
