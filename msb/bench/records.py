@@ -57,6 +57,10 @@ class Record(BaseModel):
         extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
     )
 
+    def to_json(self) -> bytes:
+        """Return the file's content."""
+        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
+
 
 class Reason(Record):
     """The reason why something is missing: an error code and its message."""
@@ -273,10 +277,6 @@ class RendererTiming(Record):
         """Frames per second of wall-clock time."""
         return self.frames / self.seconds
 
-    def to_json(self) -> bytes:
-        """Return the file's content."""
-        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
-
 
 class Training(Record):
     """What training cost, from the user's own record (`msb track`); never estimated."""
@@ -343,10 +343,6 @@ class Result(Record):
         if audit is None or not isinstance(verdict, dict) or verdict.get("level") != "good":
             return audit
         return {**audit, "verdict": {**verdict, "level": "ok"}}
-
-    def to_json(self) -> bytes:
-        """Return the file's content."""
-        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
 
 
 def read_result(path: str | os.PathLike[str]) -> Result:

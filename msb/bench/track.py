@@ -76,10 +76,6 @@ class Track(Record):
     machine: dict[str, Any]
     tool_version: str
 
-    def to_json(self) -> bytes:
-        """Return the file's content."""
-        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
-
 
 def read_track(path: Path) -> Track:
     """Return the record in the file `path`.

@@ -49,7 +49,7 @@ def repair(
     target: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="OUT", help="What to write; with --compare a folder for pictures."
+            "--out", "-o", metavar="FILE", help="What to write; with --compare a folder for pictures."
         ),
         WRITTEN,
     ] = None,

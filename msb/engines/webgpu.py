@@ -109,7 +109,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return what draws `tier`: on the dedicated one, the blended methods' own look."""
+        """Return what draws `tier`: on the dedicated one, the methods' own look."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer

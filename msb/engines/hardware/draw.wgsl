@@ -1,6 +1,6 @@
 // One quad for each drawn face: from front to back, blended by fixed hardware, or in the order of the asset, the
 // nearest kept by the z-buffer (Z_BUFFER). A method's file stands before this one: it defines `Face`, and
-// `cover`, or `place_of` and `number_of`.
+// `cover`, or `place_of`, `number_of` and `outline`, which may draw less than the quad.
 //
 // The quad's corners are edges of samples, half a sample from any centre, so no rounding of the hardware's
 // changes which samples it has. `Face` comes as instance-stepped vertex attributes and goes on unchanged
@@ -17,8 +17,11 @@ BETWEEN_MEMBERS
 fn corner(@builtin(vertex_index) index: u32, face: Face) -> Between {
     let right = (index & 1u) == 1u;
     let low = (index & 2u) == 2u;
-    let sample = vec2<f32>(select(face.quad.x, face.quad.z + 1.0, right),
+    var sample = vec2<f32>(select(face.quad.x, face.quad.z + 1.0, right),
                            select(face.quad.y, face.quad.w + 1.0, low));
+#if Z_BUFFER
+    sample = outline(face, index, sample);
+#endif
     let inside = (sample - vec2<f32>(band.first * SCALE)) / vec2<f32>(band.size * SCALE);
     var between: Between;
     between.place = vec4<f32>(2.0 * inside.x - 1.0, 1.0 - 2.0 * inside.y, 0.5, 1.0);

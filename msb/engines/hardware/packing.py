@@ -103,14 +103,15 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     method = asset.manifest.method
     values = effective_settings(asset.manifest, settings)
     look: Any = role(method, "look")
-    if hasattr(look, "surface_model"):
-        return _pack_surface(asset, look.surface_model(asset, values))
-    if not hasattr(look, "splat_model"):
+    if not hasattr(look, "splat_model") and not hasattr(look, "surface_model"):
         raise _unsupported(asset)
     check_drawable(asset)
-    model = make_model(asset, values)
+    surface = hasattr(look, "surface_model")
+    model: Model = look.surface_model(asset, values) if surface else make_model(asset, values)
     if not (resources.files(model.package) / f"{model.program}.wgsl").is_file():
         raise _unsupported(asset)
+    if isinstance(model, Surface):
+        return _pack_surface(asset, model)
     faces, vertices = asset.manifest.face_count, len(model.positions)
     f_dc, f_rest = sh_buffers(asset, vertices if model.vertex_colors else faces)
     arrays = {

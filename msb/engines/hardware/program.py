@@ -227,11 +227,13 @@ def _z_buffered(
 def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
     """Upload lattices of faces, as many as a binding takes; yield the buffer of each part and its rows."""
     room = min(planner.limits.binding, planner.limits.buffer) // lattices[0].nbytes
-    for number, (first, count) in enumerate(_ranges(len(lattices), max(room, 1))):
+    parts = _ranges(len(lattices), max(room, 1))
+    for number, (first, count) in enumerate(parts):
         here = lattices[first : first + count].reshape(-1)
         padding = -here.nbytes % 4
-        planner.upload(f"{name} {number}", np.pad(here, (0, padding)) if padding else here)
-        yield f"{name} {number}", planner.part(first, count)
+        part = name if len(parts) == 1 else f"{name} {number}"
+        planner.upload(part, np.pad(here, (0, padding)) if padding else here)
+        yield part, planner.part(first, count)
 
 
 def _between(members: list[str]) -> dict[str, str]:

@@ -245,12 +245,80 @@ fn opacity_of(at: u32) -> f32 {
 #endif
 }
 
+// ---- what is drawn of a face
+
+const MARGIN = 0.0625;   // pixels by which an outline is wider: hardware snaps corners to 1/256
+const ROUNDING = 1.9073486328125e-6; // 2^-19: thirty-two rounding errors
+const FARTHEST = 16384.0; // pixels; beyond it corners themselves are rounded too much
+const THINNEST = 0.1;
+const LONGEST = 16.0;    // pixels by which a corner is moved
+
+fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
+    let at = p.xy / p.w * half + half;
+    return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
+}
+
+// Corner `index` of the strip that is drawn: of the triangle, with each edge moved outwards by more than all
+// rounding, of the hardware's and of the edge functions in `meeting_at`; or `corner`, that of the rectangle,
+// where the triangle is not much smaller, or too thin, too far out or too sharp to say. So the outline spares
+// fragments and decides nothing.
+fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
+    let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
+    let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
+    let s = array<vec2<f32>, 3>(picture_of(p[0], half), picture_of(p[1], half), picture_of(p[2], half));
+    let reach = max(max(abs(s[0]), abs(s[1])), abs(s[2]));
+    let ab = s[1] - s[0];
+    let ac = s[2] - s[0];
+    let twice = ab.x * ac.y - ab.y * ac.x;
+    let longest = max(max(length(ab), length(ac)), length(s[2] - s[1]));
+    if (!(min(p[0].w, min(p[1].w, p[2].w)) > 0.0 && max(reach.x, reach.y) < FARTHEST
+          && abs(twice) > THINNEST * longest)) {
+        return corner;
+    }
+    var error = 0.0; // of an edge function
+    for (var k = 0; k < 3; k++) {
+        let a = abs(p[k]);
+        let b = abs(p[(k + 1) % 3]);
+        error += (a.x + a.w) * (b.y + b.w) + (a.y + a.w) * (b.x + b.w);
+    }
+    error *= ROUNDING;
+    var normal: array<vec2<f32>, 3>; // outwards, of the edge from corner k to the next one
+    var moved: array<f32, 3>;
+    for (var k = 0; k < 3; k++) {
+        let e = s[(k + 1) % 3] - s[k];
+        let long = length(e);
+        normal[k] = sign(twice) * vec2<f32>(e.y, -e.x) / long;
+        // The edge function grows by this in a pixel.
+        moved[k] = MARGIN + error * half.x * half.y / (p[k].w * p[(k + 1) % 3].w * long);
+    }
+    var out: array<vec2<f32>, 3>; // where the two edges of a corner meet
+    var farthest = 0.0;
+    for (var k = 0; k < 3; k++) {
+        let n = normal[k];
+        let m = normal[(k + 2) % 3];
+        let far = moved[(k + 2) % 3];
+        let step = vec2<f32>(far * n.y - moved[k] * m.y, m.x * moved[k] - n.x * far) / (m.x * n.y - m.y * n.x);
+        farthest = max(farthest, length(step));
+        out[k] = s[k] + step;
+    }
+    let u = out[1] - out[0];
+    let v = out[2] - out[0];
+    let whole = (face.quad.z - face.quad.x + 1.0) * (face.quad.w - face.quad.y + 1.0);
+    if (!(0.5 * abs(u.x * v.y - u.y * v.x) < 0.8 * whole && farthest < LONGEST)) {
+        return corner;
+    }
+    return out[min(index, 2u)];
+}
+
 fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
     // Officially the key is NDC depth + 2, between 1 and 3. Less 1 and halved twice it is still exact.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
-    // One part of the opacities is bound.
-    place.inside = place.inside && number_of(face) - part.first < part.count;
+    // Another part of the opacities may be bound.
+    // An outline may reach beyond the official rectangle.
+    let at = vec2<f32>(f32(x), f32(y));
+    place.inside = place.inside && number_of(face) - part.first < part.count
+        && all(at >= face.quad.xy) && all(at <= face.quad.zw);
     if (place.inside && face.number.z == 0.0) {
         let cell = cell_at(m.b0, m.b1);
         let start = (number_of(face) - part.first) * SAMPLES;
