@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb web -o out/page.html data_stubs/splat_like.triasset",
     "msb web -o out/views.html --cameras data_stubs/views.json --up=-y \\\n      data_stubs/checkpoint",
-    "msb web -o out/look.html --tier dedicated --quantise --no-verify \\\n      data_stubs/checkpoint",
+    "msb web -o out/look.html --tier dedicated --quantise --no-verify \\\n"
+    "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
     "msb web -o out/empty.html",
 )
 
