@@ -289,6 +289,7 @@ READ = {
     "report": {"folders", "published"},
     "run": {"path", "scene", "non_engine", "out"},
     "scenes": {"paths"},
+    "trial": {"paths", "cameras"},
     "validate": {"paths"},
     "compare": {"path", "cameras", "images"},
     "view": {"path"},
