@@ -298,7 +298,7 @@ READ = {
 """What names a path and is read, or a folder that outputs are put into, each at a name of its own."""
 WRITTEN = {
     "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
-    "figure", "html", "maps",
+    "figure", "html", "maps", "save",
 }  # fmt: skip
 """What is written. A new path of a command belongs into one of the two."""
 
