@@ -18,8 +18,8 @@ $(BIN)/python:
 
 # What the demo uses: runs, the cross-check's peers, and a report with its pictures of topology; all from PyPI.
 $(FOR_DEMO): EXTRAS := bench,crosscheck,view
-# What the tests try: a cluster and films as well, and their own tools.
-$(FOR_TEST): EXTRAS := crosscheck,distributed,test,view
+# What the tests try: a cluster, films and trials as well, and their own tools.
+$(FOR_TEST): EXTRAS := crosscheck,distributed,test,trial,view
 
 $(FOR_DEMO) $(FOR_TEST): pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
