@@ -29,6 +29,7 @@ def book(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_checkpoint_becomes_a_repaired_asset_with_its_maps(msb: Msb, tmp_path: Path) -> None:
     target, maps = tmp_path / "new" / "a.triasset", tmp_path / "maps.npz"
     result = msb("repair", CHECKPOINT, "-o", target, "--maps", maps, "--json", "-")
@@ -78,6 +79,7 @@ def test_gates_judge_what_came_out_and_what_came_out_is_there(msb: Msb, book: Pa
     assert result.status == 1
 
 
+@pytest.mark.slow
 def test_pixels_weigh_what_debris_removes(msb: Msb, tmp_path: Path) -> None:
     views = ROOT / "data_stubs" / "views.json"
     line = ["repair", CHECKPOINT, "--plan", "debris", "--debris-faces", 0, "--debris-share", 0.001]

@@ -79,6 +79,7 @@ def test_json_is_what_the_schema_says(msb: Msb, flat: Path) -> None:
     assert result.json["mesh"]["faces"] == 72
 
 
+@pytest.mark.slow
 def test_a_task_that_fails_leaves_the_status_0_and_a_gate_makes_it_1(msb: Msb, flat: Path) -> None:
     plain = msb("trial", "--task", "solid", flat)
     assert plain.status == 0

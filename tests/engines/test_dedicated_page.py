@@ -84,6 +84,7 @@ def test_streams_that_are_longer_or_shorter_than_said_are_refused() -> None:
     assert bomb.nbytes == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_rounded_assets_are_packed_without_a_loss_and_look_alike(method: str) -> None:
     view = golden_views(method)[0]

@@ -158,6 +158,7 @@ def test_orders_and_samplings_are_those_of_opencl(method: str, view: View, order
     assert decibels(found.image, wanted.image) >= 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [Limits(100_000, 1 << 24, 100), Limits(1 << 27, 1 << 24, 16384)])
 def test_the_same_frame_has_the_same_bytes_however_it_is_cut(
     limits: Limits, monkeypatch: pytest.MonkeyPatch
@@ -184,6 +185,7 @@ def test_what_does_not_fit_is_told(limits: Limits, monkeypatch: pytest.MonkeyPat
     assert "\n" not in info.value.message
 
 
+@pytest.mark.slow
 def test_a_lost_device_and_a_closed_renderer_are_told() -> None:
     view = golden_views("triangle_splatting")[0]
     renderer = HardwareRenderer(asset_of(view), settings=view.settings)

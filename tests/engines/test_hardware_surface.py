@@ -103,6 +103,7 @@ def test_rectangles_are_the_reference_s_bit_for_bit(view: View) -> None:
     np.testing.assert_array_equal(rectangles[kept], (boxes[:, [0, 2, 1, 3]] + (0, 0, 1, 1))[kept])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("web", [False, True])
 def test_the_same_frame_has_the_same_bytes_however_it_is_cut(
     web: bool, monkeypatch: pytest.MonkeyPatch

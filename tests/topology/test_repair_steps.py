@@ -173,6 +173,7 @@ def test_pair_joins_what_its_twin_joins() -> None:
         assert corner_numbers(faces, change) == expected, seed
 
 
+@pytest.mark.slow
 def test_after_pair_the_winding_can_be_made_consistent() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
