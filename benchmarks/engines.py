@@ -2,9 +2,11 @@
 
     python -m benchmarks.engines                               every scene, every engine that is installed
     python -m benchmarks.engines --scenes goldens --engines wgpu
+    python -m benchmarks.engines --tier dedicated             stages, memory and dB of the dedicated tier
     python -m benchmarks.engines --pictures docs/images        the pictures of docs/engines.md
 
-Prints the tables of docs/engines.md; `--json` keeps the figures.
+Prints the tables of docs/engines.md; `--json` keeps the figures. engines_dedicated.py says what `--tier
+dedicated` compares, and what its times are worth.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msb
+from benchmarks import engines_dedicated
 from benchmarks.measure import machine
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, pose, shell
 from data_stubs.make import splat_like_asset
@@ -119,6 +122,39 @@ def compare(scene: str, engines: list[str]) -> list[dict[str, Any]]:
     return rows
 
 
+DEDICATED: dict[str, tuple[str, Callable[[], Iterator[tuple[str, Asset, list[Camera]]]]]] = {
+    "capture": ("100,000 faces of a synthetic capture", lambda: engines_dedicated.synthetic(100_000)),
+    "capture-1M": ("a million of them", lambda: engines_dedicated.synthetic(1_000_000)),
+    "garden": (
+        "triangles at 138,766 points of a capture, four real cameras",
+        lambda: engines_dedicated.captured(GARDEN),
+    ),
+}
+"""Scenes of the dedicated tier: a model of each blended method."""
+
+
+def compare_dedicated(scenes: list[str], rounds: int) -> dict[str, Any]:
+    """Print the tables of the dedicated tier, and return their rows by scene and method."""
+    found: dict[str, Any] = {}
+    for scene in scenes:
+        what, make = DEDICATED[scene]
+        for method, asset, cameras in make():
+            rows = found.setdefault(scene, {})[method] = engines_dedicated.compare(asset, cameras, rounds)
+            engines_dedicated.print_table(f"{what}: {method}, {rounds} rounds", rows)
+        if scene not in found:
+            print(f"{scene}: its data is not here")
+    drawn_by = {
+        row["renderer"]: ", ".join(row["drawn_by"])
+        for by_method in found.values()
+        for rows in by_method.values()
+        for row in rows
+        if "drawn_by" in row
+    }
+    print("\n" + "\n\n".join(f"{renderer}: {about}" for renderer, about in drawn_by.items()))
+    print("\nThe times of a software adapter say nothing of a graphics card.")
+    return found
+
+
 def print_table(scene: str, rows: list[dict[str, Any]]) -> None:
     """Print a scene's rows in Markdown."""
     first = rows[0]
@@ -164,32 +200,48 @@ def write_pictures(folder: Path) -> None:
     sheet.quantize(256).save(folder / "engine_colors.png", optimize=True)
 
 
+def compare_standard(scenes: list[str], names: list[str]) -> dict[str, Any]:
+    """Print the tables of the standard tier, and return their rows by scene."""
+    engines = []
+    for name in names:
+        missing = what_is_missing(name)
+        if missing is None:
+            engines.append(name)
+        else:
+            print(f"{name}: not compared: {missing}")
+    found: dict[str, Any] = {}
+    for scene in scenes:
+        rows = found[scene] = compare(scene, engines)
+        if rows:
+            print_table(scene, rows)
+    for row in next(rows for rows in found.values() if rows):
+        print(f"\n{row['engine']}: {row['drawn_by']}")
+    return found
+
+
 def main() -> None:
     """Compare and print, or write the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
+    parser.add_argument("--tier", choices=["standard", "dedicated"], default="standard")
+    parser.add_argument("--scenes", nargs="+", help=f"{', '.join(SCENES)}; dedicated: {', '.join(DEDICATED)}")
     parser.add_argument("--engines", nargs="+", choices=list(ENGINES), default=list(ENGINES))
+    parser.add_argument("--rounds", type=int, default=9, help="of the dedicated tier")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--pictures", type=Path, help="write the pictures into this folder, and nothing else")
     options = parser.parse_args()
     if options.pictures:
         write_pictures(options.pictures)
         return
-    engines = []
-    for name in options.engines:
-        missing = what_is_missing(name)
-        if missing is None:
-            engines.append(name)
-        else:
-            print(f"{name}: not compared: {missing}")
-    record: dict[str, Any] = {"machine": machine("numpy", "wgpu"), "scenes": {}}
+    there: dict[str, Any] = SCENES if options.tier == "standard" else DEDICATED
+    scenes = options.scenes or list(there)
+    if unknown := set(scenes) - there.keys():
+        parser.error(f"no scene of tier {options.tier}: {', '.join(sorted(unknown))}")
+    record: dict[str, Any] = {"machine": machine("numpy", "wgpu", "pyopencl"), "scenes": {}}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
-    for scene in options.scenes:
-        rows = record["scenes"][scene] = compare(scene, engines)
-        if rows:
-            print_table(scene, rows)
-    for row in next(rows for rows in record["scenes"].values() if rows):
-        print(f"\n{row['engine']}: {row['drawn_by']}")
+    if options.tier == "dedicated":
+        record["scenes"] = compare_dedicated(scenes, options.rounds)
+    else:
+        record["scenes"] = compare_standard(scenes, options.engines)
     if options.json:
         options.json.parent.mkdir(parents=True, exist_ok=True)
         options.json.write_text(json.dumps(record, indent=1) + "\n")

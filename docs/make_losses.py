@@ -62,12 +62,14 @@ class Row(NamedTuple):
         return f"{TITLES[self.method]}, {self.scene}{self.note}"
 
 
-def psnr(image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None) -> float:
+def psnr(
+    image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None, *, quantize: bool = True
+) -> float:
     """Return the PSNR in dB of two images as a screen shows them, clamped to [0, 1]."""
     first, second = np.clip(image, 0, 1), np.clip(official, 0, 1)
     if stable is not None:
         first, second = first[stable][None], second[stable][None]
-    return msb.metrics.psnr(first, second)
+    return msb.metrics.psnr(first, second, quantize=quantize)
 
 
 def draw(asset: msb.Asset, camera: msb.Camera, **options: Any) -> NDArray[np.float32]:
@@ -95,14 +97,20 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
     return found, strips
 
 
+def capture(method: str, faces: int) -> msb.Asset:
+    """Return the benchmark's model of a method, its faces in no order that helps."""
+    asset = model(method, faces)
+    if not is_connected(method):  # soups are random already
+        return asset
+    shuffled = np.random.default_rng(0).permutation(asset.buffers["indices"])
+    return replace(asset, buffers={**asset.buffers, "indices": shuffled})
+
+
 def captures(device: str | None) -> dict[Row, Figures]:
     """Return the figures of the benchmark's models, which have no order that a user could know of."""
     found = {}
     for method in BLENDED:
-        asset, camera = model(method, CAPTURE), capture_camera(620, 411)
-        shuffled = np.random.default_rng(0).permutation(asset.buffers["indices"])
-        if is_connected(method):  # soups are as random as this already
-            asset = replace(asset, buffers={**asset.buffers, "indices": shuffled})
+        asset, camera = capture(method, CAPTURE), capture_camera(620, 411)
         official = draw(asset, camera, device=device)
         found[Row(method, f"synthetic capture of {CAPTURE:,} faces, 620 x 411")] = {
             choice: [psnr(draw(asset, camera, device=device, **options), official)]

@@ -1,0 +1,127 @@
+"""The dedicated tier by a graphics pipeline, beside ours in OpenCL and beside three.js' plain mesh.
+
+All renderers of a scene take turns within a round, so a machine whose speed drifts treats them alike. Times
+are medians over the rounds of what `draw` says: the device's where it has timestamps, else those of waiting.
+Every image is compared with that of our OpenCL kernels, which are the official image to 136 dB or more.
+
+A software adapter computes on the processor that our kernels have, too. Its images and its memory count, and
+so do the shares of its stages; its times say nothing of a graphics card.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import msb
+from benchmarks.dedicated_scenes import BLENDED, camera
+from benchmarks.garden import surface_of
+from data_stubs.trained import write_models
+from docs.make_losses import capture, psnr
+from msb.engines.engine import WALL_CLOCK
+from msb.errors import MsbError, Unsupported
+from msb.methods import METHODS
+from msb.render.backend import SETTLED_AT, what_is_missing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb import Asset, Camera
+
+OURS = "OpenCL"
+RENDERERS: dict[str, tuple[str, dict[str, Any]]] = {
+    OURS: ("dedicated", {"outputs": ()}),
+    "wgpu": ("dedicated", {"name": "wgpu"}),
+    "wgpu, half floats": ("dedicated", {"name": "wgpu", "half": True}),
+    "wgpu, `order=global`": ("dedicated", {"name": "wgpu", "order": "global"}),
+    "wgpu, `order=none`": ("dedicated", {"name": "wgpu", "order": "none"}),
+    "wgpu, `sampling=engine`": ("dedicated", {"name": "wgpu", "sampling": "engine"}),
+    "wgpu, `engine` and `none`": ("dedicated", {"name": "wgpu", "sampling": "engine", "order": "none"}),
+    "three.js, the plain mesh": ("standard", {"name": "threejs"}),
+}
+"""Row -> tier and options."""
+STAGES = ("project", "sort", "records", "bin", "blend", "resolve")
+BLACK = (0.0, 0.0, 0.0)
+
+
+def synthetic(faces: int) -> Iterator[tuple[str, Asset, list[Camera]]]:
+    """Yield a model of every blended method, of about so many faces."""
+    for method in BLENDED:
+        yield METHODS[method].title, capture(method, faces), [camera(620, 411)]
+
+
+def captured(garden: Path) -> Iterator[tuple[str, Asset, list[Camera]]]:
+    """Yield models of a triangle at every point of a capture, and four of its cameras."""
+    if not garden.exists():
+        return
+    cameras = [seen.resized(648, 420) for seen in msb.read_cameras(garden / "sparse" / "0")[::8]]
+    with tempfile.TemporaryDirectory() as folder:
+        write_models(Path(folder), surface_of(garden), white=False, layout="colmap")
+        for method in BLENDED:
+            yield METHODS[method].title, msb.export(Path(folder) / method), cameras
+
+
+def compare(asset: Asset, cameras: list[Camera], rounds: int) -> list[dict[str, Any]]:
+    """Return a row for each renderer, the first of which is ours; one that cannot draw says why."""
+    rows: list[dict[str, Any]] = []
+    running: dict[str, msb.Renderer] = {}
+    official: list[Any] = []
+    try:
+        for title, (tier, options) in RENDERERS.items():
+            row: dict[str, Any] = {"renderer": title, "rounds": []}
+            rows.append(row)
+            missing = what_is_missing(options["name"]) if "name" in options else None
+            if missing is not None:
+                row["error"] = missing
+                continue
+            try:
+                renderer = running[title] = msb.Renderer(asset, tier, **options)  # type: ignore[arg-type]
+                for _ in range(SETTLED_AT):
+                    images = [renderer.render(seen, BLACK).image for seen in cameras]
+            except MsbError as error:
+                row["error"] = str(error)
+                if title == OURS or not isinstance(error, Unsupported):
+                    raise
+                continue
+            official = official or images
+            row["psnr"] = [
+                psnr(image, own, quantize=False) for image, own in zip(images, official, strict=True)
+            ]
+            row["bytes"] = sum(renderer.memory().values())
+            row["drawn_by"] = [renderer.name, *(renderer.device_info or {}).values()]
+        for _ in range(rounds):
+            for row in rows:
+                if "error" not in row:
+                    renderer = running[row["renderer"]]
+                    row["rounds"].append([dict(renderer.draw(seen, BLACK).stages) for seen in cameras])
+    finally:
+        for renderer in running.values():
+            renderer.close()
+    return rows
+
+
+def stage_times(row: dict[str, Any]) -> dict[str, float]:
+    """Return stage -> median milliseconds of a frame, of any camera."""
+    frames = [frame for turn in row["rounds"] for frame in turn]
+    return {stage: median(frame[stage] for frame in frames) for stage in frames[0]}
+
+
+def print_table(title: str, rows: list[dict[str, Any]]) -> None:
+    """Print the rows of a method in Markdown."""
+    print(f"\n**{title}**\n")
+    print("| renderer | " + " | ".join(STAGES) + " | frame, ms | / ours | dB to ours, least | MB |")
+    print("|---" * (len(STAGES) + 5) + "|")
+    ours = sum(stage_times(rows[0]).values())
+    for row in rows:
+        if "error" in row:
+            print(f"| {row['renderer']} | not drawn: {row['error']} |")
+            continue
+        times = stage_times(row)
+        cells = [f"{times[stage]:.1f}" if stage in times else "-" for stage in STAGES]
+        whole = sum(times.values())
+        note = " (wall clock)" if WALL_CLOCK in times else ""
+        equal = "-" if row is rows[0] else f"{min(row['psnr']):.1f}"
+        cells += [f"{whole:.1f}{note}", f"{whole / ours:.2f}", equal, f"{row['bytes'] / 1e6:.0f}"]
+        print(f"| {row['renderer']} | " + " | ".join(cells) + " |", flush=True)
