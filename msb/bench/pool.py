@@ -79,7 +79,7 @@ def run_all(
                 yield waiting[number], answer
         broken.sort()
         for number in broken[:suspects]:
-            again: Answer | Exception = _answer(workers.executor().submit(function, waiting[number]))
+            again: Answer | Exception = _answer(_submitted(workers.executor(), function, waiting[number]))
             yield waiting[number], _death() if isinstance(again, BrokenExecutor) else again
         waiting = [waiting[number] for number in broken[suspects:]]
 
@@ -88,7 +88,7 @@ def _at_once(
     workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
 ) -> Iterator[tuple[int, Answer | Exception]]:
     executor = workers.executor()
-    futures = {executor.submit(function, task): number for number, task in enumerate(tasks)}
+    futures = {_submitted(executor, function, task): number for number, task in enumerate(tasks)}
     try:
         for future in as_completed(futures):
             answer: Answer | Exception = _answer(future)
@@ -102,7 +102,17 @@ def _one_by_one(
     workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
 ) -> Iterator[tuple[int, Answer | Exception]]:
     for number, task in enumerate(tasks):
-        yield number, _answer(workers.executor().submit(function, task))
+        yield number, _answer(_submitted(workers.executor(), function, task))
+
+
+def _submitted(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
+    """Hand a task over. A pool that broke meanwhile refuses it, which is an answer like a later death."""
+    try:
+        return executor.submit(function, task)
+    except BrokenExecutor as error:
+        refused: Future[Answer] = Future()
+        refused.set_exception(error)
+        return refused
 
 
 def _answer(future: Future[Answer]) -> Answer | Exception:

@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING
+from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, cast
 
 import psutil
 import pytest
@@ -36,6 +37,28 @@ def test_answers_errors_and_deaths(tmp_path: Path) -> None:
     died = found["die"]
     assert isinstance(died, MsbError)
     assert died.code == "RUN_WORKER_DIED"
+
+
+class Refusing(ThreadPoolExecutor):
+    """A pool that a death breaks while tasks are being handed over: it takes one, and no more."""
+
+    def submit(self, function: Any, /, *args: Any, **kwargs: Any) -> Any:
+        if self._work_queue.qsize() or self._threads:
+            raise BrokenExecutor
+        return super().submit(function, *args, **kwargs)
+
+
+class Breaking:
+    jobs = 2
+
+    def executor(self) -> Executor:
+        return Refusing(1)
+
+
+def test_a_pool_that_breaks_before_all_tasks_are_handed_over_loses_none() -> None:
+    assert sorted(run_all(cast("pool.Workers", Breaking()), double, [1, 2, 3, 4, 5])) == [
+        (number, 2 * number) for number in range(1, 6)
+    ]
 
 
 @pytest.mark.slow
