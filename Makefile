@@ -55,9 +55,8 @@ test: $(FOR_TEST)
 # The rest: what takes minutes and rarely breaks, LPIPS with torch among it, which is kept in the user's cache folder; then
 # the kernels on every other OpenCL platform that is installed.
 test-all: $(FOR_TEST)
-	$(BIN)/python -m tests.lpips_extra
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow and not torch"
-	$(BIN)/python -m pytest -m torch tests/metrics
+	$(BIN)/python -m tests.with_torch
 	$(BIN)/python -m tests.machines
 
 # On Debian, where apt-get asks nobody: what draws in Vulkan and in a browser, and OpenCL platforms to test on. It says what

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
+
+from tests import kernel_cache
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,8 +31,14 @@ SHORT = {
 """Variables with which commands that are only to succeed end sooner."""
 
 
+KERNELS = pytest.StashKey[tuple[Path, int]]()
+"""PoCL's cache of this session, and the number of files that it began with."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Give PoCL a kernel cache of this session's own, and show it the wheel alone; child processes included.
+
+    How long anything takes decides no test of hypothesis either.
 
     What a killed compiler leaves in a cache, another version of the kernels, or another platform that the
     system happens to have, must not decide a test. A variable that is set holds; `tests.machines` sets them.
@@ -41,6 +50,16 @@ def pytest_configure(config: pytest.Config) -> None:
         folder = tempfile.TemporaryDirectory(prefix="msb-test-", ignore_cleanup_errors=True)
         os.environ[variable] = folder.name
         config.add_cleanup(folder.cleanup)
+        if variable == "POCL_CACHE_DIR":
+            config.stash[KERNELS] = Path(folder.name), kernel_cache.copy_to(Path(folder.name))
+    settings.register_profile("ours", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    settings.load_profile("ours")
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Keep what was compiled, if everything passed."""
+    if exitstatus == 0 and KERNELS in session.config.stash:
+        kernel_cache.keep(*session.config.stash[KERNELS])
 
 
 def pytest_collection_finish() -> None:

@@ -19,7 +19,7 @@ from tests.adapters import torch_samples  # noqa: E402 it imports torch
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.torch, pytest.mark.slow, pytest.mark.oracle]
 
 
 def both(path: Path, *, weights_only: bool = True) -> None:

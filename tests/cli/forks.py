@@ -102,7 +102,7 @@ def _server() -> tuple[subprocess.Popen[str], Path]:
     return process, Path(folder.name)
 
 
-_PATH = f"{ROOT}{os.pathsep}{ROOT / 'viewers'}"
+_PATH = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "viewers"), os.environ.get("PYTHONPATH")]))
 
 
 def run_msb(args: list[str], cwd: Path, env: Mapping[str, str | None]) -> subprocess.CompletedProcess[bytes]:

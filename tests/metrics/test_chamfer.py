@@ -133,7 +133,7 @@ def sample_by_loops(vertices: NDArray[Any], faces: NDArray[Any], spacing: float)
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 2))
 def test_sampling_and_thinning_are_the_loops(seed: int, spacing: float) -> None:
     random = np.random.default_rng(seed)
@@ -177,7 +177,7 @@ def test_nothing_in_reach_is_none_with_a_reason() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 40))
 def test_distances_are_those_of_all_pairs(seed: int, limit: float) -> None:
     """Random clouds, voxels and table, with the rules of the evaluation written out point by point."""

@@ -79,7 +79,7 @@ def images(kind: str, height: int, width: int, seed: int) -> tuple[NDArray[np.ui
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(st.sampled_from(KINDS), st.integers(1, 30), st.integers(1, 30), st.integers(0, 2**32 - 1))
 def test_both_are_their_formulas_at_any_size(kind: str, height: int, width: int, seed: int) -> None:
     a, b = images(kind, height, width, seed)

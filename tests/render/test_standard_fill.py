@@ -114,7 +114,7 @@ points = st.tuples(coordinates, coordinates)
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(points, points, points, points)
 def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:
     """Two triangles on either side of an edge, at any places of the grid, samples on edges included."""

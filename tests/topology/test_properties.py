@@ -16,7 +16,7 @@ from tests.topology import brute_force
 from tests.topology.meshes import random_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]
-QUICK = settings(max_examples=60, deadline=None, derandomize=True)
+QUICK = settings(max_examples=60, derandomize=True)
 
 
 @st.composite

@@ -124,7 +124,7 @@ def meshes(draw: st.DrawFn) -> Mesh:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STEPS)
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 @given(meshes())
 def test_each_step_keeps_its_promises_on_drawn_meshes(name: str, mesh: Mesh) -> None:
     check_is_sound(name, *mesh)

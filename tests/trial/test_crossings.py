@@ -40,7 +40,7 @@ def every_pair(corners: Any) -> list[list[int]]:
     return [[i, j] for i, j in combinations(range(len(rows)), 2) if crosses(rows[i], rows[j])]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10_000), st.sampled_from([2, 3, 6, 50]), st.integers(2, 16))
 def test_pairs_are_those_of_exact_arithmetic(seed: int, size: int, count: int) -> None:
     # Few whole numbers: touching, coplanar and degenerate triangles are common.

@@ -1,7 +1,8 @@
-"""Install the extra lpips for `make test-all`, once for all checkouts: `python -m tests.lpips_extra`.
+"""Run the tests that need torch, in a session of their own: `python -m tests.with_torch`.
 
 With torch, as pip resolves it, come gigabytes of CUDA's libraries on Linux. So the packages are kept in the
-user's cache folder; a .pth file puts them behind the environment's own. `make test` never needs them.
+user's cache folder, once for all checkouts, and stand behind the environment's own for this session alone:
+whatever else imports torch where it can, as hypothesis' search for constants does, is slow with it.
 """
 
 from __future__ import annotations
@@ -17,13 +18,29 @@ from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+FOLDERS = ("tests/metrics", "tests/adapters")
 SECONDS = 1800
 
 
-def main() -> None:
-    """Make torch and lpips importable, and say in a line what they weigh or why they are not there."""
+def main() -> int:
+    """Run the tests marked torch, and return pytest's status."""
+    line = [sys.executable, "-m", "pytest", "-m", "torch", *FOLDERS]
+    with tempfile.TemporaryDirectory() as made:
+        if folder := packages():
+            # Python reads this at every start, of commands that tests run as well, and puts the folder last.
+            Path(made, "sitecustomize.py").write_text(f"import sys\nsys.path.append({str(folder)!r})\n")
+        own = os.environ.get("PYTHONPATH")
+        path = os.pathsep.join([made, *([own] if own else [])])
+        return subprocess.run(line, cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, check=False).returncode
+
+
+def packages() -> Path | None:
+    """Return the folder of torch and lpips; say in a line what they weigh or why they are not there.
+
+    None stands for an environment that has both, and for one that cannot.
+    """
     if find_spec("torch") and find_spec("lpips"):
-        return
+        return None
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wanted = project["project"]["optional-dependencies"]["lpips"]
     folder = kept_in(wanted)
@@ -32,10 +49,9 @@ def main() -> None:
         if reason := install(wanted, folder):
             text = "the extra lpips cannot be installed here: its tests will be skipped"
             print(f"{text} ({reason})", file=sys.stderr)
-            return
-    link = Path(sysconfig.get_path("purelib")) / "meshsplatbench_lpips.pth"
-    link.write_text(f"{folder}\n", encoding="utf-8")
+            return None
     print(f"the extra lpips, for tests: {weight(folder) / 1e9:.1f} GB, kept in {folder}")
+    return folder
 
 
 def kept_in(wanted: list[str]) -> Path:
@@ -76,4 +92,4 @@ def weight(folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

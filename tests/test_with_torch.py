@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests import lpips_extra
+from tests import with_torch
 
 
 @pytest.fixture
@@ -24,10 +24,8 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[list[str]]:
             file.truncate(200_000_000)
         return subprocess.CompletedProcess(words, 0, "", "")
 
-    (tmp_path / "site").mkdir()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(lpips_extra, "find_spec", lambda _: None)
-    monkeypatch.setattr(lpips_extra.sysconfig, "get_path", lambda _: str(tmp_path / "site"))
+    monkeypatch.setattr(with_torch, "find_spec", lambda _: None)
     monkeypatch.setattr(subprocess, "run", pip)
     return found
 
@@ -35,12 +33,10 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[list[str]]:
 def test_torch_is_installed_once_and_its_weight_is_said(
     calls: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for _ in range(2):
-        lpips_extra.main()
+    (folder,) = {with_torch.packages() for _ in range(2)}
     assert len(calls) == 1
     assert calls[0][-2].startswith("torch>=")
-    (link,) = (tmp_path / "site").glob("*.pth")
-    folder = Path(link.read_text().strip())
+    assert folder is not None
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
     assert [path.name for path in folder.iterdir()] == ["torch.so"]
     out = capsys.readouterr().out.splitlines()
@@ -58,18 +54,18 @@ def test_what_cannot_be_installed_is_one_line_and_leaves_nothing(
         return subprocess.CompletedProcess(words, 1, "", "WARNING: offline\nERROR: No such package")
 
     monkeypatch.setattr(subprocess, "run", fails)
-    lpips_extra.main()
+    assert with_torch.packages() is None
     assert capsys.readouterr().err == (
         "the extra lpips cannot be installed here: its tests will be skipped (ERROR: No such package)\n"
     )
     assert not calls
-    assert not [*(tmp_path / "site").iterdir(), *(tmp_path / "cache" / "meshsplatbench").iterdir()]
+    assert not [*(tmp_path / "cache" / "meshsplatbench").iterdir()]
 
 
 def test_an_environment_with_torch_is_left_alone(
     calls: list[list[str]], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lpips_extra, "find_spec", lambda name: name)
-    lpips_extra.main()
+    monkeypatch.setattr(with_torch, "find_spec", lambda name: name)
+    assert with_torch.packages() is None
     assert not calls
     assert not any(capsys.readouterr())

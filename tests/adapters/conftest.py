@@ -1,0 +1,16 @@
+"""What imports torch is left to the session that has it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Say that the module which compares with torch is none of an ordinary session's."""
+    ours = collection_path.name == "test_against_torch.py"
+    return True if ours and config.option.markexpr != "torch" else None
