@@ -84,8 +84,9 @@ ALLOWED: dict[str, set[str]] = {
         "cl",
         "trial",
     },
-    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
-    "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing"},
+    # A trial can be of the repaired mesh, and `repair.compare` alone tries what repairs make.
+    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render", "trial"},
+    "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing", "repair"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
 }

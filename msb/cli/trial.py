@@ -59,6 +59,12 @@ def trial(
     weld: Annotated[
         str | None, typer.Option(metavar="exact|EPS", help="Merge coincident vertices first.")
     ] = None,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Repair the mesh first, as msb repair does by default.")
+    ] = False,
+    plan: Annotated[
+        str | None, typer.Option(metavar="STEPS", help="Repair the mesh first by these steps of msb repair.")
+    ] = None,
     cameras: Cameras = None,
     chosen: Chosen = None,
     seconds: Annotated[float, typer.Option(help="Limit of each library for each task.")] = 60.0,
@@ -84,10 +90,12 @@ def trial(
 ) -> None:
     """Try what artists do with meshes: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
-    Each task is done by the libraries that artists' tools use, on the mesh as it is stored, in a process that
-    is ended at its limits. Without --cameras, eight views from a turntable judge how the results look.
+    Each task is done by the libraries that artists' tools use, on the mesh as it is stored (or welded, or
+    repaired, on request), in a process that is ended at its limits. Without --cameras, eight views from a
+    turntable judge how the results look.
     """
     from msb.cli.inputs import expand
+    from msb.repair.plan import DEFAULT, parse_plan
     from msb.trial.limits import Limits
     from msb.trial.registry import chosen_tasks
 
@@ -97,6 +105,7 @@ def trial(
     if away := gated - {task.name for task in known}:
         raise UsageError("USAGE", f"--fail-on names {min(away)}, which --task leaves out")
     limits = Limits(seconds, memory)
+    steps = parse_plan(plan) if plan is not None else DEFAULT if repair else None
     views = None if cameras is None else _views(cameras, chosen)
     if cameras is None and chosen:
         raise UsageError("USAGE", "--camera goes with --cameras")
@@ -104,7 +113,8 @@ def trial(
     output.check_free(save, folder=True)
     if not limits.limits_memory:
         output.note("this system has no limit of memory for a process; only --seconds holds")
-    run = _Run(output, [task.name for task in known], _weld(weld), views, limits, device, save, gated)
+    first = (_weld(weld), steps)
+    run = _Run(output, [task.name for task in known], first, views, limits, device, save, gated)
     status = 0
     inputs = [one for path in paths for one in expand(path)]
     if save is not None and len(inputs) > 1:
@@ -155,14 +165,15 @@ class _Run:
         self,
         output: Output,
         tasks: list[str],
-        weld: Weld | None,
+        first: tuple[Weld | None, tuple[str, ...] | None],
         views: list[Camera] | None,
         limits: Limits,
         device: str | None,
         save: Path | None,
         gated: set[str],
     ) -> None:
-        self.output, self.tasks, self.weld, self.views = output, tasks, weld, views
+        self.output, self.tasks, self.views = output, tasks, views
+        self.weld, self.plan = first
         self.limits, self.device, self.save, self.gated = limits, device, save, gated
         self.printed = False
 
@@ -198,6 +209,7 @@ class _Run:
                 asset,
                 self.tasks,
                 weld=self.weld,
+                repair=self.plan,
                 cameras=self.views,
                 limits=self.limits,
                 device=self.device,
@@ -219,6 +231,8 @@ class _Run:
             echo()
         self.printed = True
         welded = "" if self.weld is None else ", welded"
+        if self.plan is not None:
+            welded += f", repaired by {','.join(self.plan)}"
         views = f"{found.cameras['count']} {'views of a turntable' if self.views is None else 'cameras'}"
         echo(f"{name}: {found.mesh['vertices']:,} vertices, {found.mesh['faces']:,} faces{welded}; {views}")
         table = plain_table(

@@ -6,15 +6,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from msb.atomic import new_file
-from msb.errors import shorten
+from msb.errors import AssetError, about, shorten
 from msb.extras import install, is_installed
 from msb.meshes import write_mesh
 from msb.opening import as_asset
+from msb.repair.assets import repair_mesh
+from msb.repair.plan import Options, parse_plan
 from msb.scenes.around import around
 from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
 from msb.trial.look import VIEWS, Look
-from msb.trial.mesh import mesh_to_try
+from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.registry import chosen_tasks
 from msb.trial.task import Judgement
 
@@ -28,7 +30,6 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.scenes import Camera
     from msb.topology.weld import Weld
-    from msb.trial.mesh import TriedMesh
     from msb.trial.task import Made, Numbers, Outcome, Reply, Task
 
 SCHEMA = "msb.trial/1"
@@ -84,7 +85,7 @@ class Trials:
     path : str or None
     trials : tuple of Trial
     mesh : dict
-        Numbers of vertices and faces, the weld, and the SHA-256 of what was tried.
+        Numbers of vertices and faces, the weld, the plan of the repair, and the SHA-256 of what was tried.
     limits : dict
         `Limits.to_dict`.
     cameras : dict
@@ -108,6 +109,7 @@ def trial(
     tasks: Iterable[str] = (),
     *,
     weld: Weld | None = None,
+    repair: Sequence[str] | str | None = None,
     cameras: Sequence[Camera] | None = None,
     limits: Limits | None = None,
     device: str | None = None,
@@ -123,6 +125,8 @@ def trial(
         if there are none; docs/trial.md describes them.
     weld : "exact" or float, optional
         Merge coincident vertices first.
+    repair : sequence of str, or str, optional
+        The plan of a repair that is made first, as `msb.repair` takes it; after the weld.
     cameras : sequence of Camera, optional
         Where the mesh is looked at from; eight turntable views if not given.
     limits : Limits, optional
@@ -138,9 +142,9 @@ def trial(
     Raises
     ------
     UsageError
-        `USAGE`: there is no such task.
+        `USAGE`: there is no such task, or no such step of a repair.
     AssetError
-        A coordinate is not finite, or an index is out of range.
+        A coordinate is not finite, or an index is out of range; `TRIASSET_EMPTY`: the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
         The path cannot be read, or the weld is none.
 
@@ -151,7 +155,9 @@ def trial(
     >>> solid.outcome
     'fails'
     """
-    found = try_asset(as_asset(asset), tasks, weld=weld, cameras=cameras, limits=limits, device=device)
+    found = try_asset(
+        as_asset(asset), tasks, weld=weld, repair=repair, cameras=cameras, limits=limits, device=device
+    )
     return list(found.trials)
 
 
@@ -160,6 +166,7 @@ def try_asset(
     tasks: Iterable[str] = (),
     *,
     weld: Weld | None = None,
+    repair: Sequence[str] | str | None = None,
     cameras: Sequence[Camera] | None = None,
     limits: Limits | None = None,
     device: str | None = None,
@@ -179,26 +186,40 @@ def try_asset(
     """
     chosen = chosen_tasks(tasks)
     limits = limits or Limits()
+    plan = None if repair is None else parse_plan(repair)
     mesh = mesh_to_try(asset, weld)
+    if plan is not None:
+        with about(asset.path):
+            mesh = _repaired(mesh, plan)
     look = Look(mesh, cameras if cameras is not None else around(asset, VIEWS), device)
     found = []
     for task in chosen:
         found.append(_Trying(task, mesh, look, limits).run(keep, meshes=meshes))
         watch(found[-1])
-    about: dict[str, Any] = {
+    views: dict[str, Any] = {
         "count": len(look.cameras),
         "from": "turntable" if cameras is None else "given",
     }
     if look.why_not is not None:
-        about["no_pictures"] = look.why_not
+        views["no_pictures"] = look.why_not
     tried = {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
         "weld": weld,
+        "repair": None if plan is None else list(plan),
         "sha256": mesh.sha256,
     }
     path = None if asset.path is None else str(asset.path)
-    return Trials(path, tuple(found), tried, limits.to_dict(), about)
+    return Trials(path, tuple(found), tried, limits.to_dict(), views)
+
+
+def _repaired(mesh: TriedMesh, plan: tuple[str, ...]) -> TriedMesh:
+    """Return the mesh repaired by the default options of the steps."""
+    made, _ = repair_mesh(mesh.to_mesh(), plan, Options())
+    if not len(made.faces):
+        raise AssetError("TRIASSET_EMPTY", f"the repair {','.join(plan)} left no face to try anything on")
+    assert made.vertex_colors is not None
+    return TriedMesh(made.vertices, made.faces, made.vertex_colors)
 
 
 class _Trying:

@@ -11,7 +11,7 @@ import pytest
 import msb as api
 from msb.meshes import write_mesh
 from msb.meshes.mesh import Mesh
-from tests.trial.conftest import box, grid
+from tests.trial.conftest import box, grid, pages
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,7 +55,7 @@ SCHEMA = {
         "tool_version": {"type": "string"},
         "path": {"type": "string"},
         "trials": {"type": "array", "items": TRIAL},
-        "mesh": {"type": "object", "required": ["vertices", "faces", "weld", "sha256"]},
+        "mesh": {"type": "object", "required": ["vertices", "faces", "weld", "repair", "sha256"]},
         "limits": {"type": "object", "required": ["seconds", "memory_gib"]},
         "cameras": {"type": "object", "required": ["count", "from"]},
     },
@@ -77,6 +77,21 @@ def test_json_is_what_the_schema_says(msb: Msb, flat: Path) -> None:
     (one,) = result.json["trials"]
     assert (one["task"], one["outcome"]) == ("self_intersections", "works")
     assert result.json["mesh"]["faces"] == 72
+
+
+def test_what_is_tried_is_repaired_first_on_request(msb: Msb, tmp_path: Path) -> None:
+    path = tmp_path / "pages.ply"
+    write_mesh(Mesh(pages().vertices, pages().faces), path, suffix=".ply")
+    for options, vertices, plan in (
+        ((), 5, None),
+        (("--repair",), 7, ["orient", "pair"]),
+        (("--plan", "drop"), 4, ["drop"]),
+    ):
+        result = msb("trial", "--task", "intersections", *options, "--json", "-", path)
+        assert result.status == 0, result.err
+        assert (result.json["mesh"]["vertices"], result.json["mesh"]["repair"]) == (vertices, plan)
+    empty = msb("trial", "--task", "intersections", "--plan", "debris", path)
+    assert (empty.status, empty.err.split(":")[0]) == (3, "TRIASSET_EMPTY")
 
 
 @pytest.mark.slow
