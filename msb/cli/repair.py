@@ -87,8 +87,17 @@ def repair(
         Literal["igl", "pymeshlab"] | None,
         typer.Option("--with", help="Let libigl do cut, or PyMeshLab do drop, in a process of its own."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Time limit of that process.")] = 60.0,
-    memory: Annotated[float, typer.Option(metavar="GIB", help="Memory limit of that process.")] = 4.0,
+    tasks: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--task",
+            metavar="TASK",
+            help="With --compare: a task of msb trial to try, or none. May be given again. "
+            "Default: uv, decimate_50, subdivide, boolean, solid.",
+        ),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Time limit of each other library's process.")] = 60.0,
+    memory: Annotated[float, typer.Option(metavar="GIB", help="Its memory limit, in GiB.")] = 4.0,
     cameras: Cameras = None,
     maps: Annotated[
         Path | None,
@@ -147,8 +156,9 @@ def repair(
         from msb.cli.repair_compare import compare_strategies
 
         chosen = None if plan is None else parse_plan(plan)
-        compare_strategies(source, target, chosen, options, cameras, device, output)
+        compare_strategies(source, target, chosen, options, cameras, tasks, device, output)
         return
+    refuse({"task": tasks}, "goes with --compare")
     if target is None:
         raise UsageError("USAGE", "-o OUT is missing; give the .triasset or mesh file to write")
     default = DEFAULT if peer is None else ({"igl": ("cut",), "pymeshlab": ("drop",)}[peer])

@@ -14,11 +14,12 @@ if TYPE_CHECKING:
     from msb.repair.compare import Look, Row
     from msb.repair.plan import Options
     from msb.scenes import Camera
+    from msb.trial.run import Trial
 
 SCHEMA = "msb.repair_compare/1"
-_TITLES = {"standard": "Standard", "dedicated": "Dedicated", "size": "MB", "seconds": "Seconds"}
-VIEWS = (8, "640x480")
-"""The number of turntable views where no cameras are given, and their size."""
+_TITLES = ("Tasks", "Standard", "Dedicated", "MB", "Seconds")
+NO_TASK = "none"
+"""What --task takes for no task at all."""
 
 
 def compare_strategies(
@@ -27,24 +28,27 @@ def compare_strategies(
     plan: tuple[str, ...] | None,
     options: Options,
     cameras: str | None,
+    tasks: list[str] | None,
     device: str | None,
     output: Output,
 ) -> None:
     """Print the table of `msb.repair.compare`, and write its JSON and a picture of each strategy."""
-    from msb.cli.camera_options import around
     from msb.cli.inputs import open_asset
     from msb.repair.compare import STRATEGIES, compare
     from msb.scenes import read_cameras
+    from msb.scenes.around import around
+    from msb.trial.look import VIEWS
 
+    wanted = _tasks(tasks)
     output.check_free(folder, folder=True)
     output.check_outputs()
     with output.progress(f"reading {source.name}"):
         asset = open_asset(source, output)
-    views = around(asset, *VIEWS, None, 20.0) if cameras is None else read_cameras(cameras)
+    views = around(asset, VIEWS) if cameras is None else read_cameras(cameras)
     which = f"{len(views)} {'turntable views' if cameras is None else f'views of {cameras}'}"
     total = len(STRATEGIES) + 1 + (plan is not None and ",".join(plan) not in STRATEGIES)
     with output.counted("trying repairs", total) as step:
-        rows = compare(asset, views, options, plan=plan, device=device, step=step)
+        rows = compare(asset, views, options, plan=plan, tasks=wanted, device=device, step=step)
     if folder is not None:
         _write_pictures(asset, rows, views[0], folder, device, output)
     output.write_json(
@@ -57,6 +61,15 @@ def compare_strategies(
     )
     if output.prints_text:
         _print(rows, which, output)
+
+
+def _tasks(given: list[str] | None) -> list[str]:
+    from msb.repair.compare import TASKS
+    from msb.trial.registry import chosen_tasks
+
+    if given == [NO_TASK]:
+        return []
+    return [task.name for task in chosen_tasks(given or TASKS)]
 
 
 def _write_pictures(
@@ -83,8 +96,8 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # no table is as wide
-    names = ("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict", *_TITLES.values())
-    table = plain_table(*names, right=(1, 2, 3, 4, 5, 7, 8, 9, 10))
+    names = ("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict", *_TITLES)
+    table = plain_table(*names, right=(1, 2, 3, 4, 5, 8, 9, 10, 11))
     for row in rows:
         if row.before is None or row.after is None or row.looks is None:
             table.add_row(row.strategy, "-", "-", "-", "-", "-", "not done")
@@ -98,6 +111,7 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
             f"{row.after.counts.components:,}",
             "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
             judge(row.after).word,
+            _passed_text(row.tried),
             *(_look_text(look) for look in row.looks.values()),
             f"{row.size / 1e6:.2f}",
             f"{row.seconds:.1f}",
@@ -108,10 +122,24 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     for row in rows:
         if row.why is not None:
             console.print(escape(f"{row.strategy}: {row.why}"), soft_wrap=True)
+    tried = [one.task for one in rows[0].tried if one.outcome != "not_run"]
+    if tried:
+        text = f"Tasks: how many of {', '.join(tried)} work, with care or without; msb trial says why."
+        console.print(text, soft_wrap=True)
+    for one in rows[0].tried:
+        if one.outcome == "not_run":
+            console.print(escape(f"{one.task}: not run: {one.why}"), soft_wrap=True)
     reasons = {look.why for row in rows for look in (row.looks or {}).values() if look.why}
     for why in sorted(reasons):
         console.print(escape(f"not drawn: {why}"), soft_wrap=True)
-    console.print(f"PSNR in dB against the asset as stored, over {escape(which)}.", soft_wrap=True)
+    console.print(f"PSNR in dB against the asset as stored, the mean over {escape(which)}.", soft_wrap=True)
+
+
+def _passed_text(trials: tuple[Trial, ...]) -> str:
+    from msb.repair.compare import passed
+
+    done = [one for one in trials if one.outcome != "not_run"]
+    return f"{passed(done)} of {len(done)}" if done else "-"
 
 
 def _look_text(look: Look) -> str:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.tiers import why_not
 from msb.errors import MsbError
-from msb.metrics import psnr
 from msb.render import Renderer
 from msb.render.backend import lean_options
+from msb.render.images import to_bytes
 from msb.repair.assets import Repaired, repair_asset
 from msb.topology import audit_arrays
 from msb.topology.halfedge import NONE
+from msb.trial.limits import Limits
+from msb.trial.look import BACKGROUND, likeness
+from msb.trial.run import try_asset
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -27,8 +29,9 @@ if TYPE_CHECKING:
     from msb.repair.plan import Options
     from msb.scenes import Camera
     from msb.topology import Audit
+    from msb.trial.run import Trial
 
-    Images = list[NDArray[np.float32]]
+    Images = list[NDArray[np.uint8]]
 
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
 STORED = "as stored"
@@ -43,6 +46,8 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], str | None]] = {
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
 """Name of the row -> plan, and the peer that does the step in our stead."""
+TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
+"""The tasks that are tried on what each strategy makes, if nothing else is said: those that take seconds."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class Look:
     Attributes
     ----------
     psnr : float or None
-        dB, of the mean squared error over all views of 8-bit images; None where `same`, or not drawn.
+        dB, the mean over the views, as trials are judged (`msb.trial.look`); None where `same`, or not drawn.
     same : bool
         Whether every pixel of every view is the same.
     why : str or None
@@ -77,6 +82,8 @@ class Row:
     before: Audit | None = None
     after: Audit | None = None
     looks: dict[Tier, Look] | None = None
+    tried: tuple[Trial, ...] = ()
+    tried_before: tuple[Trial, ...] = ()
     size: int = 0
     seconds: float = 0.0
     why: str | None = None
@@ -107,9 +114,17 @@ class Row:
             "verdict_before": self.before.verdict,
             "verdict_after": self.after.verdict,
             "looks": {tier: dict(vars(look)) for tier, look in self.looks.items()},
+            "trials": {one.task: one.outcome for one in self.tried},
+            "trials_passed_before": passed(self.tried_before),
+            "trials_passed_after": passed(self.tried),
             "bytes": self.size,
             "seconds": self.seconds,
         }
+
+
+def passed(trials: Iterable[Trial]) -> int:
+    """Return how many tasks work, with care or without."""
+    return sum(one.outcome in ("works", "care") for one in trials)
 
 
 def compare(
@@ -118,6 +133,7 @@ def compare(
     options: Options,
     *,
     plan: tuple[str, ...] | None = None,
+    tasks: Sequence[str] = TASKS,
     device: str | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> list[Row]:
@@ -129,22 +145,34 @@ def compare(
     cameras : sequence of Camera
         The views over which looks are compared.
     options : Options
-        Numbers of the steps, and limits of the peers.
+        Numbers of the steps, and limits of the peers and of the libraries that try tasks.
     plan : tuple of str, optional
         One more strategy.
+    tasks : sequence of str
+        Names of the tasks that are tried on the asset and on what each strategy makes; none is tried if there
+        are none.
     device : str, optional
     step : callable
         Called after each row; there is one for each strategy, one for `plan`, and one more.
     """
-    originals = {tier: _draw(asset, tier, cameras, device) for tier in TIERS}
+    judge = _Judge(cameras, tasks, Limits(options.seconds, options.memory_gib), device)
     audit, _ = audit_arrays(asset.buffers["positions"], asset.buffers["indices"])
-    unchanged = {tier: _look(found, found) for tier, found in originals.items()}
-    faces, size = asset.manifest.face_count, _size(asset)
-    rows = [Row(STORED, faces_kept=faces, before=audit, after=audit, looks=unchanged, size=size)]
+    looks, before = judge.result(asset)
+    stored = Row(
+        STORED,
+        faces_kept=asset.manifest.face_count,
+        before=audit,
+        after=audit,
+        looks=looks,
+        tried=before,
+        tried_before=before,
+        size=_size(asset),
+    )
     step()
     strategies = dict(STRATEGIES)
     if plan is not None:
         strategies.setdefault(",".join(plan), (plan, None))
+    rows = [stored]
     for name, (steps, peer) in strategies.items():
         start = time.perf_counter()
         try:
@@ -154,7 +182,7 @@ def compare(
             step()
             continue
         seconds = time.perf_counter() - start
-        drawn = {tier: _draw(done.asset, tier, cameras, device) for tier in TIERS}
+        looks, tried = judge.result(done.asset)
         kept = int((done.face_map != NONE).sum())
         rows.append(
             Row(
@@ -166,7 +194,9 @@ def compare(
                 len(done.cut_edges),
                 done.before,
                 done.after,
-                {tier: _look(originals[tier], found) for tier, found in drawn.items()},
+                looks,
+                tried,
+                before,
                 _size(done.asset),
                 seconds,
                 repaired=done,
@@ -176,6 +206,36 @@ def compare(
     return rows
 
 
+class _Judge:
+    """What strategies made, looked at and tried; what equals something earlier is not tried again."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], tasks: Sequence[str], limits: Limits, device: str | None
+    ) -> None:
+        self.cameras, self.tasks, self.limits, self.device = cameras, tasks, limits, device
+        self.originals: dict[Tier, Images | str] = {}
+        """The images of the first asset that is judged."""
+        self.known: dict[tuple[str, ...], tuple[dict[Tier, Look], tuple[Trial, ...]]] = {}
+
+    def result(self, made: Asset) -> tuple[dict[Tier, Look], tuple[Trial, ...]]:
+        """Return how an asset looks beside the first one, and what became of the tasks."""
+        key = (made.manifest.method, *(spec.sha256 for spec in made.manifest.buffers.values()))
+        if key not in self.known:
+            drawn = {tier: _draw(made, tier, self.cameras, self.device) for tier in TIERS}
+            self.originals = self.originals or drawn
+            looks = {tier: _look(self.originals[tier], found) for tier, found in drawn.items()}
+            self.known[key] = looks, self.tried(made)
+        return self.known[key]
+
+    def tried(self, made: Asset) -> tuple[Trial, ...]:
+        """Return what became of the tasks."""
+        if not self.tasks:
+            return ()
+        return try_asset(
+            made, self.tasks, cameras=self.cameras, limits=self.limits, device=self.device
+        ).trials
+
+
 def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | None) -> Images | str:
     """Return the images of a tier, or why there are none."""
     why = why_not(asset.manifest, tier)
@@ -183,7 +243,7 @@ def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | Non
         return why
     try:
         with Renderer(asset, tier=tier, device=device, **lean_options(tier, None)) as renderer:
-            return [renderer.render(camera).image for camera in cameras]
+            return [to_bytes(renderer.render(camera, BACKGROUND).image) for camera in cameras]
     except MsbError as error:
         return f"{error.code}: {error.message}"
 
@@ -191,9 +251,8 @@ def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | Non
 def _look(original: Images | str, repaired: Images | str) -> Look:
     if isinstance(original, str) or isinstance(repaired, str):
         return Look(why=original if isinstance(original, str) else str(repaired))
-    errors = [10 ** (-psnr(now, was) / 10) for was, now in zip(original, repaired, strict=True)]
-    mean = sum(errors) / len(errors)
-    return Look(same=True) if mean == 0 else Look(-10 * math.log10(mean))
+    found = likeness(original, repaired)
+    return Look(same=True) if found["same_pictures"] else Look(found["psnr"])
 
 
 def _size(asset: Asset) -> int:

@@ -18,7 +18,7 @@ from msb.render.images import to_bytes
 from msb.scenes import Camera
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -71,11 +71,7 @@ class Look:
             return {"psnr": None, "same_pictures": None}
         if not len(mesh.faces):
             mesh = _speck(mesh)
-        values = [
-            psnr(to_bytes(frame.image), old)
-            for old, frame in zip(before, self._frames(mesh, self.cameras), strict=True)
-        ]
-        return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}
+        return likeness(before, (to_bytes(frame.image) for frame in self._frames(mesh, self.cameras)))
 
     def visible_points(self, count: int) -> NDArray[np.float64] | None:
         """Return about `count` points (n, 3) of the surface that cameras see, evenly over their pixels."""
@@ -156,6 +152,12 @@ class Look:
         with contextlib.closing(renderer):
             for camera in cameras:
                 yield renderer.render(camera, BACKGROUND)
+
+
+def likeness(before: Iterable[NDArray[np.uint8]], after: Iterable[NDArray[np.uint8]]) -> dict[str, Any]:
+    """Return how much pictures look like those before them, as `Look.psnr` does."""
+    values = [psnr(now, was) for was, now in zip(before, after, strict=True)]
+    return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}
 
 
 def facing(size: int = PICTURE_WIDTH) -> Camera:

@@ -105,6 +105,8 @@ def test_pixels_weigh_what_debris_removes(msb: Msb, tmp_path: Path) -> None:
         ("repair a.ply -o b.ply --cameras v.json", "--cameras weigh faces for debris and drop"),
         ("repair a.ply -o b.ply --with igl --plan drop", "igl can do cut, and the plan is drop"),
         ("repair --compare a.ply --fail-on components>1", "--fail-on does not go with --compare"),
+        ("repair a.ply -o b.ply --task uv", "--task goes with --compare"),
+        ("repair --compare a.ply --task uvs", 'there is no task "uvs"'),
     ],
 )
 def test_what_would_be_ignored_is_refused(refused: Refused, line: str, text: str) -> None:
@@ -127,13 +129,16 @@ def test_a_vertex_that_is_not_finite_is_named(msb: Msb, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Path) -> None:
     model = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"
-    result = msb("repair", "--compare", model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json")
+    task = ("--task", "intersections")
+    result = msb("repair", "--compare", *task, model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json")
     assert result.status == 0, result.err
-    assert "PSNR in dB against the asset as stored, over 8 turntable views." in result.out
+    assert "PSNR in dB against the asset as stored, the mean over 8 turntable views." in result.out
     data = json.loads((tmp_path / "c.json").read_text())
     assert data["schema"] == "msb.repair_compare/1"
     rows = {row["strategy"]: row for row in data["strategies"]}
     assert rows["as stored"]["looks"]["dedicated"]["same"]
     assert rows["orient,pair"]["faces_kept"] == 624
+    assert rows["orient,pair"]["trials"] == {"self_intersections": "works"}
+    assert (rows["drop,orient"]["trials_passed_before"], rows["drop,orient"]["trials_passed_after"]) == (1, 1)
     done = [row for row in rows.values() if row["why"] is None]
     assert len(list((tmp_path / "costs").glob("*.png"))) == len(done) - 1

@@ -1,0 +1,45 @@
+"""The comparison of repairs: what each makes is looked at and tried once."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.asset import build_asset
+from msb.repair import compare as module
+from msb.repair.compare import STORED, compare
+from msb.repair.plan import Options
+from msb.scenes import Camera
+from tests.conftest import BOOK
+
+if TYPE_CHECKING:
+    import pytest
+
+    from msb.asset import Asset
+
+
+def test_every_row_has_the_trials_before_and_after_and_equal_results_are_tried_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[int] = []
+
+    def try_asset(asset: Asset, tasks: tuple[str, ...], **_: Any) -> Any:
+        asked.append(asset.manifest.vertex_count)
+        outcome = "fails" if len(asked) == 1 else "care"
+        trial = SimpleNamespace(task=tasks[0], outcome=outcome)
+        return SimpleNamespace(trials=(trial,))
+
+    monkeypatch.setattr(module, "try_asset", try_asset)
+    ways = {"orient,cut": (("orient", "cut"), None), "cut": (("cut",), None), "weld": (("weld",), None)}
+    monkeypatch.setattr(module, "STRATEGIES", ways)
+    points, faces = BOOK
+    asset = build_asset({"positions": points, "indices": faces.astype(np.uint32)}, {})
+    camera = Camera.look_at((0.3, 0.3, -4), (0, 0, 0), up=(0, 1, 0), width=32, height=24, fov_y=0.8)
+    rows = {row.strategy: row for row in compare(asset, [camera], Options(), tasks=("solid",))}
+    assert asked == [5, 9]
+    assert rows[STORED].to_dict()["trials"] == rows["weld"].to_dict()["trials"] == {"solid": "fails"}
+    after = rows["cut"].to_dict()
+    assert (after["trials_passed_before"], after["trials_passed_after"]) == (0, 1)
+    assert after["looks"]["standard"] == {"psnr": None, "same": True, "why": None}
