@@ -82,6 +82,7 @@ ALLOWED: dict[str, set[str]] = {
         "reference",
         "engines",
         "cl",
+        "repair",
         "trial",
     },
     # A trial can be of the repaired mesh, and `repair.compare` alone tries what repairs make.

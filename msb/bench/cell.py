@@ -14,6 +14,7 @@ from msb.bench.job import MAIN, Done
 from msb.bench.parts import (
     measure_audit,
     measure_chamfer,
+    measure_repairs,
     measure_timing,
     measure_trial,
     read_own_timing,
@@ -34,6 +35,7 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
     "trial": measure_trial,
+    "repairs": measure_repairs,
     "chamfer": measure_chamfer,
     "training": read_training,
     "renderer_timing": read_own_timing,
@@ -44,6 +46,7 @@ _OWN: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "audit": ("audit",),
     "trial": ("trial",),
+    "repairs": ("repairs",),
     "chamfer": ("chamfer",),
     "training": ("training",),
     "renderer_timing": ("renderer_timing",),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
 from msb.bench.digest import digest
-from msb.bench.parts import mask_files, scan_number
+from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, views_of
 from msb.bench.quality import image_measures
 from msb.bench.renders import find_renders
@@ -20,7 +20,7 @@ from msb.errors import MsbError
 from msb.files import file_sha256
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from msb.bench.job import Inputs, Job, Part
@@ -99,7 +99,9 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
         if job.model is not None:
             found["audit"] = {"asset": _asset(job), "tool": __version__}
             if job.trial is not None:
-                found["trial"] = _trial(job, job.trial)
+                found["trial"] = _trial(job, job.trial.tasks, job.trial)
+                if job.trial.compare:
+                    found["repairs"] = _repairs(job, job.trial)
         if job.cell.dataset == "dtu" and job.chamfer_data is not None:
             found["chamfer"] = _chamfer(job, known)
     else:
@@ -119,11 +121,11 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     return found
 
 
-def _trial(job: Job, wanted: TrialTable) -> Inputs:
+def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:
     """Return what decides the trials; a library that was missing and is there now is such a thing, too."""
     from msb.trial.registry import chosen_tasks, missing_modules
 
-    tasks = chosen_tasks(wanted.tasks)
+    tasks = chosen_tasks(names)
     return {
         "asset": _asset(job),
         "cameras": job.views.cameras,
@@ -132,6 +134,18 @@ def _trial(job: Job, wanted: TrialTable) -> Inputs:
         "limits": f"{wanted.seconds:g} s, {wanted.memory:g} GiB",
         "missing": ", ".join(missing_modules(tasks)),
     }
+
+
+def _repairs(job: Job, wanted: TrialTable) -> Inputs:
+    """Return what decides the comparison of repairs."""
+    from msb.extras import is_installed
+    from msb.repair.compare import STRATEGIES
+    from msb.repair.plan import BY_PEER
+
+    found = _trial(job, compared_tasks(wanted), wanted)
+    absent = [peer for peer in BY_PEER if not is_installed(peer)]
+    missing = dict.fromkeys([*filter(None, found["missing"].split(", ")), *absent])
+    return {**found, "strategies": "; ".join(STRATEGIES), "missing": ", ".join(missing)}
 
 
 def _asset(job: Job) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from msb.methods import Tier
     from msb.scenes.datasets import SceneAt
 
-Part = Literal["quality", "audit", "trial", "timing", "chamfer", "training", "renderer_timing"]
+Part = Literal["quality", "audit", "trial", "repairs", "timing", "chamfer", "training", "renderer_timing"]
 MAIN: tuple[Part, ...] = ("quality", "audit")
 """Parts without which a cell has failed; any other missing part leaves a reason."""
 Inputs = dict[str, str]

@@ -21,11 +21,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.bench.job import Job
+    from msb.bench.protocol_tables import TrialTable
     from msb.scenes.datasets import Scene
 
 
 TRIAL_FOLDER = "trial"
 """The folder below a cell's with the pictures of its trials."""
+REPAIRS_FOLDER = "repairs"
+"""The folder below a cell's with the pictures of repairs."""
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
@@ -110,6 +113,37 @@ def measure_trial(job: Job) -> dict[str, Any]:
             meshes=False,
         )
     return {"trial": found.to_dict()}
+
+
+def compared_tasks(wanted: TrialTable) -> tuple[str, ...]:
+    """Return the tasks that are tried on the mesh and on what each repair makes of it."""
+    from msb.repair.compare import TASKS
+    from msb.trial.registry import chosen_tasks
+
+    return tuple(task.name for task in chosen_tasks(wanted.tasks or TASKS))
+
+
+def measure_repairs(job: Job) -> dict[str, Any]:
+    """Return what ways to repair a cell's mesh keep and cost, seen by the test cameras.
+
+    The cell's folder gets a picture of each.
+
+    Raises
+    ------
+    InputError, SceneError, AssetError, OutputError
+    """
+    from msb.atomic import new_folder
+    from msb.repair.compare import compare, document
+    from msb.repair.plan import Options
+
+    assert job.model is not None
+    assert job.trial is not None
+    cameras = checked_scene(job.scene, job.views).test
+    options = Options(seconds=job.trial.seconds, memory_gib=job.trial.memory)
+    tasks = compared_tasks(job.trial)
+    with new_folder(job.folder / REPAIRS_FOLDER) as folder:
+        rows = compare(job.model.open(), cameras, options, tasks=tasks, device=job.device, keep=folder)
+    return {"repairs": document(job.model.asset.path, f"{len(cameras)} test views", rows)}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:

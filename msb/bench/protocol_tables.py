@@ -181,12 +181,16 @@ class TrialTable(_Table):
     ----------
     tasks : tuple of str
         Names of tasks as `msb trial --task` takes them; all, if not given.
+    compare : bool
+        Whether ways to repair the mesh are compared, as `msb repair --compare` does, and tried by the `tasks`
+        given, else by those of that command.
     seconds : float
     memory : float
         GiB.
     """
 
     tasks: tuple[str, ...] = ()
+    compare: bool = False
     seconds: Annotated[float, Field(gt=0)] = 60.0
     memory: Annotated[float, Field(gt=0)] = 4.0
 

@@ -326,14 +326,16 @@ class Result(Record):
     """The document of `msb-audit --json`, in the condition exported_mesh only."""
     trial: dict[str, Any] | None = None
     """The document of `msb trial --json`, in the same condition; pictures lie in "trial" beside it."""
+    repairs: dict[str, Any] | None = None
+    """The document of `msb repair --compare --json`, in the same condition; pictures lie in "repairs"."""
     training: Training | None = None
     renderer_timing: RendererTiming | None = None
     """Of the method's own renderer, measured elsewhere; condition non_engine only."""
     reasons: dict[Name, Reason] = {}
-    """Part ("timing", "trial", "chamfer", "training") -> the reason why it is missing."""
+    """Part ("timing", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = {}
-    """Part ("quality", "audit", "trial", "timing", "chamfer", "training") -> its inputs, name -> hash or
-    version. If an input has changed since, `msb run` computes the part again."""
+    """Part ("quality", "audit", "trial", "repairs", "timing", "chamfer", "training") -> its inputs, name ->
+    hash or version. If an input has changed since, `msb run` computes the part again."""
 
     @field_validator("audit")
     @classmethod

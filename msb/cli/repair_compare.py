@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from msb.cli.output import Output, plain_table
@@ -10,13 +10,10 @@ from msb.cli.output import Output, plain_table
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from msb.asset import Asset
     from msb.repair.compare import Look, Row
     from msb.repair.plan import Options
-    from msb.scenes import Camera
     from msb.trial.run import Trial
 
-SCHEMA = "msb.repair_compare/1"
 _TITLES = ("Tasks", "Standard", "Dedicated", "MB", "Seconds")
 NO_TASK = "none"
 """What --task takes for no task at all."""
@@ -33,8 +30,9 @@ def compare_strategies(
     output: Output,
 ) -> None:
     """Print the table of `msb.repair.compare`, and write its JSON and a picture of each strategy."""
+    from msb.atomic import new_folder
     from msb.cli.inputs import open_asset
-    from msb.repair.compare import STRATEGIES, compare
+    from msb.repair.compare import STRATEGIES, compare, document
     from msb.scenes import read_cameras
     from msb.scenes.around import around
     from msb.trial.look import VIEWS
@@ -47,18 +45,12 @@ def compare_strategies(
     views = around(asset, VIEWS) if cameras is None else read_cameras(cameras)
     which = f"{len(views)} {'turntable views' if cameras is None else f'views of {cameras}'}"
     total = len(STRATEGIES) + 1 + (plan is not None and ",".join(plan) not in STRATEGIES)
-    with output.counted("trying repairs", total) as step:
-        rows = compare(asset, views, options, plan=plan, tasks=wanted, device=device, step=step)
-    if folder is not None:
-        _write_pictures(asset, rows, views[0], folder, device, output)
-    output.write_json(
-        {
-            "schema": SCHEMA,
-            "path": str(source),
-            "views": which,
-            "strategies": [row.to_dict() for row in rows],
-        }
-    )
+    with (
+        output.counted("trying repairs", total) as step,
+        nullcontext() if folder is None else new_folder(folder) as keep,
+    ):
+        rows = compare(asset, views, options, plan=plan, tasks=wanted, device=device, keep=keep, step=step)
+    output.write_json(document(str(source), which, rows))
     if output.prints_text:
         _print(rows, which, output)
 
@@ -70,21 +62,6 @@ def _tasks(given: list[str] | None) -> list[str]:
     if given == [NO_TASK]:
         return []
     return [task.name for task in chosen_tasks(given or TASKS)]
-
-
-def _write_pictures(
-    asset: Asset, rows: list[Row], camera: Camera, folder: Path, device: str | None, output: Output
-) -> None:
-    from msb.atomic import new_folder
-    from msb.render.images import write_image
-    from msb.repair.pictures import picture
-
-    drawn = [(row.strategy, row.repaired) for row in rows if row.repaired is not None]
-    with new_folder(folder) as made, output.counted("drawing", len(drawn)) as step:
-        for name, repaired in drawn:
-            path = made / f"{re.sub('[^a-z]+', '-', name)}.png"
-            write_image(path, picture(asset, repaired, camera, device), "png")
-            step()
 
 
 def _print(rows: list[Row], which: str, output: Output) -> None:

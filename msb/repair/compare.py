@@ -11,7 +11,8 @@ from msb.errors import MsbError
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.render.images import to_bytes
-from msb.repair.assets import Repaired, repair_asset
+from msb.repair.assets import repair_asset
+from msb.repair.pictures import keep_picture
 from msb.topology import audit_arrays
 from msb.topology.halfedge import NONE
 from msb.trial.limits import Limits
@@ -20,6 +21,7 @@ from msb.trial.run import try_asset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
     Images = list[NDArray[np.uint8]]
 
+SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
 STORED = "as stored"
 """The row of the asset itself."""
@@ -87,7 +90,7 @@ class Row:
     size: int = 0
     seconds: float = 0.0
     why: str | None = None
-    repaired: Repaired | None = None
+    picture: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the row as JSON data."""
@@ -119,7 +122,13 @@ class Row:
             "trials_passed_after": passed(self.tried),
             "bytes": self.size,
             "seconds": self.seconds,
+            "picture": self.picture,
         }
+
+
+def document(path: str | None, views: str, rows: Iterable[Row]) -> dict[str, Any]:
+    """Return a comparison as JSON data; `views` says what it was looked at from, such as "8 test views"."""
+    return {"schema": SCHEMA, "path": path, "views": views, "strategies": [row.to_dict() for row in rows]}
 
 
 def passed(trials: Iterable[Trial]) -> int:
@@ -135,6 +144,7 @@ def compare(
     plan: tuple[str, ...] | None = None,
     tasks: Sequence[str] = TASKS,
     device: str | None = None,
+    keep: Path | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> list[Row]:
     """Return a row for the asset as stored, and one for each strategy.
@@ -152,6 +162,8 @@ def compare(
         Names of the tasks that are tried on the asset and on what each strategy makes; none is tried if there
         are none.
     device : str, optional
+    keep : Path, optional
+        The folder that gets a picture of each strategy, from the first camera.
     step : callable
         Called after each row; there is one for each strategy, one for `plan`, and one more.
     """
@@ -199,7 +211,7 @@ def compare(
                 before,
                 _size(done.asset),
                 seconds,
-                repaired=done,
+                picture=None if keep is None else keep_picture(keep, name, asset, done, cameras[0], device),
             )
         )
         step()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,9 +10,12 @@ import numpy as np
 from msb.asset import build_asset
 from msb.asset.look import drawn_colors
 from msb.render import Renderer
+from msb.render.images import write_image
 from msb.topology.halfedge import NONE
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from msb.asset import Asset
@@ -23,6 +27,15 @@ _DARKEST, _LIGHTEST = 0.55, 0.9
 """Grey of black and of white faces: light enough for the colours to stand out."""
 _NEAR = 0.004
 """A cut edge is drawn where it is at most this much of its depth behind what is seen there."""
+
+
+def keep_picture(
+    folder: Path, name: str, original: Asset, done: Repaired, camera: Camera, device: str | None = None
+) -> str:
+    """Write the picture of a repair that is called `name` into `folder`, and return the file's name."""
+    file = f"{re.sub('[^a-z]+', '-', name)}.png"
+    write_image(folder / file, picture(original, done, camera, device), "png")
+    return file
 
 
 def picture(

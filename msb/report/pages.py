@@ -15,6 +15,7 @@ from msb.extras import need_extra
 from msb.report.build import SCHEMA
 from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
+from msb.report.repairs import repairs
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
 from msb.report.trials import tried_tasks
@@ -128,6 +129,7 @@ def _verdict_page(
     tables = asset_tables(place, records, report.numbers)
     if not report.with_paper:
         tables = {name: table.without_paper() for name, table in tables.items()}
+    audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     asset = next((result.asset for result in records.values() if result.asset is not None), None)
     return _template(
         "verdict.html",
@@ -139,7 +141,9 @@ def _verdict_page(
         topology=None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}",
         asset=asset,
         tried=tried_tasks(own.get("exported_mesh")),
-        audited="exported_mesh" in records and records["exported_mesh"].audit is not None,
+        repairs=repairs(own.get("exported_mesh")),
+        audited=audit is not None,
+        level=((audit or {}).get("verdict") or {}).get("level"),
         video=_video(report, place, folder),
     )
 

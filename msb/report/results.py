@@ -10,7 +10,7 @@ from msb.bench.records import CONDITIONS, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
 from msb.files import file_sha256
 from msb.paths import given_path
-from msb.report.trials import problem
+from msb.report import repairs, trials
 
 if TYPE_CHECKING:
     import os
@@ -179,9 +179,13 @@ def _checked(result: Result, path: Path) -> Result:
                 raise InputError(
                     "RECORD_INVALID", f"/{name}/{key}: no numbers", file=path, pointer=f"/{name}/{key}"
                 )
-    if result.trial is not None and (pointer := problem(result.trial)) is not None:
-        text = f"{pointer}: it is not what msb trial writes"
-        raise InputError("RECORD_INVALID", text, file=path, pointer=pointer)
+    for held, problem, command in (
+        (result.trial, trials.problem, "msb trial"),
+        (result.repairs, repairs.problem, "msb repair --compare"),
+    ):
+        if held is not None and (pointer := problem(held)) is not None:
+            text = f"{pointer}: it is not what {command} writes"
+            raise InputError("RECORD_INVALID", text, file=path, pointer=pointer)
     return result
 
 

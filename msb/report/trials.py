@@ -74,13 +74,14 @@ def tried_tasks(loaded: Loaded | None, *, pictures: bool = True) -> list[TriedTa
         spent = "" if one["outcome"] == "not_run" else f" ({one['seconds']:.1f} s)"
         said = "; ".join(filter(None, (one["says"], one["why"])))
         why = f"{shorten(said[:1].upper() + said[1:], 500)}{spent}."
-        picture = _picture(loaded, one["picture"]) if pictures else None
+        picture = png_uri(loaded, FOLDER, one["picture"]) if pictures else None
         found.append(TriedTask(_MARKS[one["outcome"]], one["task"], one["title"], why, picture))
     return found
 
 
-def _picture(loaded: Loaded, name: str | None) -> str | None:
-    path = None if name is None else loaded.file(f"{FOLDER}/{name}")
+def png_uri(loaded: Loaded, folder: str, name: str | None) -> str | None:
+    """Return the picture `name` in a folder beside a record as an address; None if it is none."""
+    path = None if name is None else loaded.file(f"{folder}/{name}")
     if path is None:
         return None
     data = read_file(path, _MOST_BYTES)

@@ -1,4 +1,4 @@
-"""A protocol's trials: in the records of exported meshes, with pictures, computed once."""
+"""A protocol's trials and repairs: in the records of exported meshes, with pictures, computed once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EACH = 'conditions = ["exported_mesh"]'
 
 @pytest.mark.slow
 def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) -> None:
-    tail = '[trial]\ntasks = ["self_intersections"]'
+    tail = '[trial]\ntasks = ["self_intersections"]\ncompare = true'
     file = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=tail)
     first = run_protocol(file)
     assert first.exit_status == 0
@@ -34,18 +34,23 @@ def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) 
     assert (one["task"], one["picture"]) == ("self_intersections", "self_intersections.png")
     assert record.trial["cameras"]["from"] == "given"
     assert (path.parent / "trial" / one["picture"]).read_bytes().startswith(b"\x89PNG")
+    assert record.repairs is not None
+    stored, repaired = record.repairs["strategies"][:2]
+    assert (stored["strategy"], repaired["trials"]) == ("as stored", {"self_intersections": "works"})
+    assert (path.parent / "repairs" / repaired["picture"]).read_bytes().startswith(b"\x89PNG")
     (again,) = run_protocol(file).rows
     assert again.planned.status == "done"
     (changed,) = run_protocol(
         protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=f"{tail}\nseconds = 50")
     ).rows
-    assert changed.planned.why == {"trial": "limits changed"}
+    assert changed.planned.why == {"trial": "limits changed", "repairs": "limits changed"}
     report = build_report(read_results(file.results))
     (tried,) = report.verdicts[0].tried
     assert tried.to_dict() == report.to_dict()["verdicts"][0]["tried"][0]
     pages = [data.decode() for name, data in report_files(report).items() if name.startswith("verdict-")]
     assert "What happened when it was tried" in pages[0]
     assert "data:image/png;base64," in pages[0].partition("What happened")[2]
+    assert "What each way to repair the mesh keeps and costs." in pages[0].partition("usable, and what")[2]
 
 
 def test_a_task_that_is_none_is_refused_with_its_place(tmp_path: Path) -> None:
