@@ -6,6 +6,7 @@ import io
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from msb_viewers.deployment.state import CompareState, Layout
 from msb_viewers.deployment.views import View
 from msb_viewers.figure import compose, panel_images
 from msb_viewers.model import ViewModel, build_model
+from msb_viewers.repaired import build_repaired_model
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import read_viewed_mesh
 from msb_viewers.viewer import TopologyViewer
@@ -77,6 +79,24 @@ def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     return Image.fromarray(Composer().compose(state, shots, size).image)
 
 
+def repaired_picture() -> Image.Image:
+    """Return what `msb view --repaired` shows of the demo asset without its debris and small holes."""
+    before = read_viewed_mesh(ASSET)
+    plan = ["orient", "pair", "debris", "close"]
+    done = msb.repair(ASSET, plan, debris_faces=2).asset
+    after = replace(
+        before, name="repaired.triasset", vertices=done.buffers["positions"], faces=done.buffers["indices"]
+    )
+    model = build_repaired_model(before, after)
+    state = ViewState.first(model)
+    state.visible = set(model.layers)
+    viewer = TopologyViewer(model, size=(1000, 700), off_screen=True, state=state)
+    try:
+        return Image.fromarray(viewer.image()).quantize(128, dither=Image.Dither.NONE)
+    finally:
+        viewer.close()
+
+
 def tutorial_picture() -> Image.Image:
     """Return what the tutorial's `msb compare` writes."""
     with tempfile.TemporaryDirectory() as folder:
@@ -95,4 +115,5 @@ if __name__ == "__main__":
     figure_picture(demo).save(IMAGES / "viewer_topology.png", optimize=True)
     compare_picture("side", (1200, 640)).save(IMAGES / "viewer_side.png", optimize=True)
     compare_picture("difference", (1100, 680)).save(IMAGES / "viewer_difference.png", optimize=True)
+    repaired_picture().save(IMAGES / "viewer_repaired.png", optimize=True)
     tutorial_picture().save(IMAGES / "tutorial.png", optimize=True)

@@ -338,3 +338,4 @@ def _print(source: Path, target: Path, done: Repaired | Outcome, left: list[str]
     pieces = [f"{audit.counts.components:,}" for audit in (done.before, done.after)]
     console.print(f"Components: {pieces[0]} before, {pieces[1]} after; {len(done.cut_edges):,} edges cut")
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
+    console.print(f"next: msb view {names[0]} --repaired {names[1]}", soft_wrap=True)

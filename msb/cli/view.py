@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
+from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog, refuse
 from msb.cli.output import Output, echo
 from msb.cli.window import (
     DEFAULT_SIZE,
@@ -33,6 +33,7 @@ EPILOG = epilog(
     "msb view --screenshot out/view.png --show all data_stubs/checkpoint",
     "msb view --figure out/f.png --html out/f.html data_stubs/checkpoint",
     "msb view --at nonmanifold_edges:17 data_stubs/splat_like.triasset",
+    "msb view data_stubs/splat_like.triasset --repaired out/repaired.triasset",
 )
 Colors = Literal["own", "components", "grey"]
 
@@ -52,6 +53,12 @@ class ViewOptions:
 
 def view(
     path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
+    repaired: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT", help="Show what a repair of ASSET, OUT, deleted, added and cut, as the layers."
+        ),
+    ] = None,
     screenshot: Screenshot = None,
     figure: Annotated[
         Path | None,
@@ -85,7 +92,8 @@ def view(
 
     The command opens a window; with --screenshot, --figure or --html it writes these instead and needs no
     display. Layers: boundary_edges, nonmanifold_edges, multifan_vertices, nonmanifold_edge_endpoints,
-    degenerate_faces, duplicate_faces, inconsistent_winding_edges, unreferenced_vertices.
+    degenerate_faces, duplicate_faces, inconsistent_winding_edges, unreferenced_vertices; with --repaired
+    deleted_faces (red), added_faces (green), cut_edges.
 
     msb compare shows what deployment makes of a model's look; msb web writes a page that shows it as engines
     do.
@@ -101,10 +109,12 @@ def view(
         up,
         parse_window_size(size),
     )
+    if repaired is not None:
+        refuse({"figure": figure}, "does not go with --repaired; there is --screenshot")
     files.check(output)
     probe = open_probe(files)
     try:
-        model = _read(path, output)
+        model = _read(path, output) if repaired is None else _read_repaired(path, repaired, output)
         if probe is not None:
             probe.check()
     finally:
@@ -189,6 +199,18 @@ def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
 
 
 def _read(path: Path, output: Output) -> ViewModel:
+    return model_of(_read_mesh(path, output), output)
+
+
+def _read_repaired(path: Path, repaired: Path, output: Output) -> ViewModel:
+    from msb_viewers.repaired import build_repaired_model
+
+    before, after = _read_mesh(path, output), _read_mesh(repaired, output)
+    with output.progress(f"comparing {before.name} with {after.name}"):
+        return build_repaired_model(before, after)
+
+
+def _read_mesh(path: Path, output: Output) -> ViewedMesh:
     from msb.cli.inputs import expand
     from msb_viewers.viewed_mesh import read_viewed_mesh
 
@@ -197,8 +219,7 @@ def _read(path: Path, output: Output) -> ViewModel:
         names = ", ".join(one.name for one in found[:4])
         raise UsageError("USAGE", f"one mesh at a time; this folder holds {len(found)}: {names}", file=path)
     with output.progress(f"reading {found[0].name}"):
-        mesh = read_viewed_mesh(found[0])
-    return model_of(mesh, output)
+        return read_viewed_mesh(found[0])
 
 
 def model_of(mesh: ViewedMesh, output: Output) -> ViewModel:

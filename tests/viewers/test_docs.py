@@ -8,14 +8,14 @@ from typing import Any
 import typer
 
 from msb_viewers.deployment.state import HELP as COMPARE_HELP
-from msb_viewers.palette import STYLES
+from msb_viewers.palette import REPAIR_STYLES, STYLES
 from msb_viewers.state import HELP
 from tests.conftest import ROOT
 
 
 def test_the_guide_names_every_layer_key_and_option() -> None:
     text = (ROOT / "docs" / "viewer.md").read_text()
-    for kind, style in STYLES.items():
+    for kind, style in (STYLES | REPAIR_STYLES).items():
         assert f"| {style.key} | `{kind}` |" in text
     for key, _ in (*HELP, *COMPARE_HELP):
         assert f"| {key} |" in text, key

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb_viewers.palette import STYLES
 from msb_viewers.window import CLICK, event_pixel, free_name, key_name, listen
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ class Controls:
             "r": self._home,
             "escape": self._release,
             "h": self._help,
-            **{style.key: self._toggler(kind) for kind, style in STYLES.items()},
+            **{layer.style.key: self._toggler(kind) for kind, layer in state.model.layers.items()},
         }
 
     def key(self, name: str) -> bool:
@@ -74,7 +73,7 @@ class Controls:
         elif action == "components":
             state = self.viewer.state
             state.coloring = "components" if state.coloring != "components" else self._plain()
-        elif action in STYLES:
+        elif action in self.viewer.model.layers:
             self.viewer.state.toggle(action)
         self.viewer.refresh()
 

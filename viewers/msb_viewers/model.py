@@ -144,7 +144,7 @@ class ViewModel:
         """
         shown: set[str] = set()
         total = 0
-        for kind in _WORST_FIRST:
+        for kind in _WORST_FIRST if _WORST_FIRST[0] in self.layers else self.layers:
             count = len(self.layers[kind])
             if count == 0 or (self.soup and kind == "boundary_edges"):
                 continue

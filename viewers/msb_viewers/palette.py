@@ -100,6 +100,18 @@ STYLES: dict[str, Style] = {
 }
 """Layers in the legend's order."""
 
+DELETED: Color = (217, 26, 26)
+ADDED: Color = (26, 166, 60)
+REPAIR_STYLES: dict[str, Style] = {
+    style.kind: style
+    for style in (
+        Style("deleted_faces", "Deleted faces", "1", DELETED, "face", width=3.0, marker="cross", size=13),
+        Style("added_faces", "Added faces", "2", ADDED, "face", width=3.0, marker="square", size=11),
+        Style("cut_edges", "Cut edges", "3", (0, 0, 140), "edge", width=4.0),
+    )
+}
+"""The layers of a mesh and what a repair made of it, instead."""
+
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
     # Light to dark with size, so that the order survives without hue; steps of the plasma scale of
     # matplotlib (S. van der Walt and N. Smith, 2015), none of them near the neutral grey.

@@ -8,12 +8,13 @@ import numpy as np
 
 from msb_viewers import drawing
 from msb_viewers.detail import MOST_FACES, budget, cluster
-from msb_viewers.palette import NEUTRAL, STYLES
+from msb_viewers.palette import NEUTRAL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb_viewers.model import ViewModel
+    from msb_viewers.palette import Style
     from msb_viewers.state import ViewState
 
 _MARKS = 5
@@ -106,8 +107,8 @@ class Stage:
                 actor.SetVisibility(kind in state.visible and thinned)
 
     def _make_layer(self, kind: str, component: int | None) -> None:
-        corners = self.model.positions(kind, component=component)
-        full = [self._add(actor, over=True) for actor in layer_actors(kind, corners)] if len(corners) else []
+        corners, style = self.model.positions(kind, component=component), self.model.layers[kind].style
+        full = [self._add(actor, over=True) for actor in layer_actors(style, corners)] if len(corners) else []
         self._layers[kind] = (component, full, [])
         self._scale(kind)
 
@@ -118,7 +119,7 @@ class Stage:
         if len(corners) <= most:
             return []
         some = corners[:: -(-len(corners) // most)]
-        thin = [self._add(actor, over=True) for actor in layer_actors(kind, some)]
+        thin = [self._add(actor, over=True) for actor in layer_actors(self.model.layers[kind].style, some)]
         for actor in thin:
             self._scale_actor(kind, actor)
         return thin
@@ -136,8 +137,9 @@ class Stage:
 
     def _scale_actor(self, kind: str, actor: Any) -> None:
         look = actor.GetProperty()
-        look.SetLineWidth(max(STYLES[kind].width * self._size, 0.8) * self.boost)
-        look.SetPointSize(max(STYLES[kind].size * self._size, 3.0) * self.boost)
+        style = self.model.layers[kind].style
+        look.SetLineWidth(max(style.width * self._size, 0.8) * self.boost)
+        look.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
 
     def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> Any:
         everything = len(rows) == len(self.model.faces)
@@ -186,9 +188,8 @@ class Stage:
             self._back.RemoveActor(pair[1])
 
 
-def layer_actors(kind: str, corners: NDArray[np.float32]) -> list[Any]:
+def layer_actors(style: Style, corners: NDArray[np.float32]) -> list[Any]:
     """Return the actors that draw elements (n, k, 3) of a kind: lines, markers, or both."""
-    style = STYLES[kind]
     actors = []
     if style.width:
         ends = corners

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from msb.errors import UsageError, shorten
-from msb_viewers.palette import STYLES, size_label
+from msb_viewers.palette import size_label
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -80,7 +80,9 @@ class ViewState:
     def first(cls, model: ViewModel) -> ViewState:
         """Return the state a viewer opens with."""
         state = cls(model, model.shown_by_default(), coloring="own" if model.colors else "grey")
-        state.active = next((kind for kind in model.layers if kind in state.visible), state.active)
+        shown = [kind for kind in model.layers if kind in state.visible]
+        if shown or state.active not in model.layers:
+            state.active = (shown or list(model.layers))[0]
         state.message = "H: help" if not model.notes else model.notes[0]
         return state
 
@@ -111,7 +113,7 @@ class ViewState:
             return
         at = kinds.index(self.active) + 1 if self.active in kinds else 0
         self.active = kinds[at % len(kinds)]
-        self.message = f"N / P step through: {STYLES[self.active].label}"
+        self.message = f"N / P step through: {self.model.layers[self.active].style.label}"
 
     def next_coloring(self) -> None:
         """Go on to the next way to colour the mesh; own colours only where there are some."""

@@ -1,0 +1,52 @@
+"""A mesh and what a repair made of it, as the viewer shows both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from msb_viewers.page import page
+from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
+from msb_viewers.repaired import build_repaired_model
+from msb_viewers.state import ViewState, legend_rows
+from msb_viewers.viewed_mesh import ViewedMesh
+from tests.conftest import BOOK, TETRAHEDRON
+
+
+def model_of(before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]):  # type: ignore[no-untyped-def]
+    meshes = (ViewedMesh(f"{name}.ply", Path(name), *mesh) for name, mesh in (("a", before), ("b", after)))
+    return build_repaired_model(*meshes)
+
+
+def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_as_stored() -> None:
+    points, faces = TETRAHEDRON
+    points = np.concatenate([points, [[2, 2, 2]]]).astype(np.float32)
+    model = model_of((points, faces), (points, np.concatenate([faces[1:], [[0, 1, 4]]])))
+    assert model.audit.counts.faces == 4
+    assert model.colors is not None
+    assert [tuple(row) for row in model.colors.values[[0, 4]].tolist()] == [DELETED, ADDED]
+    rows = {row["kind"]: row["count"] for row in legend_rows(ViewState.first(model))}
+    assert rows == {"deleted_faces": 1, "added_faces": 1, "cut_edges": 0}
+    corners = model.stored_position(model.positions("added_faces")[0])
+    assert np.allclose(corners, points[[0, 1, 4]], atol=1e-6)
+    assert model.notes[0].startswith("b.ply: 1 faces deleted, 1 added, 0 edges cut; it is ")
+
+
+def test_a_cut_edge_is_drawn_between_its_vertices_and_can_be_flown_to() -> None:
+    points, faces = BOOK
+    apart = points[faces.reshape(-1)], np.arange(9).reshape(-1, 3)
+    model = model_of(BOOK, apart)
+    assert model.layers["cut_edges"].vertices.tolist() == [[0, 1]]
+    state = ViewState.first(model)
+    assert state.active == "cut_edges"
+    state.choose("cut_edges", 0)
+    assert "edge 0 to 1, 3 faces" in state.message
+
+
+def test_a_repair_that_changes_nothing_has_empty_layers_and_a_page() -> None:
+    model = model_of(TETRAHEDRON, TETRAHEDRON)
+    state = ViewState.first(model)
+    state.next_layer()
+    assert state.active in REPAIR_STYLES
+    assert b"deleted_faces" in page(model, state, "+y")

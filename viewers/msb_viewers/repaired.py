@@ -1,0 +1,89 @@
+"""A mesh and what a repair made of it, in one view: deleted and added faces, and cut edges, as layers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_model
+from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
+from msb_viewers.viewed_mesh import Colors, ViewedMesh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_DARKEST, _LIGHTEST = 140, 230
+"""Grey of black and of white faces: light enough for the colours to stand out."""
+
+
+def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
+    """Return all faces of a mesh as stored, and those that a repair added.
+
+    Faces that were kept are grey, deleted ones red, added ones green; the numbers of faces and vertices are
+    those of the mesh as stored. The repair may be anybody's: faces are known by the places of their corners.
+
+    Parameters
+    ----------
+    before, after : ViewedMesh
+
+    Raises
+    ------
+    MeshError
+        A face uses a vertex that there is not.
+    """
+    from msb.topology import audit_arrays
+    from msb.topology.arrays import mesh_arrays
+    from msb.topology.difference import find_difference
+    from msb.topology.verdict import judge
+
+    old, new = (mesh_arrays(mesh.vertices, mesh.faces) for mesh in (before, after))
+    found = find_difference(old, new)
+    (points, faces), count = old, len(old[1])
+    added = new[1][found.added].astype(np.int64) + len(points)
+    union = replace(
+        before,
+        vertices=np.concatenate([points, new[0]]),
+        faces=np.concatenate([faces, added]),
+        colors=Colors(_colors(before, faces, found.deleted, len(added)), "face"),
+        notes=(),
+    )
+    audit, _ = audit_arrays(points, faces)
+    _, analysis = audit_arrays(union.vertices, union.faces)
+    model = build_model(union, audit, analysis)
+    mesh = analysis.mesh
+    numbers = {
+        "deleted_faces": (found.deleted, mesh.faces, count),
+        "added_faces": (count + np.arange(len(added)), mesh.faces, count),
+        # Edges are in the order of their vertices, so those of the mesh as stored come first.
+        "cut_edges": (found.cut, mesh.edge_vertices, audit.counts.edges),
+    }
+    layers = {
+        kind: Layer(REPAIR_STYLES[kind], rows, vertices[rows], total)
+        for kind, (rows, vertices, total) in numbers.items()
+    }
+    verdict = judge(audit_arrays(*new)[0])
+    deleted, cut = len(found.deleted), len(found.cut)
+    what = f"{deleted:,} faces deleted, {len(added):,} added, {cut:,} edges cut"
+    notes = (
+        f"{after.name}: {what}; it is {verdict.word}",
+        *(note for note in model.notes if note not in (SOUP_NOTE, CLEAN_NOTE)),
+    )
+    return replace(model, layers=layers, notes=notes)
+
+
+def _colors(
+    before: ViewedMesh, faces: NDArray[Any], deleted: NDArray[np.int64], added: int
+) -> NDArray[np.uint8]:
+    light = np.full(len(faces), 200.0)
+    if before.colors is not None:
+        light = before.colors.values.mean(axis=1)
+        if before.colors.domain == "vertex":
+            light = light[faces].mean(axis=1)
+        elif before.colors.domain == "corner":
+            light = light.reshape(-1, 3).mean(axis=1)
+    grey = _DARKEST + (_LIGHTEST - _DARKEST) * light / 255
+    kept = np.repeat(np.rint(grey).astype(np.uint8)[:, None], 3, axis=1)
+    kept[deleted] = DELETED
+    return np.concatenate([kept, np.tile(np.array(ADDED, np.uint8), (added, 1))])
