@@ -35,8 +35,8 @@ FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
 PROFILES: dict[Profile, tuple[str, ...]] = {
-    # What runs in an engine: real-time simplification, UV unwrapping and collision meshes walk from face to
-    # face and copy vertices where they cannot; one element in a hundred is mended by hand or by a tool.
+    # What runs in an engine: real-time simplification, subdivision and UV unwrapping walk from face to face
+    # and copy vertices where they cannot; one element in a hundred is mended by hand or by a tool.
     # Open edges are harmless there. V/F of a closed mesh is 1/2, of a soup 3.
     "game": (
         "nonfinite_faces>0",

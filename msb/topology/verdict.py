@@ -10,8 +10,13 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-TOPOLOGY_TOOLS = "subdivision, collision or UV unwrapping"
-"""Uses that need manifold neighbourhoods (paper, "Mesh Structural Results": Local structure)."""
+SOLID_TOOLS = "subdivision, booleans or printing"
+"""Uses that refuse or crack what is no manifold surface. UV unwrapping and collision, which the paper names
+too ("Mesh Structural Results": Local structure), cut and join by themselves: docs/trial.md has trials."""
+MANY = 0.01
+"""Share of non-manifold edges up to which tools that cut a mesh there get away with it."""
+SMALL_PIECE, FEW_PIECES = 10, 10
+"""Pieces of fewer faces, where there are more than a few, are no surface to unwrap or subdivide."""
 
 MERGED = "closed once coincident vertices are merged"
 """What is said of a mesh that is open only at seams of UVs or normals (`msb.topology.seams`)."""
@@ -50,25 +55,31 @@ def judge(audit: Audit) -> Verdict:
     if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
         return Verdict(
             "bad",
-            f"renders; not usable for {TOPOLOGY_TOOLS} because it is a triangle soup: no two faces share a "
-            f"vertex{_welded(audit)}",
+            f"renders; not usable for {SOLID_TOOLS}, and for collision or UV unwrapping only where corners "
+            f"coincide, because it is a triangle soup: no two faces share a vertex{_welded(audit)}",
             f"triangle soup{merged}",
         )
     if counts.nonmanifold_vertices:
         vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
         edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
+        many = counts.nonmanifold_edges > MANY * counts.edges
+        uses = (
+            f"not usable for {SOLID_TOOLS}, unreliable for"
+            if many
+            else "unreliable for subdivision, booleans, printing,"
+        )
         return Verdict(
             "bad",
-            f"renders; not usable for {TOPOLOGY_TOOLS} because {edges if counts.nonmanifold_edges else ''}"
-            f"{vertices}{_pieces(audit)}{merged}",
+            f"renders; {uses} collision or UV unwrapping, because "
+            f"{edges if counts.nonmanifold_edges else ''}{vertices}{_pieces(audit)}{merged}",
             vertices + merged,
         )
     if flips := counts.inconsistent_winding_edges:
         where = f"across {flips:,} edge{'' if flips == 1 else 's'}"
         return Verdict(
             "limited",
-            "renders and is manifold; make the winding consistent before computing normals or collision: it "
-            f"flips {where}",
+            "renders and is manifold; make the winding consistent before computing normals, booleans or "
+            f"printing: it flips {where}",
             f"winding flips {where}",
         )
     if counts.duplicate_faces:
@@ -84,14 +95,26 @@ def judge(audit: Audit) -> Verdict:
         holes = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
         return Verdict(
             "limited",
-            "renders; usable for subdivision and UV unwrapping; not usable as a solid for collision or "
-            f"printing because it is open: {edges} in {holes}{_pieces(audit)}{merged}",
+            f"renders; {_uses_of_open(audit)} because it is open: {edges} in {holes}{_pieces(audit)}{merged}",
             f"open: {edges}{merged}",
         )
     what = "closed, manifold and consistently wound"
     if metrics.components > 1:
         return Verdict("ok", f"usable throughout: {what}, in {metrics.components:,} separate bodies")
     return Verdict("ok", f"usable throughout: {what}")
+
+
+def _uses_of_open(audit: Audit) -> str:
+    """Return what an open manifold mesh can be used for, up to "because it is open"."""
+    if audit.closed_once_merged:
+        return f"usable for UV unwrapping; merge coincident vertices before {SOLID_TOOLS}"
+    faces, pieces = audit.counts.faces, audit.metrics.components
+    if pieces > FEW_PIECES and faces < SMALL_PIECE * pieces:
+        small = (
+            f"its pieces, of {faces / pieces:.1f} faces in the mean, are too small for subdivision and UV "
+        )
+        return f"{small}unwrapping; not usable as a solid for collision or printing"
+    return "usable for subdivision and UV unwrapping; not usable as a solid for collision or printing"
 
 
 def percent(part: int, whole: int) -> str:

@@ -67,7 +67,7 @@ def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> No
     result = msb("audit", demo_asset)
     lines = result.out.strip().splitlines()
     assert lines[0] == lines[-1]
-    verdict = "BAD renders; not usable for subdivision, collision or UV unwrapping because"
+    verdict = "BAD renders; not usable for subdivision, booleans or printing, unreliable for"
     assert lines[-1].startswith(f"{demo_asset}: {verdict}")
     assert "\x1b" not in result.out
     assert result.err == ""

@@ -45,7 +45,7 @@ AUDIT: dict[str, Any] = {
     "topology": "indexed_mesh",
     "verdict": {
         "level": "bad",
-        "sentence": "renders; not usable for subdivision, collision or UV unwrapping because 18 % of its "
+        "sentence": "renders; not usable for subdivision, booleans or printing because 18 % of its "
         "edges and 65 % of its vertices are non-manifold",
     },
     "counts": {"vertices": 520, "faces": 1000, "edges": 1690, "nonmanifold_vertices": 338,

@@ -66,3 +66,40 @@ def test_a_welded_soup_says_what_it_would_be() -> None:
 )
 def test_a_share_never_rounds_to_nothing_or_all(part: int, whole: int, text: str) -> None:
     assert percent(part, whole) == text
+
+
+def grid(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a flat grid of 2 side^2 faces."""
+    points = np.array([[x, y, 0] for x in range(side + 1) for y in range(side + 1)], float)
+    step = side + 1
+    first = [x * step + y for x in range(side) for y in range(side)]
+    return points, np.array(
+        [row for v in first for row in ((v, v + step, v + 1), (v + 1, v + step, v + step + 1))]
+    )
+
+
+def test_what_tools_cut_by_themselves_is_unreliable_and_what_they_refuse_is_not_usable() -> None:
+    points, faces = grid(12)  # 288 faces, 456 edges
+    fin = np.concatenate([points, [[0.5, 0.5, 1]]]), np.concatenate([faces, [[13, 1, len(points)]]])
+    assert "unreliable for subdivision, booleans, printing, collision or" in judge(audit(*fin)).sentence
+    assert "not usable for subdivision, booleans or printing, unreliable for collision or UV" in str(
+        judge(audit(*BOOK))
+    )
+
+
+def test_an_open_mesh_in_small_pieces_is_not_said_to_unwrap() -> None:
+    points, faces = grid(1)
+    many = [(points + 3 * k, faces + 4 * k) for k in range(11)]
+    pieces = judge(audit(*(np.concatenate(part) for part in zip(*many, strict=True))))
+    assert pieces.level == "limited"
+    assert "its pieces, of 2.0 faces in the mean, are too small for subdivision and UV" in pieces.sentence
+    assert "usable for subdivision and UV unwrapping;" in judge(audit(*grid(1))).sentence
+
+
+def test_seams_crack_under_subdivision_and_unwrap_all_the_same() -> None:
+    points, faces = TETRAHEDRON
+    halves = [(points, faces[:2]), (points, faces[2:] + 4)]
+    apart = tuple(np.concatenate(part) for part in zip(*halves, strict=True))
+    verdict = judge(audit(*apart))
+    assert verdict.level == "limited"
+    assert "usable for UV unwrapping; merge coincident vertices before subdivision" in verdict.sentence

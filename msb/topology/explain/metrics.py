@@ -80,7 +80,7 @@ METRICS = (
         ),
         matters=(
             "At such an edge the surface branches, so there is no inside, no consistent normal and no way to "
-            "unfold. Subdivision, remeshing, UV unwrapping and half-edge tools refuse or split the mesh."
+            "unfold. Subdivision, remeshing and half-edge tools refuse or split the mesh; unwrapping cuts it."
         ),
         source=f"{_TABLE}, column Non-manif. edge (lower is better)",
         special="null when there are no edges",
