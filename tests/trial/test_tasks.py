@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from msb.topology.steps import orient
 from msb.trial.mesh import TriedMesh
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import points_inside
 from msb.trial.tasks.solid import section
-from msb.trial.tasks.subdivide import cut_apart, turned_alike
+from msb.trial.tasks.subdivide import cut_apart
 from msb.trial.tasks.uv import l2_stretch
 from tests.trial.conftest import MESHES, attempt, bow_tie, box, grid, made_of, pages, soup, together
 
@@ -171,18 +172,16 @@ def test_crossing_boxes_and_slivers_are_counted() -> None:
     ("mesh", "vertices"), [(box(), 8), (bow_tie(), 6), (pages(), 9), (soup(box()), 36), (grid(2), 9)]
 )
 def test_cutting_leaves_one_fan_at_every_vertex(mesh: TriedMesh, vertices: int) -> None:
-    cut, origin = cut_apart(mesh.faces)
+    cut, origin = cut_apart(mesh.faces, len(mesh.vertices))
     assert len(origin) == vertices
     np.testing.assert_array_equal(origin[cut], mesh.faces)
 
 
-def test_winding_is_made_consistent_where_it_can_be() -> None:
+def test_faces_whose_windings_clash_are_cut_apart() -> None:
     faces = box().faces.copy()
     faces[::3] = faces[::3, ::-1]
-    assert len(cut_apart(faces)[1]) > 8
-    assert len(cut_apart(turned_alike(faces))[1]) == 8
-    strip = np.array([[k % 5, (k + 1) % 5, (k + 2) % 5] for k in range(5)])  # of Möbius, five faces
-    np.testing.assert_array_equal(turned_alike(strip), strip)
+    assert len(cut_apart(faces, 8)[1]) > 8
+    assert len(cut_apart(orient(faces, 8).faces, 8)[1]) == 8
 
 
 def test_stretch_is_one_for_a_scaled_map_and_grows_with_squeezing() -> None:

@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.topology.components import label_components
+from msb.topology.faces import names_vertex_twice
+from msb.topology.halfedge import build_half_edges, face_of
+from msb.topology.steps import orient
+from msb.topology.steps.cut import split_vertices
+from msb.topology.weld import merged_vertices
 from msb.trial.geometry import areas
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from msb.topology.halfedge import HalfEdgeMesh
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
@@ -33,24 +38,29 @@ SMALL_GAPS = 0.001
 def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
     import igl
 
-    stored = _proper(mesh.faces)
-    if not len(stored):
+    proper = mesh.faces[~names_vertex_twice(mesh.faces)]
+    if not len(proper):
         raise ValueError("it has no proper face")
-    crowded, clashes = _undefined(stored)
-    proper = turned_alike(stored)
-    cut, origin = cut_apart(proper)
+    used, stored = np.unique(proper, return_inverse=True)
+    stored = stored.reshape(-1, 3)
+    vertices = mesh.vertices[used].astype(np.float64)
+    given = build_half_edges(stored, len(used))
+    crowded = int(np.count_nonzero(given.multiplicity > 2))
+    clashes = len(given.two_face_halfedges[0]) - len(agreeing(given)[0])
+    turned = orient(stored, len(used)).faces
+    cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
-    points = matrix @ mesh.vertices[origin].astype(np.float64)
-    colors = np.clip(matrix @ mesh.colors[origin].astype(np.float64), 0, 1)
+    points = matrix @ vertices[origin]
+    colors = np.clip(matrix @ mesh.colors[used][origin].astype(np.float64), 0, 1)
     made = TriedMesh(points.astype(np.float32), faces.astype(np.int64), colors.astype(np.float32))
-    gaps = gap_area(mesh.vertices.astype(np.float64), proper, cut, points, faces)
-    surface = float(areas(mesh.vertices, proper).sum())
+    gaps = gap_area(vertices[origin], cut, points, faces)
+    surface = float(areas(vertices, stored).sum())
     numbers = {
-        "defined": not (crowded or clashes or len(origin) > len(np.unique(proper))),
+        "defined": not (crowded or clashes or len(origin) > len(used)),
         "edges_of_three_faces": crowded,
         "edges_of_clashing_winding": clashes,
-        "vertices_cut": len(origin) - len(np.unique(proper)),
-        "lone_share": _lone_share(proper),
+        "vertices_cut": len(origin) - len(used),
+        "lone_share": _lone_share(build_half_edges(turned, len(used))),
         "faces": len(faces),
         "gap_area": gaps,
         "gap_share": gaps / surface if surface else None,
@@ -58,100 +68,32 @@ def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]])
     return Made(numbers, {"mesh": made})
 
 
-def _proper(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the faces of three different vertices."""
-    a, b, c = faces.T
-    return np.asarray(faces[(a != b) & (b != c) & (c != a)])
+def agreeing(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the two half-edges of each edge of two faces that run along it in both directions."""
+    one, other = mesh.two_face_halfedges
+    agree = mesh.origin[one] != mesh.origin[other]
+    return one[agree], other[agree]
 
 
-def _half_edges(faces: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
-    """Return each half-edge's direction and edge (3f + k is a face's k-th), and each edge's faces."""
-    start, stop = faces.reshape(-1), faces[:, (1, 2, 0)].reshape(-1)
-    ends = np.stack([np.minimum(start, stop), np.maximum(start, stop)], axis=1)
-    _, edge, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    return start < stop, edge.reshape(-1), count
-
-
-def _undefined(faces: NDArray[np.int64]) -> tuple[int, int]:
-    """Return the number of edges of more than two faces, and of two that both run along it alike."""
-    _, _, count = _half_edges(faces)
-    agree = _neighbours(faces)[2]
-    return int(np.count_nonzero(count > 2)), int(np.count_nonzero(~agree))
-
-
-def turned_alike(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the faces (F, 3), turned so that two that alone share an edge run along it in both directions.
-
-    In a graph with two nodes for each face, one for each winding, an edge joins the windings that agree. A
-    piece that can be turned is there twice; one that cannot, such as a Möbius strip, once, and stays.
-    """
-    one, other, agree = _neighbours(faces)
-    count = len(faces)
-    first = np.concatenate([one, one + count])
-    second = np.where(np.concatenate([agree, ~agree]), np.tile(other, 2), np.tile(other, 2) + count)
-    _, label = label_components(2 * count, first, second)
-    turn = label[:count] > label[count:]
-    return np.where(turn[:, None], faces[:, ::-1], faces)
-
-
-def _lone_share(faces: NDArray[np.int64]) -> float:
+def _lone_share(mesh: HalfEdgeMesh) -> float:
     """Return the share of faces that are joined to no other, which the rule shrinks each by itself."""
-    one, other, agree = _neighbours(faces)
-    joined = np.zeros(len(faces), bool)
-    joined[np.concatenate([one[agree], other[agree]])] = True
+    joined = np.zeros(mesh.face_count, bool)
+    joined[face_of(np.concatenate(agreeing(mesh)))] = True
     return float(1 - joined.mean())
 
 
-def _neighbours(faces: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-    """Return the two faces of each edge of two, and whether their windings agree."""
-    one, other = _pairs(faces)
-    forward, _, _ = _half_edges(faces)
-    return one // 3, other // 3, forward[one] != forward[other]
+def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Return faces (F, 3) that stay joined only across edges of two faces with one winding.
 
-
-def _pairs(faces: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the two half-edges of each edge of two faces."""
-    _, edge, count = _half_edges(faces)
-    order = np.argsort(edge, kind="stable")
-    place = (np.cumsum(count) - count)[count == 2]
-    return order[place], order[place + 1]
-
-
-def cut_apart(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return faces that stay joined only across edges of two faces with one winding, and vertices' origins.
-
-    Parameters
-    ----------
-    faces : (F, 3) int64
-        Of three different vertices each.
-
-    Returns
-    -------
-    cut : (F, 3) int64
-        Every vertex has one fan of faces.
-    origin : (W,) int64
-        The vertex that each new one is a copy of.
+    Every vertex has one fan of faces then; the second array (W,) has the vertex that each one is a copy of.
     """
-    forward, _, _ = _half_edges(faces)
-    one, other = _pairs(faces)
-    agree = forward[one] != forward[other]
-    one, other = one[agree], other[agree]
-
-    def after(half: NDArray[Any]) -> NDArray[Any]:
-        return np.asarray(np.where(half % 3 == 2, half - 2, half + 1))
-
-    # Corner 3f + k is where half-edge 3f + k starts; the other half-edge starts where this one ends.
-    first = np.concatenate([one, after(one)])
-    second = np.concatenate([after(other), other])
-    groups, label = label_components(faces.size, first, second)
-    origin = np.zeros(groups, np.int64)
-    origin[label] = faces.reshape(-1)
-    return label.astype(np.int64).reshape(-1, 3), origin
+    mesh = build_half_edges(faces, vertex_count)
+    change = split_vertices(mesh, *agreeing(mesh))
+    return change.faces.astype(np.int64), change.vertex_map
 
 
 def gap_area(
     vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
     cut: NDArray[np.int64],
     points: NDArray[np.float64],
     fine: NDArray[np.int64],
@@ -164,26 +106,19 @@ def gap_area(
     Parameters
     ----------
     vertices : (V, 3) float64
-    faces, cut : (F, 3) int64
-        As they were, and cut apart.
+    cut : (F, 3) int64
+        As they were, cut apart.
     points : (W, 3) float64
         The vertices after; the first ones are those of `cut`.
     fine : (4F, 3) int64
         The faces after.
     """
-    _, place = np.unique(vertices, axis=0, return_inverse=True)
-    _, cut_edge, _ = _half_edges(cut)
-    start, stop = cut.reshape(-1), cut[:, (1, 2, 0)].reshape(-1)
+    _, place = merged_vertices(vertices, "exact")
     # Each edge of the cut mesh once, from the end with the lower place to the other.
-    _, once = np.unique(cut_edge, return_index=True)
-    start, stop = start[once], stop[once]
-    here, there = (
-        place.reshape(-1)[faces.reshape(-1)][once],
-        place.reshape(-1)[faces[:, (1, 2, 0)].reshape(-1)][once],
-    )
-    turned = here > there
+    start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
+    turned = place[start] > place[stop]
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
-    here, there = np.where(turned, there, here), np.where(turned, here, there)
+    here, there = place[start], place[stop]
     middle = _middles(start, stop, fine)
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
