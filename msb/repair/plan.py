@@ -44,6 +44,14 @@ DEFAULT = ("orient", "pair")
 """The plan that changes nothing visible."""
 BY_PEER = {"igl": ("cut",), "pymeshlab": ("drop",)}
 """Peer -> the steps that it can do in our stead."""
+_UNTOUCHED_BY = {
+    "orient": ("orient", "debris"),
+    **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
+    "drop": ("drop", "orient", "debris"),
+    "debris": ("debris", "orient"),
+}
+"""Step -> steps after whose changes it has nothing to do if it had nothing to do before: a turned face stays
+where it is, debris goes as whole components, and no step finds more to do in its own result."""
 _MOST_ROUNDS = 16
 
 
@@ -294,7 +302,7 @@ def run_plan(
         weights,
     )
     work.apply(start)
-    for name in _turns(plan, work):
+    for name in _turns(plan, work, options.peer):
         work.do(name, lambda name=name: _step(name, work, options))  # type: ignore[misc]
     work.flush()
     after, _ = audit_arrays(work.points, work.pending.faces)
@@ -303,18 +311,26 @@ def run_plan(
     return Outcome(work.buffers, *maps, tuple(shown), before, after)
 
 
-def _turns(plan: Sequence[str], work: _Work) -> Iterator[str]:
-    """Yield the steps in turn, until as many in a row as there are have changed nothing.
+def _turns(plan: Sequence[str], work: _Work, peer: str | None) -> Iterator[str]:
+    """Yield the steps in turn, as long as one has changed something that could give another one work.
 
     Vertices are welded in the first turn only: later ones would undo what was cut.
     """
-    yield from plan
     again = [name for name in plan if name != "weld"]
-    for _ in range(_MOST_ROUNDS):
-        for name in again:
-            if not any(step.changed for step in work.steps[-len(again) :]):
-                return
+    by_peer = BY_PEER.get(peer or "", ())
+    waiting: set[str] = set()
+    for turn in range(1 + _MOST_ROUNDS):
+        for name in again if turn else plan:
+            if turn and name not in waiting:
+                continue
+            waiting.discard(name)
             yield name
+            if work.steps[-1].changed:
+                waiting |= {
+                    other for other in again if other in by_peer or name not in _UNTOUCHED_BY.get(other, ())
+                }
+        if not waiting:
+            return
 
 
 def refuse_nonfinite(points: NDArray[Any]) -> None:

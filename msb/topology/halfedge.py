@@ -148,9 +148,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
-    key = low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64)
-    order = np.argsort(key, kind="stable")
-    key = key[order]
+    key, order = _sorted(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
     first = np.flatnonzero(is_first)
@@ -163,3 +161,19 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
         edge_offsets=np.append(first, len(key)).astype(dtype),
         edge_halfedges=halfedges[order],
     )
+
+
+def _sorted(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
+    """Return the keys in ascending order, and which each is; equal ones stay in their order.
+
+    Where a key and its number fit into 64 bits together, which they do up to some two million faces, numbers
+    alone are sorted: six times as fast as sorting numbers by keys.
+    """
+    bits = np.uint64(len(key).bit_length())
+    if int(key.max(initial=0)) >> (64 - int(bits)):
+        order = np.argsort(key, kind="stable")
+        return key[order], order
+    packed = (key << bits) | np.arange(len(key), dtype=np.uint64)
+    packed.sort()
+    order = (packed & ((np.uint64(1) << bits) - np.uint64(1))).astype(np.intp)
+    return packed >> bits, order

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.topology.analysis import find_components
+from msb.topology.components import label_components
 from msb.topology.faces import added_areas, face_areas
-from msb.topology.halfedge import NONE, build_half_edges
+from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
 if TYPE_CHECKING:
@@ -47,16 +47,13 @@ def debris(
         grow. O(F log F) time.
     """
     mesh = build_half_edges(faces, len(points))
-    area, _ = face_areas(points, faces)
-    parts, _ = find_components(mesh, area)
-    proper = parts.face_component != NONE
-    label = parts.face_component[proper]
-    small = parts.sizes < least_faces
+    pairs = zip(mesh.two_face_halfedges, mesh.chained_halfedges, strict=True)
+    one, other = (face_of(np.concatenate(ends)) for ends in pairs)
+    count, label = label_components(len(faces), one, other)
+    small = np.bincount(label, minlength=count) < least_faces
     if least_share > 0:
-        weight = parts.areas
-        if weights is not None:
-            weight = added_areas(np.asarray(weights, np.float64)[proper], label, parts.count)
+        weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
+        weight = added_areas(np.where(mesh.repeated_index, 0, weight), label, count)
         small |= weight < least_share * weight.sum()
-    keep = np.ones(len(faces), bool)
-    keep[proper] = ~small[label]
+    keep = mesh.repeated_index | ~small[label]
     return with_faces(faces, keep, len(points))
