@@ -101,8 +101,19 @@ COMMANDS = {
         Command("convert-ply", lambda at, out: ["convert", at / "mesh.triasset", out / "a.ply"], _asset),
         Command(
             "repair",
-            lambda at, out: ["repair", at / "mesh.triasset", "-o", out / "a.triasset"],
+            lambda at, out: [
+                *("repair", at / "mesh.triasset", "-o", out / "a.triasset"),
+                *("--maps", out / "maps.npz"),
+            ],
             _asset,
+        ),
+        Command(
+            "repair-compare",
+            lambda _at, out: [
+                *("repair", "--compare", "--task", "intersections", STUBS / "checkpoint"),
+                *("-o", out / "costs"),
+            ],
+            _nothing,
         ),
         Command(
             "trial",

@@ -36,6 +36,15 @@ FILES: dict[str, tuple[str, Callable[[Path], list[Any]]]] = {
     "render an MP4": ("a.mp4", lambda out: [*TURN, "--film", out, CHECKPOINT]),
     "audit --json": ("a.json", lambda out: ["audit", "-f", "--json", out, ASSET]),
     "audit --elements .vtp": ("a.vtp", lambda out: ["audit", "-f", "--elements", out, ASSET]),
+    "repair": ("a.triasset", lambda out: ["repair", "-f", CHECKPOINT, "-o", out]),
+    "repair --maps": (
+        "a.npz",
+        lambda out: ["repair", "-f", CHECKPOINT, "-o", out.parents[1] / "b.triasset", "--maps", out],
+    ),
+    "trial --json": (
+        "a.json",
+        lambda out: ["trial", "-f", "--task", "intersections", "--json", out, CHECKPOINT],
+    ),
     "web": ("a.html", lambda out: ["web", "-f", "--out", out]),
     "track": ("a.json", lambda out: ["track", "-f", "-o", out, "--", sys.executable, "--version"]),
 }
@@ -65,9 +74,11 @@ def test_what_was_there_stays(disk: Disk, here: Here, command: str) -> None:
     ("name", "line"),
     [
         ("a.triasset", lambda out: ["export", "-f", "--form", "folder", CHECKPOINT, out]),
+        ("kept", lambda out: ["trial", "-q", "-f", "--task", "intersections", "--save", out, CHECKPOINT]),
+        ("costs", lambda out: ["repair", "-q", "-f", "--compare", "--task", "none", CHECKPOINT, "-o", out]),
         ("report", lambda out: ["report", "-f", "--paper", "--format", "csv", "-o", out]),
     ],
-    ids=["export", "report"],
+    ids=["export", "trial", "compare", "report"],
 )
 def test_a_folder_that_was_there_stays(
     disk: Disk, here: Here, name: str, line: Callable[[Path], list[Any]]
@@ -81,7 +92,8 @@ def test_a_folder_that_was_there_stays(
     before = sorted(disk.folder.rglob("*"))
     result = here(*line(target))
     assert (result.status, result.err.count("\n")) == (3, 1)
-    assert re.match(rf"OUTPUT_UNWRITABLE: {re.escape(str(target))}[^.]*: .* No space left", result.err)
+    where = rf"{re.escape(str(target))}[^.]*(\.png)?"
+    assert re.match(rf"OUTPUT_UNWRITABLE: {where}: .* No space left", result.err)
     assert (target / "report.md").read_bytes() == b"the old one"
     assert sorted(disk.folder.rglob("*")) == before
 

@@ -18,7 +18,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="proc
 
 
 @pytest.mark.parametrize(
-    ("name", "replacing"), [("export-folder", True), ("convert", False), ("render", False)]
+    ("name", "replacing"),
+    [("export-folder", True), ("convert", False), ("render", False), ("repair", True), ("trial", True)],
 )
 def test_nothing_is_half_there_and_it_works_again(tmp_path: Path, name: str, replacing: bool) -> None:
     killer = Killer(COMMANDS[name], tmp_path, size=20, seed=3)

@@ -56,6 +56,7 @@ def check_whole(path: Path) -> None:
         ".gif": _picture,
         ".mp4": _film,
         ".npy": _npy,
+        ".npz": _npz,
     }
     checks |= {".html": _page, ".csv": _csv, ".toml": _toml, ".md": _text, ".tex": _text}
     checks |= {".triasset": _asset, **dict.fromkeys(MESH_SUFFIXES, _mesh)}
@@ -123,6 +124,15 @@ def _frames(path: Path) -> list[bytes]:
         frames = [frame.to_ndarray(format="rgb24").tobytes() for frame in film.decode(video=0)]
         assert len(frames) == film.streams.video[0].frames
     return frames
+
+
+def _npz(path: Path) -> None:
+    with np.load(path, allow_pickle=False) as arrays:
+        assert {name: arrays[name].dtype.kind for name in arrays} == {
+            "vertex": "i",
+            "face": "i",
+            "turned": "b",
+        }
 
 
 def _npy(path: Path) -> None:
