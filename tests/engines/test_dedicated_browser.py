@@ -31,6 +31,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 
 __all__ = ["msb"]
 
+METHODS = ("triangle_splatting", "two_dts", "mesh_splatting", "diffsoup")
+
 
 def told_by(page: bytes, script: str, *, webgpu: bool = False) -> Any:
     """Return the JSON that a script makes in a page, in a browser with or without WebGPU."""
@@ -52,9 +54,9 @@ def told_by(page: bytes, script: str, *, webgpu: bool = False) -> Any:
 
 
 def scenes() -> list[list[View]]:
-    """Return the golden views of the blended methods by their model and settings: one page each."""
+    """Return the golden views by their model and settings: one page each."""
     found: dict[Any, list[View]] = {}
-    for method in ("triangle_splatting", "two_dts", "mesh_splatting"):
+    for method in METHODS:
         for view in golden_views(method):
             found.setdefault((view.folder, tuple(sorted(view.settings.items()))), []).append(view)
     return list(found.values())
@@ -80,17 +82,21 @@ def test_every_golden_view_is_faithful_to_the_official_image(views: list[View]) 
 
 
 def test_the_page_computes_the_camera_record_as_we_do(in_browser: InBrowser) -> None:
-    for method in ("triangle_splatting", "two_dts", "mesh_splatting"):
-        views = golden_views(method)[:2]
+    projections = {}
+    for views in scenes():
+        packed = pack(exported(views[0].folder / "checkpoint"), views[0].settings)
+        projections[packed.model.program, packed.model.own.get("flip")] = packed, views[:2]
+    assert len(projections) == 5
+    for packed, views in projections.values():
         page = page_of(views)
         script = """
             const read = (view) => [...new Uint8Array(viewRecord(
               about.view, about.plan.scale, view, [0.25, 0.5, 1], about.view.degree, about.view.own))];
             return about.tests.map((test) => read(test.view));"""
-        packed = pack(exported(views[0].folder / "checkpoint"), views[0].settings)
         for view, bytes_ in zip(views, in_browser(page.encoded(), script), strict=True):
-            ours = np.frombuffer(packed.view_bytes(view.camera, (0.25, 0.5, 1.0)), np.uint32).astype(np.int64)
-            theirs = np.frombuffer(bytes(bytes_), np.uint32).astype(np.int64)
+            pair = packed.view_bytes(view.camera, (0.25, 0.5, 1.0)), bytes(bytes_)
+            # A zero has no sign here.
+            ours, theirs = ((np.frombuffer(one, np.float32) + 0).view(np.int32).astype(int) for one in pair)
             # Tangents may differ by one unit in the last place between mathematical libraries.
             assert np.abs(ours - theirs).max() <= 1
 
@@ -115,7 +121,7 @@ def checksum(array: np.ndarray) -> int:
     return total
 
 
-@pytest.mark.parametrize("method", ["two_dts", "mesh_splatting"])
+@pytest.mark.parametrize("method", METHODS[1:])
 def test_the_page_decodes_the_arrays_that_were_packed(in_browser: InBrowser, method: str) -> None:
     view = golden_views(method)[2 if method == "two_dts" else 0]
     asset = quantised(exported(view.folder / "checkpoint"))
@@ -151,6 +157,27 @@ def test_without_webgpu_it_says_so_and_shows_the_standard_tier() -> None:
     assert shown == "standard"
     assert names == "Triangle-Splatting, 2,420 faces"
     assert pixel > 300 * 150 * 255
+
+
+def test_diffsoup_without_webgpu_is_its_triangles_in_grey() -> None:
+    page = page_of(golden_views("diffsoup")[:1])
+    said, shown, colors = told_by(
+        page.encoded(),
+        """
+        await ready;
+        showNow();
+        const copy = document.createElement("canvas").getContext("2d");
+        copy.drawImage(canvas, 0, 0, 300, 150);
+        const data = copy.getImageData(0, 0, 300, 150).data, grey = new Set();
+        for (let i = 0; i < data.length; i += 4) {
+          if (data[i] === data[i + 1] && data[i] === data[i + 2]) grey.add(data[i]);
+        }
+        return [byId("note").textContent, byId("shown").selectedOptions[0].textContent, grey.size];
+        """,
+    )
+    assert said.endswith("These are the triangles in grey: DiffSoup has no colours without its decoder.")
+    assert shown == "triangles, in grey"
+    assert colors > 10
 
 
 def test_pages_are_measured_when_made_and_again(msb: Msb, tmp_path: Path) -> None:

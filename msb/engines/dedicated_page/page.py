@@ -266,13 +266,11 @@ def _shrink_factor(whole: NDArray[np.float32], drawn: NDArray[np.float32]) -> fl
 
 def _standard(
     asset: Asset, packed: Packed, values: Mapping[str, Any], keep: Callable[..., str]
-) -> dict[str, Any] | None:
-    """Return which arrays are the mesh of the standard tier; None if the method has no static colour."""
-    if "standard" not in lookup(asset.manifest.method).passes or "f_dc" not in packed.arrays:
-        return None
+) -> dict[str, Any]:
+    """Return which arrays are the mesh of the standard tier, in grey if the method has no static colour."""
+    grey = not lookup(asset.manifest.method).supports("standard")
     soup = not packed.model.vertex_colors
-    found = colors_of(asset)
-    numbers = shown_faces(asset, values.get("ste_threshold"))
+    numbers = None if grey else shown_faces(asset, values.get("ste_threshold"))
     shown = None
     if numbers is not None:
         mask = np.zeros(packed.faces, np.uint8)
@@ -283,9 +281,10 @@ def _standard(
     return {
         "positions": "positions" if same else "stored positions",
         "indices": None if soup else "indices",
-        "colors": "f_dc" if found is not None else None,
+        "colors": "f_dc" if "f_dc" in packed.arrays and colors_of(asset) is not None else None,
         "shown": shown,
         "soup": soup,
+        "grey": grey,
     }
 
 

@@ -8,6 +8,9 @@ let official = null;    // a Dedicated
 let meshParts = null;   // what the standard mesh is made of, until it is made
 let degree = about.view.degree;
 let own = { ...about.view.own };
+const INSTEAD = about.standard.grey
+  ? `These are the triangles in grey: ${about.title} has no colours without its decoder`
+  : "This is the standard tier: the mesh as any engine draws it";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
 // ---- arrays
@@ -17,7 +20,7 @@ async function arrayOf(name, kept) {
   if (kept[name]) return kept[name];
   const { shrunk: from, ...head } = about.arrays[name];
   const found = from ? shrunk(await arrayOf(from.of, kept), from.factor) : await storedArray(name, head);
-  if (Object.values(about.standard || {}).includes(name) || name === from?.of) kept[name] = found;
+  if (Object.values(about.standard).includes(name) || name === from?.of) kept[name] = found;
   return found;
 }
 
@@ -147,29 +150,26 @@ async function openFirst() {
       byId("shown").value = "standard";
       layOut();
       note(`The graphics device was lost${info.message ? ` (${info.message.slice(0, 120)})` : ""}. ` +
-        `${about.standard ? "This is the standard tier; reload" : "Reload"} the page for the dedicated one.`);
+        `${INSTEAD}; reload the page for the dedicated tier.`);
       show();
     });
   } catch (error) { why = String(error.message || error).slice(0, 300); }
-  if (!official && !about.standard) { say(`${why} This model has no standard tier to be shown instead.`); return false; }
-  if (about.standard) {
-    const parts = { soup: about.standard.soup };
-    try {
-      for (const part of ["positions", "indices", "colors", "shown"]) {
-        const name = about.standard[part];
-        parts[part] = name ? await arrayOf(name, kept) : null;
-      }
-    } catch (error) { say(`${start.name} cannot be shown: ${error.message || error}`); return false; }
-    meshParts = parts;
-  }
+  const parts = { soup: about.standard.soup };
+  try {
+    for (const part of ["positions", "indices", "colors", "shown"]) {
+      const name = about.standard[part];
+      parts[part] = name ? await arrayOf(name, kept) : null;
+    }
+  } catch (error) { say(`${start.name} cannot be shown: ${error.message || error}`); return false; }
+  meshParts = parts;
   const sphere = about.sphere;
   setName(start.name, about.faces, new THREE.Vector3(...sphere.center), sphere.radius);
   byId("facts").textContent = `${about.title}, ${about.faces.toLocaleString("en")} faces` +
     (about.all_faces > about.faces ? ` of ${about.all_faces.toLocaleString("en")}` : "");
-  for (const option of byId("shown").options) option.disabled = option.value !== "standard" ? !official : !about.standard;
-  byId("shown").options[1].disabled = !official || !about.standard;
+  for (const option of byId("shown").options) option.disabled = option.value !== "standard" && !official;
+  if (about.standard.grey) for (const part of ["option[value=standard]", "b:last-of-type"]) document.querySelector(part).textContent = "triangles, in grey";
   byId("shown").value = official ? "dedicated" : "standard";
-  if (!official) note(`${why} This is the standard tier: the mesh as any engine draws it.`);
+  if (!official) note(`${why} ${INSTEAD}.`);
   if (official) byId("frame").title = official.name;
   say("");
   layOut();
