@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb._version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import (
     INSTALL,
@@ -74,7 +75,7 @@ class WgpuRenderer(Engine):
         super().__init__(asset, device=device, settings=settings)
         import wgpu
 
-        self.version = wgpu.__version__
+        self.version = self.installed()
         self._gpu = wgpu
         adapter = choose_adapter(self._kind)
         about = dict(adapter.info)
@@ -125,10 +126,10 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def installed(cls) -> str:
-        """Return wgpu-py's version."""
+        """Return our own version, because the shaders are ours, and wgpu-py's."""
         with contextlib.suppress(PackageNotFoundError):
-            return version("wgpu")
-        return ""
+            return f"{__version__}, wgpu-py {version('wgpu')}"
+        return __version__
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""

@@ -91,7 +91,7 @@ def test_the_page_computes_the_camera_record_as_we_do(in_browser: InBrowser) -> 
         page = page_of(views)
         script = """
             const read = (view) => [...new Uint8Array(viewRecord(
-              about.view, about.plan.scale, view, [0.25, 0.5, 1], about.view.degree, about.view.own))];
+              about.view, about.plans[0].scale, view, [0.25, 0.5, 1], about.view.degree, about.view.own))];
             return about.tests.map((test) => read(test.view));"""
         for view, bytes_ in zip(views, in_browser(page.encoded(), script), strict=True):
             pair = packed.view_bytes(view.camera, (0.25, 0.5, 1.0)), bytes(bytes_)
@@ -103,7 +103,7 @@ def test_the_page_computes_the_camera_record_as_we_do(in_browser: InBrowser) -> 
 
 ARRAYS = """
     const sums = {};
-    for (const name of Object.keys(about.plan.buffers)) {
+    for (const name of Object.keys(about.plans[0].buffers)) {
       if (!(name in about.arrays)) continue;
       const array = await arrayOf(name, {}), words = new Uint32Array(array.buffer, 0, array.byteLength / 4);
       let sum = 0;

@@ -140,15 +140,23 @@ def the_page(method: str = "triangle_splatting", **options: Any) -> DedicatedPag
 def test_the_plan_in_the_page_names_arrays_buffers_and_modules_that_are_there(method: str) -> None:
     page = the_page(method)
     about = json.loads(json.dumps(page.scene))["dedicated"]
-    plan = about["plan"]
+    plan = about["plans"][0]
     packed = pack(golden(method), {})
-    targets = {name for step in plan["band_passes"] for name in step.get("targets", ())}
-    for step in (*plan["passes"], *plan["band_passes"]):
-        assert step["module"] in plan["modules"]
-        for binding in step["bindings"]:
-            assert binding["name"] in {*plan["buffers"], *targets, "bands", "pixels"}
-        for records, _ in step.get("records", ()):
-            assert records in plan["buffers"]
+    for other in about["plans"]:
+        steps = [*other["passes"], *other["band_passes"]]
+        drawn = {name for step in steps for name in step.get("targets", ())}
+        written = {one["name"] for step in steps for one in step["bindings"] if one["kind"] == "store"}
+        for step in steps:
+            assert other["modules"][step["module"]] < len(about["modules"])
+            for binding in step["bindings"]:
+                assert binding["name"] in {*other["buffers"], *drawn, *written, "bands", "pixels"}
+            for records, _ in step.get("records", ()):
+                assert records in other["buffers"]
+        assert set(other["arrays"]) <= set(other["buffers"])
+        assert set(other["arrays"].values()) <= set(about["arrays"])
+    modes = [(other["order"], other["sampling"]) for other in about["plans"]]
+    assert modes[0] == ("tile", "official")
+    assert len(modes) == (2 if method == "diffsoup" else 5)
     for name, head in about["arrays"].items():
         assert f'data-array="{name}"' in page.arrays or "shrunk" in head
         if name in plan["buffers"] and "shrunk" not in head:

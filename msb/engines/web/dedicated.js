@@ -6,6 +6,7 @@ const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float3
 const ROOM = 1 << 23;    // the most samples of a band
 const TILE = 16;
 const NUMBERS = "r32uint";      // of faces: the target of a plan with a z-buffer
+const STORED = "r32float";      // textures that compute passes write
 const DEPTHS = "depth32float";  // its z-buffer
 
 // Pixels of a band go onto the canvas, as bytes rounded to the nearest.
@@ -119,9 +120,9 @@ class Dedicated {
   // `about` is scene.dedicated of the page; `read` returns the array of a name; `told` hears of progress.
   static async open(about, canvas, read, told) {
     const made = new Dedicated();
-    Object.assign(made, { about, plan: about.plan, canvas, held: new Map(), groups: new Map(), size: null });
+    Object.assign(made, { about, canvas, held: new Map(), compiled: new Map(), groups: new Map(), size: null });
     Object.assign(made, await openDevice(about.needs));
-    if (about.plan.format === NUMBERS) made.format = NUMBERS;
+    if (about.plans[0].format === NUMBERS) made.format = NUMBERS;
     made.lost = made.device.lost;
     // A device that is lost may leave what was asked of it without an answer.
     const lost = made.lost.then((info) => { throw new Error(`The graphics device was lost: ${info.message}`); });
@@ -129,21 +130,50 @@ class Dedicated {
   }
 
   async #prepare(canvas, read, told) {
-    this.device.pushErrorScope("validation");
-    this.device.pushErrorScope("out-of-memory");
-    await this.#makeBuffers(read, told);
-    told("compiling shaders");
-    await this.#makePipelines();
-    for (const scope of ["memory", "plan"]) {
-      const error = await this.device.popErrorScope();
-      if (error) throw new Error(`${this.name} refuses the ${scope} of this model: ${error.message.slice(0, 200)}`);
-    }
+    this.canvasFormat = navigator.gpu.getPreferredCanvasFormat();
+    await this.#checked(async () => {
+      await this.#upload(read, told);
+      told("compiling shaders ...");
+      await this.#makePresent();
+    });
+    await this.use(0);
     this.context = canvas.getContext("webgpu");
     this.context.configure({
       device: this.device, format: this.canvasFormat, alphaMode: "opaque",
       usage: GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC,
     });
     return this;
+  }
+
+  // Runs what makes things on the device, and throws what the device says against them.
+  async #checked(make) {
+    this.device.pushErrorScope("validation");
+    this.device.pushErrorScope("out-of-memory");
+    const found = await make();
+    for (const scope of ["memory", "plan"]) {
+      const error = await this.device.popErrorScope();
+      if (error) throw new Error(`${this.name} refuses the ${scope} of this model: ${error.message.slice(0, 200)}`);
+    }
+    return found;
+  }
+
+  // Takes the plan of that number from the next frame on.
+  async use(number) {
+    if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
+    const made = await this.compiled.get(number);
+    const before = this.plan?.buffers || {};
+    Object.assign(this, made, { number, plan: this.about.plans[number], size: null });
+    const { arrays, buffers } = this.plan;
+    for (const name of Object.keys(before)) {
+      if (this.held.has(name) && !(name in buffers && buffers[name][0] === before[name][0]) && !this.about.arrays[name]) {
+        this.held.get(name).destroy();
+        this.held.delete(name);
+      }
+    }
+    for (const [name, [bytes, usages]] of Object.entries(buffers)) {
+      if (!(name in arrays) && !this.held.has(name)) this.#buffer(name, bytes, usages);
+    }
+    this.groups.clear();
   }
 
   #buffer(name, size, usages) {
@@ -154,16 +184,21 @@ class Dedicated {
     return made;
   }
 
-  async #makeBuffers(read, told) {
-    const names = Object.keys(this.plan.buffers);
-    for (const [k, name] of names.entries()) {
-      const [bytes, usages] = this.plan.buffers[name];
-      const made = this.#buffer(name, bytes, usages);
-      if (!(name in this.about.arrays)) continue;
-      told(`reading the model: ${Math.round(100 * k / names.length)} %`);
-      this.device.queue.writeBuffer(made, 0, await read(name));
+  // A buffer for every array of every plan, under the array's name.
+  async #upload(read, told) {
+    const wanted = new Map();
+    for (const { arrays, buffers } of this.about.plans) {
+      for (const [buffer, array] of Object.entries(arrays)) wanted.set(array, buffers[buffer]);
+    }
+    let k = 0;
+    for (const [array, [bytes, usages]] of wanted) {
+      told(`reading the model: ${Math.round(100 * k / wanted.size)} %`);
+      this.device.queue.writeBuffer(this.#buffer(array, bytes, usages), 0, await read(array));
+      k += 1;
     }
   }
+
+  #of(name) { return this.held.get(this.plan.arrays[name] ?? name); }
 
   // Explicit layouts: what a stage binds but does not use may stay.
   #layout(step) {
@@ -173,19 +208,20 @@ class Dedicated {
       uniform: { buffer: { type: "uniform" } }, read: { buffer: { type: "read-only-storage" } },
       write: { buffer: { type: "storage" } }, texture: { texture: { sampleType: "unfilterable-float" } },
       numbers: { texture: { sampleType: "uint" } },
+      store: { storageTexture: { format: STORED, access: "write-only" } },
     };
     const entries = step.bindings.map(({ number, kind }) => ({ binding: number, visibility, ...kinds[kind] }));
     return this.device.createBindGroupLayout({ entries });
   }
 
-  async #pipeline(step, module) {
+  async #pipeline(plan, step, module) {
     const group = this.#layout(step), layout = this.device.createPipelineLayout({ bindGroupLayouts: [group] });
     if (!step.records) {
       const compute = { module, entryPoint: step.entry };
       return { group, pipeline: await this.device.createComputePipelineAsync({ layout, compute }) };
     }
-    const blend = { srcFactor: "one-minus-dst-alpha", dstFactor: "one", operation: "add" };
-    const blended = step.z_buffer ? {} : { blend: { color: blend, alpha: blend } };
+    const [color, alpha] = plan.blend.map(([srcFactor, dstFactor]) => ({ srcFactor, dstFactor, operation: "add" }));
+    const blended = step.z_buffer ? {} : { blend: { color, alpha } };
     const targets = step.targets.map(() => ({ format: this.format, ...blended }));
     const attributes = Array.from({ length: step.members }, (_, i) =>
       ({ format: "float32x4", offset: 16 * i, shaderLocation: i }));
@@ -198,24 +234,27 @@ class Dedicated {
     return { group, pipeline };
   }
 
-  async #makePipelines() {
+  async #compile(plan) {
     const modules = {};
-    for (const [name, code] of Object.entries(this.plan.modules)) modules[name] = this.device.createShaderModule({ code });
-    this.steps = [...this.plan.passes, ...this.plan.band_passes];
+    for (const [name, text] of Object.entries(plan.modules)) {
+      modules[name] = this.device.createShaderModule({ code: this.about.modules[text] });
+    }
+    const steps = [...plan.passes, ...plan.band_passes];
     // Steps of one entry point and one layout share a pipeline: compiling is what takes time here.
     const shared = new Map();
-    const found = await Promise.all(this.steps.map((step) => {
+    const found = await Promise.all(steps.map((step) => {
       const key = JSON.stringify([step.module, step.entry, step.bindings.map(({ number, kind }) => [number, kind])]);
-      if (!shared.has(key)) shared.set(key, this.#pipeline(step, modules[step.module]));
+      if (!shared.has(key)) shared.set(key, this.#pipeline(plan, step, modules[step.module]));
       return shared.get(key);
     }));
-    this.layouts = found.map(({ group }) => group);
-    this.pipelines = found.map(({ pipeline }) => pipeline);
-    this.canvasFormat = navigator.gpu.getPreferredCanvasFormat();
-    const present = this.device.createShaderModule({ code: PRESENT });
+    return { steps, layouts: found.map(({ group }) => group), pipelines: found.map(({ pipeline }) => pipeline) };
+  }
+
+  async #makePresent() {
+    const module = this.device.createShaderModule({ code: PRESENT });
     this.present = await this.device.createRenderPipelineAsync({
-      layout: "auto", vertex: { module: present, entryPoint: "corner" },
-      fragment: { module: present, entryPoint: "color", targets: [{ format: this.canvasFormat }] },
+      layout: "auto", vertex: { module, entryPoint: "corner" },
+      fragment: { module, entryPoint: "color", targets: [{ format: this.canvasFormat }] },
     });
   }
 
@@ -236,14 +275,17 @@ class Dedicated {
     this.bands.forEach((band, k) => records.set([band.x, band.y, band.width, band.height, 0], k * SLOT / 4));
     this.device.queue.writeBuffer(this.#buffer("bands", records.byteLength, ["uniform", "copy_dst"]), 0, records);
     this.#buffer("pixels", PIXEL_BYTES * columns * rows, ["storage"]);
-    const drawn = this.steps.find((step) => step.records);
-    const targets = drawn.targets.map((name) => [name, this.format]);
-    if (drawn.z_buffer) targets.push(["z-buffer", DEPTHS]);
+    const targets = new Map();
+    for (const step of this.plan.band_passes) {
+      for (const name of step.targets || []) targets.set(name, this.format);
+      if (step.z_buffer) targets.set("z-buffer", DEPTHS);
+      for (const { kind, name } of step.bindings) if (kind === "store") targets.set(name, STORED);
+    }
     for (const [name, format] of targets) {
       this.held.get(name)?.destroy();
       this.held.set(name, this.device.createTexture({
-        size: [columns * this.plan.scale, rows * this.plan.scale], format,
-        usage: GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING,
+        size: [columns * this.plan.scale, rows * this.plan.scale], format, usage: GPUTextureUsage.TEXTURE_BINDING |
+          (format === STORED ? GPUTextureUsage.STORAGE_BINDING : GPUTextureUsage.RENDER_ATTACHMENT),
       }));
     }
     this.groups.clear();
@@ -254,8 +296,8 @@ class Dedicated {
     const key = `${number} ${k}`;
     if (!this.groups.has(key)) {
       const entries = this.steps[number].bindings.map((binding) => {
-        const held = this.held.get(binding.name);
-        if (["texture", "numbers"].includes(binding.kind)) return { binding: binding.number, resource: held.createView() };
+        const held = this.#of(binding.name);
+        if (held instanceof GPUTexture) return { binding: binding.number, resource: held.createView() };
         const offset = binding.name === "bands" ? SLOT * k : binding.offset;
         return { binding: binding.number, resource: { buffer: held, offset, size: binding.size ?? held.size - offset } };
       });
@@ -275,10 +317,10 @@ class Dedicated {
 
   #draw(encoder, number, k) {
     const step = this.steps[number], { width, height } = this.bands[k], scale = this.plan.scale;
-    const loadOp = step.z_buffer || "clear";
+    const loadOp = step.load;
     const pass = encoder.beginRenderPass({
       colorAttachments: step.targets.map((target) => ({
-        view: this.held.get(target).createView(), loadOp, storeOp: "store", clearValue: [0, 0, 0, 0],
+        view: this.held.get(target).createView(), loadOp, storeOp: "store", clearValue: [0, 0, 0, this.plan.clear],
       })),
       depthStencilAttachment: step.z_buffer ? {
         view: this.held.get("z-buffer").createView(), depthLoadOp: loadOp, depthStoreOp: "store", depthClearValue: 1,

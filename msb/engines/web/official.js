@@ -124,7 +124,7 @@ function addSetting(name, options, value, changed) {
   select.replaceChildren(...options.map((text, k) => new Option(text, k)));
   select.value = String(value);
   select.dataset.setting = name;
-  select.addEventListener("change", () => { changed(Number(select.value)); show(); });
+  select.addEventListener("change", async () => { await changed(Number(select.value)); show(); });
   label.append(`${name} `, select);
   byId("settings").append(label);
 }
@@ -137,6 +137,28 @@ for (const { name, value, options } of about.settings) {
   addSetting(name, texts, options.findIndex((option) => option.value === value), (k) => Object.assign(own, options[k].own));
 }
 
+// Orders of the faces, and what samples them: each pair is a plan of its own, which is compiled when it is chosen.
+const ORDERS = { tile: "by depth, in tiles (official)", global: "by depth", none: "none, as stored" };
+const SAMPLINGS = { official: "official", engine: "an engine's triangles" };
+const mode = { order: "tile", sampling: "official" };
+async function setMode(changed) {
+  Object.assign(mode, changed);
+  // An engine has no tiles, so "by depth" is the same there.
+  const fits = (plan) => plan.sampling === mode.sampling && plan.order === mode.order;
+  let number = about.plans.findIndex(fits);
+  if (number < 0) number = about.plans.findIndex((plan) => plan.sampling === mode.sampling);
+  if (!official || number === official.number) return;
+  note("Compiling shaders ...");
+  try {
+    await official.use(number);
+    note("");
+  } catch (error) { note(String(error.message || error).slice(0, 300)); }
+}
+for (const [name, texts] of [["order", ORDERS], ["sampling", SAMPLINGS]]) {
+  const there = Object.keys(texts).filter((key) => about.plans.some((plan) => plan[name] === key));
+  if (there.length > 1) addSetting(name, there.map((key) => texts[key]), 0, (k) => setMode({ [name]: there[k] }));
+}
+
 // ---- the beginning
 
 async function openFirst() {
@@ -146,6 +168,7 @@ async function openFirst() {
     official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), (text) => say(`${start.name}: ${text}`));
     official.device.onuncapturederror = (event) => note(`The graphics device refuses a frame: ${event.error.message.slice(0, 200)}`);
     official.lost.then((info) => {
+      for (const select of document.querySelectorAll("#settings select")) select.disabled = true;
       official = null;
       byId("shown").value = "standard";
       layOut();
