@@ -23,6 +23,7 @@ from msb.engines.webgpu_adapter import (
     errors_of,
     nanoseconds_a_tick,
     read_mapped,
+    release,
 )
 from msb.errors import DeviceError
 from msb.extras import install, is_installed
@@ -140,7 +141,10 @@ class WgpuRenderer(Engine):
         for thing in self._held.values():
             thing.destroy()
         self._held.clear()
-        self._device.destroy()
+        self._pipelines.clear()
+        self._queries = None
+        if "_device" in vars(self):
+            release(vars(self).pop("_device"))
 
     def _buffer(self, use: str, usage: int, data: NDArray[Any] | int) -> Any:
         if isinstance(data, int):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +23,6 @@ from tests.reference.golden import View, exported, golden_views, names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -198,6 +199,19 @@ def test_a_lost_device_and_a_closed_renderer_are_told() -> None:
         assert info.value.code == code
         assert "\n" not in info.value.message
         renderer.close()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+@pytest.mark.parametrize("tier", ["standard", "dedicated"])
+def test_renderers_that_are_closed_hold_no_memory(tier: Any) -> None:
+    view = golden_views("triangle_splatting")[-1]
+    held = []
+    for _ in range(100):
+        with msb.Renderer(asset_of(view), tier, name="wgpu") as renderer:
+            renderer.draw(view.camera)
+        held.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE"))
+    assert held[-1] - held[10] < 30e6
 
 
 def test_a_renderer_like_ours() -> None:

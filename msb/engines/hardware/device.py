@@ -293,7 +293,9 @@ class DevicePlan:
         return np.frombuffer(self._device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Release every buffer and texture."""
+        """Release everything that the plan has on the device."""
         for thing in self.held.values():
             thing.destroy()
-        self.held.clear()
+        for things in (self.held, self._groups, self._made, self._modules):
+            things.clear()
+        del self._device

@@ -14,7 +14,7 @@ from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS, make_plan
 from msb.engines.webgpu import WgpuRenderer
-from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped
+from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped, release
 from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
@@ -288,8 +288,10 @@ class HardwareRenderer:
 
     def close(self) -> None:
         """Release everything."""
-        self._runs.close()
-        self._device.destroy()
+        if self._runs.held:
+            self._runs.close()
+            self._queries = None
+            release(vars(self).pop("_device"))
 
     def __enter__(self) -> Self:
         return self
