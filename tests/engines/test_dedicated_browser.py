@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from benchmarks.dedicated_scenes import camera, model
 from msb.engines.browser import VARIABLE, Page, find_browser
-from msb.engines.dedicated_page.measure import FAITHFUL, measure_page
-from msb.engines.dedicated_page.page import CheckView, make_page
+from msb.engines.dedicated_page import page as page_module
+from msb.engines.dedicated_page.measure import FAITHFUL, byte_psnr, measure_page
+from msb.engines.dedicated_page.page import MODES, STOPS, CheckView, make_page
 from msb.engines.dedicated_page.smaller import quantised
 from msb.engines.hardware.packing import pack
+from msb.engines.hardware.renderer import HardwareRenderer
+from msb.reference import render_reference
 from msb.render.images import to_bytes
 from tests.cli.conftest import msb
 from tests.engines.conftest import need
@@ -176,8 +180,63 @@ def test_diffsoup_without_webgpu_is_its_triangles_in_grey() -> None:
         """,
     )
     assert said.endswith("These are the triangles in grey: DiffSoup has no colours without its decoder.")
-    assert shown == "triangles, in grey"
+    assert shown == "grey triangles"
     assert colors > 10
+
+
+@pytest.mark.parametrize("method", ["triangle_splatting", "two_dts"])
+def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(method: str) -> None:
+    """Each choice is a plan of its own, and the official one is there again afterwards."""
+    need("wgpu")
+    view = golden_views(method)[0]
+    modes: list[tuple[Any, Any]] = [*MODES, MODES[0]]
+    script = f"""
+        await ready;
+        const found = [];
+        for (const [order, sampling] of {json.dumps(modes)}) {{
+          await setMode({{ order, sampling }});
+          found.push([...await pixelsOf(0)]);
+        }}
+        return found;"""
+    found = told_by(page_of([view]).encoded(), script, webgpu=True)
+    for (order, sampling), pixels in zip(modes, found, strict=True):
+        options = {"order": order, "sampling": sampling, "stops": STOPS, "settings": view.settings}
+        with HardwareRenderer(exported(view.folder / "checkpoint"), **options) as renderer:  # type: ignore[arg-type]
+            wanted = to_bytes(renderer.render(view.camera, view.background).image)  # type: ignore[arg-type]
+        psnr = byte_psnr(np.array(pixels, np.uint8).reshape(wanted.shape), wanted)
+        assert psnr is None or psnr > 55, (order, sampling)
+
+
+def test_a_page_of_many_faces_opens_and_takes_at_most_a_hundred_bytes_a_face(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As one of a million faces: its arrays lie in several elements, and it is opened from them."""
+    need("threejs")
+    monkeypatch.setattr(page_module, "_LETTERS", 1 << 20)
+    faces = 50_000
+    asset, view = quantised(model("triangle_splatting", faces)), camera(320, 200)
+    image = to_bytes(render_reference(asset, view, (0, 0, 0)).image)
+    page = make_page(asset, name="a", settings={}, tests=[CheckView(view, (0, 0, 0), image)])
+    data = page.encoded()
+    assert page.arrays.count('data-array="f_rest') > 1
+    assert len(page.arrays) < 100 * faces + 1e6  # palettes and the test view do not grow
+    found = measure_page(data, page.scene, [image])
+    assert found.worst is None or found.worst >= FAITHFUL
+
+
+def test_the_page_says_what_it_waits_for() -> None:
+    script = """
+        const told = [];
+        const old = waitFor;
+        waitFor = (text) => { old(text); told.push([byId("name").textContent, byId("facts").textContent]); };
+        await ready;
+        return [told, byId("facts").textContent, byId("cameras").disabled];"""
+    views = golden_views("triangle_splatting")[:1]
+    told, facts, disabled = told_by(page_of(views).encoded(), script, webgpu=True)
+    assert {name for name, _ in told} == {"a"}
+    assert told[-1][1] == "compiling shaders ..."
+    assert facts == "Triangle-Splatting, 2,420 faces"
+    assert not disabled
 
 
 def test_pages_are_measured_when_made_and_again(msb: Msb, tmp_path: Path) -> None:

@@ -138,8 +138,8 @@ for (const { name, value, options } of about.settings) {
 }
 
 // Orders of the faces, and what samples them: each pair is a plan of its own, which is compiled when it is chosen.
-const ORDERS = { tile: "by depth, in tiles (official)", global: "by depth", none: "none, as stored" };
-const SAMPLINGS = { official: "official", engine: "an engine's triangles" };
+const ORDERS = { tile: "official, in tiles", global: "by depth alone", none: "none: as stored" };
+const SAMPLINGS = { official: "official", engine: "as an engine" };
 const mode = { order: "tile", sampling: "official" };
 async function setMode(changed) {
   Object.assign(mode, changed);
@@ -161,11 +161,19 @@ for (const [name, texts] of [["order", ORDERS], ["sampling", SAMPLINGS]]) {
 
 // ---- the beginning
 
+// What the page waits for: in the middle, and in the panel, which may cover the middle.
+function waitFor(text) {
+  say(`${start.name}: ${text}`);
+  byId("facts").textContent = text;
+}
+
 async function openFirst() {
   const kept = {};
+  byId("name").textContent = byId("name").title = start.name;
+  for (const part of document.querySelectorAll("#panel select, #panel input, #panel button")) part.disabled = true;
   let why = "";
   try {
-    official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), (text) => say(`${start.name}: ${text}`));
+    official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), waitFor);
     official.device.onuncapturederror = (event) => note(`The graphics device refuses a frame: ${event.error.message.slice(0, 200)}`);
     official.lost.then((info) => {
       for (const select of document.querySelectorAll("#settings select")) select.disabled = true;
@@ -190,11 +198,13 @@ async function openFirst() {
   byId("facts").textContent = `${about.title}, ${about.faces.toLocaleString("en")} faces` +
     (about.all_faces > about.faces ? ` of ${about.all_faces.toLocaleString("en")}` : "");
   for (const option of byId("shown").options) option.disabled = option.value !== "standard" && !official;
-  if (about.standard.grey) for (const part of ["option[value=standard]", "b:last-of-type"]) document.querySelector(part).textContent = "triangles, in grey";
+  if (about.standard.grey) for (const part of ["option[value=standard]", "b:last-of-type"]) document.querySelector(part).textContent = "grey triangles";
   byId("shown").value = official ? "dedicated" : "standard";
   if (!official) note(`${why} ${INSTEAD}.`);
   if (official) byId("frame").title = official.name;
   say("");
+  for (const part of document.querySelectorAll("#panel select, #panel input, #panel button")) part.disabled = false;
+  for (const part of document.querySelectorAll("#settings select")) part.disabled = !official;
   layOut();
   showFaithful();
   return true;
