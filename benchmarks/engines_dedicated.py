@@ -34,6 +34,7 @@ OURS = "OpenCL"
 RENDERERS: dict[str, tuple[str, dict[str, Any]]] = {
     OURS: ("dedicated", {"outputs": ()}),
     "wgpu": ("dedicated", {"name": "wgpu"}),
+    "wgpu, samples never stop": ("dedicated", {"name": "wgpu", "stops": 1}),
     "wgpu, half floats": ("dedicated", {"name": "wgpu", "half": True}),
     "wgpu, `order=global`": ("dedicated", {"name": "wgpu", "order": "global"}),
     "wgpu, `order=none`": ("dedicated", {"name": "wgpu", "order": "none"}),

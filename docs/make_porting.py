@@ -9,31 +9,27 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from wgpu.backends import wgpu_native
-
 from docs.make_losses import EQUAL, psnr
 from msb.engines.hardware import renderer
+from msb.engines.hardware.plan import FRONT_TO_BACK
+from msb.engines.hardware.program import STOPS
 from msb.methods import METHODS
 from tests.reference.golden import exported, golden_views
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from msb.engines.hardware.program import Plan
+    from msb.engines.hardware.plan import Plan
     from tests.reference.golden import View
 
 BLENDED = ("two_dts", "triangle_splatting", "mesh_splatting")
-BACK_TO_FRONT = {"src_factor": "one", "dst_factor": "one-minus-src-alpha", "operation": "add"}
-TRANSMITTANCE = {
-    "color": {"src_factor": "dst-alpha", "dst_factor": "one", "operation": "add"},
-    "alpha": {"src_factor": "zero", "dst_factor": "one-minus-src-alpha", "operation": "add"},
-}
+BACK_TO_FRONT = (("one", "one-minus-src-alpha"),) * 2
+TRANSMITTANCE = ("dst-alpha", "one"), ("zero", "one-minus-src-alpha")
 BYTES, HALF = "rgba8unorm", renderer.HALF
 
 
@@ -43,8 +39,9 @@ class Mistake:
 
     title: str
     texts: Mapping[str, str] = field(default_factory=dict)
-    blend: Mapping[str, Any] | None = None
+    blend: tuple[tuple[str, str], tuple[str, str]] = (FRONT_TO_BACK, FRONT_TO_BACK)
     clear: float = 0.0
+    stops: int = 1
     format: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
@@ -61,10 +58,11 @@ class Mistake:
             modules = {name: text.replace(old, new) for name, text in modules.items()}
         if self.texts and modules == plan.modules:
             raise KeyError(self.title)
-        return replace(plan, modules=modules, format=self.format or plan.format)
+        form = self.format or plan.format
+        return replace(plan, modules=modules, format=form, blend=self.blend, clear=self.clear)
 
 
-REVERSED = {"let number = order[place];": "let number = order[counts[0] - 1u - place];"}
+REVERSED = {"let number = order[place];": "let number = order[arguments[0] - 1u - place];"}
 _KEY = "bitcast<u32>(found.depth)"
 FARTHEST_FIRST = {_KEY: f"0x7f800000u - {_KEY}"}
 PLAIN = {
@@ -87,7 +85,8 @@ PERSPECTIVE = {
     let color = face.color.xyz + p.y * face.color1.xyz + p.z * face.color2.xyz;"""
 }
 MISTAKES = [
-    Mistake("none: as it is"),
+    Mistake("none: as it is", stops=STOPS),
+    Mistake("samples never stop"),
     Mistake("target of half floats", format=HALF),
     Mistake(
         "target of half floats that holds T, not 1 - T", format=HALF, blend=TRANSMITTANCE, clear=1.0,
@@ -134,32 +133,18 @@ MISTAKES = [
 
 def drawn(view: View, mistake: Mistake) -> float:
     """Return the PSNR in dB of a view that is drawn with a mistake."""
-    gpu, encoder = wgpu_native.GPUDevice, wgpu_native.GPUCommandEncoder
-    made, pipeline, begin = renderer.make_plan, gpu.create_render_pipeline, encoder.begin_render_pass
+    made = renderer.make_plan
 
     def plan(*args: Any, **options: Any) -> Plan:
         return mistake.change(made(*args, **options))
 
-    def create(self: Any, **options: Any) -> Any:
-        blend = mistake.blend or {}
-        for target in options["fragment"]["targets"]:
-            target["blend"] = blend if "color" in blend else {"color": blend, "alpha": blend}
-        return pipeline(self, **options)
-
-    def cleared(self: Any, **options: Any) -> Any:
-        for target in options["color_attachments"]:
-            target["clear_value"] = (0, 0, 0, mistake.clear)
-        return begin(self, **options)
-
     settings = {**view.settings, **mistake.settings}
     red, green, blue = view.background
-    with ExitStack() as stack:
-        stack.enter_context(patch.object(renderer, "make_plan", plan))
-        if mistake.blend:
-            stack.enter_context(patch.object(gpu, "create_render_pipeline", create))
-            stack.enter_context(patch.object(encoder, "begin_render_pass", cleared))
-        asset = exported(view.folder / "checkpoint")
-        ours = stack.enter_context(renderer.HardwareRenderer(asset, settings=settings))
+    asset = exported(view.folder / "checkpoint")
+    with (
+        patch.object(renderer, "make_plan", plan),
+        renderer.HardwareRenderer(asset, settings=settings, stops=mistake.stops) as ours,
+    ):
         image = ours.render(view.camera, (red, green, blue)).image
     return psnr(image, view.image, view.stable, quantize=False)
 

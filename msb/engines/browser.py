@@ -67,6 +67,8 @@ _WEBGPU_SOFTWARE = (
     # A canvas can take what WebGPU draws only if the browser's own compositor has Vulkan, too.
     "--enable-features=Vulkan",
     "--use-vulkan=swiftshader",
+    # It ends what takes long, as shaders do on a busy machine.
+    "--disable-gpu-watchdog",
 )
 _START_SECONDS = 120
 _LONGEST_SECONDS = 600

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb._version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import (
     INSTALL,
@@ -22,6 +23,7 @@ from msb.engines.webgpu_adapter import (
     errors_of,
     nanoseconds_a_tick,
     read_mapped,
+    release,
 )
 from msb.errors import DeviceError
 from msb.extras import install, is_installed
@@ -74,7 +76,7 @@ class WgpuRenderer(Engine):
         super().__init__(asset, device=device, settings=settings)
         import wgpu
 
-        self.version = wgpu.__version__
+        self.version = self.installed()
         self._gpu = wgpu
         adapter = choose_adapter(self._kind)
         about = dict(adapter.info)
@@ -125,10 +127,10 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def installed(cls) -> str:
-        """Return wgpu-py's version."""
+        """Return our own version, because the shaders are ours, and wgpu-py's."""
         with contextlib.suppress(PackageNotFoundError):
-            return version("wgpu")
-        return ""
+            return f"{__version__}, wgpu-py {version('wgpu')}"
+        return __version__
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
@@ -139,7 +141,10 @@ class WgpuRenderer(Engine):
         for thing in self._held.values():
             thing.destroy()
         self._held.clear()
-        self._device.destroy()
+        self._pipelines.clear()
+        self._queries = None
+        if "_device" in vars(self):
+            release(vars(self).pop("_device"))
 
     def _buffer(self, use: str, usage: int, data: NDArray[Any] | int) -> Any:
         if isinstance(data, int):

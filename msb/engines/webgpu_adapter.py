@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import sys
 import tempfile
@@ -100,6 +101,17 @@ def errors_of(device: str, doing: str) -> Iterator[None]:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         text = shorten(lines[-1] if lines else type(error).__name__, 200)
         raise DeviceError("ENGINE_FAILED", f"{device}: {doing}: {text}") from error
+
+
+def release(device: Any) -> None:
+    """Destroy a device that nothing of ours refers to but the caller, and give back what it holds.
+
+    In wgpu-py a device refers to itself, so shaders and the driver's threads would stay until Python happens
+    to collect garbage: 10 to 30 MB for each device on lavapipe.
+    """
+    device.destroy()
+    del device
+    gc.collect()
 
 
 def read_mapped(buffer: Any) -> NDArray[np.uint8]:

@@ -37,8 +37,8 @@ class ReferenceFrame:
         Faces that the preprocessing keeps: official radius above 0. DiffSoup has no such notion: faces that
         are seen in at least one pixel.
     contribution : (F,) float64, optional
-        Of each face the sum of its weights, alpha times transmittance, over all samples of the raster; None
-        where nothing is blended.
+        Of each face the sum of its weights, alpha times transmittance, over all samples of the raster; of
+        DiffSoup the number of pixels that show it.
     raw : dict
         The official kernel's own buffers, at its resolution, in its row order; docs/reference.md lists them.
     timings : dict

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.engines.dedicated_page.page import DedicatedPage
 
-METHODS = ("triangle_splatting", "two_dts", "mesh_splatting")
+METHODS = ("triangle_splatting", "two_dts", "mesh_splatting", "diffsoup")
 RANDOM = np.random.default_rng(5)
 
 
@@ -91,11 +91,13 @@ def test_rounded_assets_are_packed_without_a_loss_and_look_alike(method: str) ->
     rounded = quantised(golden(method))
     assert rounded.manifest.face_count == golden(method).manifest.face_count
     positions = store(rounded.buffers["positions"])
-    assert positions.head["how"] == "grid"
+    assert positions.head["how"] in ("grid", "rows")
     assert same_bits(restore(positions.head, positions.data), rounded.buffers["positions"])
     for name in ("f_dc", "f_rest", "opacity"):
-        rows = rounded.buffers.get(name, np.zeros((1, 1))).reshape(rounded.buffers["f_dc"].shape[0], -1)
-        assert all(len(np.unique(column)) <= 256 for column in rows.T)
+        rows = rounded.buffers.get(name, np.zeros((1, 1)))
+        assert all(len(np.unique(column)) <= 256 for column in rows.reshape(len(rows), -1).T)
+    for name in ("features.lattice", "features.opacity"):
+        assert rounded.buffers.get(name, np.zeros(1, np.uint8)).dtype == np.uint8
     frames = [
         render_reference(asset, view.camera, view.background, view.settings)
         for asset in (golden(method), rounded)
@@ -103,9 +105,10 @@ def test_rounded_assets_are_packed_without_a_loss_and_look_alike(method: str) ->
     assert psnr(frames[1].image, frames[0].image) > 40
 
 
-def test_faces_without_a_contribution_are_not_missed() -> None:
-    view = golden_views("triangle_splatting")[0]
-    asset = golden("triangle_splatting")
+@pytest.mark.parametrize("method", ["triangle_splatting", "diffsoup"])
+def test_faces_without_a_contribution_are_not_missed(method: str) -> None:
+    view = golden_views(method)[0]
+    asset = golden(method)
     frame = render_reference(asset, view.camera, view.background)
     assert frame.contribution is not None
     assert frame.contribution.shape == (asset.manifest.face_count,)
@@ -137,21 +140,29 @@ def the_page(method: str = "triangle_splatting", **options: Any) -> DedicatedPag
 def test_the_plan_in_the_page_names_arrays_buffers_and_modules_that_are_there(method: str) -> None:
     page = the_page(method)
     about = json.loads(json.dumps(page.scene))["dedicated"]
-    plan = about["plan"]
-    targets = {name for step in plan["band_passes"] for name in step.get("targets", ())}
-    for step in (*plan["passes"], *plan["band_passes"]):
-        assert step["module"] in plan["modules"]
-        for binding in step["bindings"]:
-            assert binding["name"] in {*plan["buffers"], *targets, "bands", "pixels"}
-        for records, _ in step.get("records", ()):
-            assert records in plan["buffers"]
+    plan = about["plans"][0]
+    packed = pack(golden(method), {})
+    for other in about["plans"]:
+        steps = [*other["passes"], *other["band_passes"]]
+        drawn = {name for step in steps for name in step.get("targets", ())}
+        written = {one["name"] for step in steps for one in step["bindings"] if one["kind"] == "store"}
+        for step in steps:
+            assert other["modules"][step["module"]] < len(about["modules"])
+            for binding in step["bindings"]:
+                assert binding["name"] in {*other["buffers"], *drawn, *written, "bands", "pixels"}
+            for records, _ in step.get("records", ()):
+                assert records in other["buffers"]
+        assert set(other["arrays"]) <= set(other["buffers"])
+        assert set(other["arrays"].values()) <= set(about["arrays"])
+    modes = [(other["order"], other["sampling"]) for other in about["plans"]]
+    assert modes[0] == ("tile", "official")
+    assert len(modes) == (2 if method == "diffsoup" else 5)
     for name, head in about["arrays"].items():
         assert f'data-array="{name}"' in page.arrays or "shrunk" in head
         if name in plan["buffers"] and "shrunk" not in head:
-            assert plan["buffers"][name][0] >= 4 * np.prod(head["shape"])
+            assert plan["buffers"][name][0] >= np.prod(head["shape"]) * np.dtype(head["type"]).itemsize
     members = about["view"]["members"]
     assert [name for name, *_ in members][: len(VIEW.names or ())] == list(VIEW.names or ())
-    packed = pack(golden(method), {})
     assert about["view"]["bytes"] == len(packed.view_bytes(golden_views(method)[0].camera, (0, 0, 0)))
 
 
@@ -171,6 +182,8 @@ def test_settings_that_change_the_record_alone_are_live() -> None:
     assert [one["name"] for one in found["triangle_splatting"]] == ["view_dir"]
     assert [one["name"] for one in found["two_dts"]] == ["back_culling"]
     assert found["mesh_splatting"] == []
+    assert [one["name"] for one in found["diffsoup"]] == ["layout"]
+    assert [one["own"] for one in found["diffsoup"][0]["options"]] == [{"flip": 0}, {"flip": 1}]
 
 
 def test_a_page_is_read_back_and_names_cannot_leave_their_place(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import msb
 from msb.asset.settings import effective_settings
 from msb.engines.hardware import renderer as hardware
 from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.program import STOPS
 from msb.engines.hardware.renderer import HardwareRenderer
 from msb.errors import MsbError
 from msb.methods import role
@@ -20,7 +23,6 @@ from tests.reference.golden import View, exported, golden_views, names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -30,9 +32,9 @@ if TYPE_CHECKING:
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
 VIEWS = [(method, view) for method in METHODS for view in golden_views(method)]
 FEW = [VIEWS[8], VIEWS[19], VIEWS[22]]
-FLOAT = {"two_dts": 80, "triangle_splatting": 65, "mesh_splatting": 60}
+FLOAT = {"two_dts": 80, "triangle_splatting": 70, "mesh_splatting": 75}
 HALF = {"two_dts": 55, "triangle_splatting": 60, "mesh_splatting": 60}
-"""dB to the official image. Missing is the rule that stops a sample, which blending hardware lacks."""
+"""dB to the official image. Samples stop where a chunk of faces began with little enough left."""
 
 pytestmark = pytest.mark.oracle
 every = pytest.mark.parametrize(
@@ -160,15 +162,16 @@ def test_orders_and_samplings_are_those_of_opencl(method: str, view: View, order
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limits", [Limits(100_000, 1 << 24, 100), Limits(1 << 27, 1 << 24, 16384)])
+@pytest.mark.parametrize("stops", [1, STOPS])
 def test_the_same_frame_has_the_same_bytes_however_it_is_cut(
-    limits: Limits, monkeypatch: pytest.MonkeyPatch
+    limits: Limits, stops: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Five parts of coefficients, two of records and twelve bands, and a second frame of one renderer."""
     view = golden_views("triangle_splatting")[0]
-    wanted = drawn(view)
+    wanted = drawn(view, stops=stops)
     monkeypatch.setattr(hardware, "_limits_of", lambda _: limits)
-    with HardwareRenderer(asset_of(view), settings=view.settings) as renderer:
-        assert ("records 1" in renderer.memory()) == (limits.binding == 100_000)
+    with HardwareRenderer(asset_of(view), settings=view.settings, stops=stops) as renderer:
+        assert ("records 1" in renderer.memory()) == (limits.binding == 100_000 or stops > 1)
         for _ in range(2):
             found = renderer.render(view.camera, view.background)  # type: ignore[arg-type]
             for name in ("image", "alpha", "depth"):
@@ -196,6 +199,19 @@ def test_a_lost_device_and_a_closed_renderer_are_told() -> None:
         assert info.value.code == code
         assert "\n" not in info.value.message
         renderer.close()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+@pytest.mark.parametrize("tier", ["standard", "dedicated"])
+def test_renderers_that_are_closed_hold_no_memory(tier: Any) -> None:
+    view = golden_views("triangle_splatting")[-1]
+    held = []
+    for _ in range(100):
+        with msb.Renderer(asset_of(view), tier, name="wgpu") as renderer:
+            renderer.draw(view.camera)
+        held.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE"))
+    assert held[-1] - held[10] < 30e6
 
 
 def test_a_renderer_like_ours() -> None:
@@ -252,10 +268,10 @@ def garden(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("method", "bar"), [("two_dts", 90), ("triangle_splatting", 75), ("mesh_splatting", 68)]
+    ("method", "bar"), [("two_dts", 90), ("triangle_splatting", 75), ("mesh_splatting", 70)]
 )
 def test_a_capture_of_139_000_faces(method: str, bar: float, garden: Path, shared: Path) -> None:
-    """Against OpenCL, which is the official image to 140 dB. Missing is the rule that stops a sample."""
+    """Against OpenCL, which is the official image to 140 dB."""
     asset = msb.export(garden / method)
     cameras = msb.read_cameras(shared / "golden" / "garden" / "sparse" / "0")
     with (

@@ -21,6 +21,7 @@ from msb.engines.webpage import camera_data, filled, scene_data
 from msb.errors import DeviceError, InputError
 from msb.files import read_file
 from msb.methods import lookup
+from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
     from msb.asset import Asset
     from msb.engines.hardware.packing import Packed
+    from msb.engines.hardware.plan import Plan
+    from msb.methods import Order, Sampling
     from msb.scenes import Camera
 
     Color = tuple[float, float, float]
@@ -42,6 +45,13 @@ _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 """What every device with WebGPU takes."""
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
 """What most graphics cards of computers take; the page asks for what it needs, and says so if it cannot."""
+STOPS = 8
+"""Chunks in which faces are blended: fewer than in the renderer, because each one reads all samples."""
+MODES: tuple[tuple[Order, Sampling], ...] = (
+    *(("tile", "official"), ("global", "official"), ("none", "official")),
+    *(("tile", "engine"), ("none", "engine")),  # an engine has no tiles: "global" is "tile"
+)
+"""Orders and samplings that a page offers."""
 _LETTERS = 1 << 23
 """Base64 letters of an element."""
 _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
@@ -146,10 +156,10 @@ def make_page(
     packed = pack(asset, settings)
     try:
         limits = _GUARANTEED
-        plan = make_plan(packed, limits, "every browser", depth=False)
+        plans = _plans(packed, limits, "every browser")
     except DeviceError:
         limits = _LARGER
-        plan = make_plan(packed, limits, "WebGPU on most graphics cards", depth=False)
+        plans = _plans(packed, limits, "WebGPU on most graphics cards")
     kept: dict[str, tuple[dict[str, Any], bytes]] = {}
 
     def keep(array_name: str, array: NDArray[Any], **more: Any) -> str:
@@ -158,11 +168,24 @@ def make_page(
         kept[array_name] = {**stored.head, **more}, stored.data
         return array_name
 
+    plan = plans[MODES[0]]
     for array_name, array in plan.data.items():
         if array_name == "positions":
             _keep_positions(asset, packed, keep, kept)
         else:
             keep(array_name, array)
+    modules: list[str] = []
+    records = []
+    for (order, sampling), other in plans.items():
+        arrays = {}
+        for buffer, array in other.data.items():
+            same = buffer in plan.data and np.array_equal(array, plan.data[buffer])
+            arrays[buffer] = buffer if same else keep(f"{buffer}, {order}, {sampling}", array)
+        record = other.record()
+        modules += [text for text in record["modules"].values() if text not in modules]
+        record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
+        records.append({"order": order, "sampling": sampling, "arrays": arrays, **record})
+    buffers = [entry for other in plans.values() for entry in other.buffers.values()]
     values = effective_settings(asset.manifest, settings)
     standard = _standard(asset, packed, values, keep)
     listed = []
@@ -181,12 +204,13 @@ def make_page(
         "title": lookup(asset.manifest.method).title,
         "faces": packed.faces,
         "all_faces": all_faces or packed.faces,
-        "plan": plan.record(),
+        "plans": records,
+        "modules": modules,
         "view": view_json(packed),
         "settings": live_settings(asset, settings, packed.model),
         "needs": {
-            "maxStorageBufferBindingSize": _needed(plan.buffers, limits.binding, _GUARANTEED.binding),
-            "maxBufferSize": _needed(plan.buffers, limits.buffer, _GUARANTEED.buffer),
+            "maxStorageBufferBindingSize": _needed(buffers, limits.binding, _GUARANTEED.binding),
+            "maxBufferSize": _needed(buffers, limits.buffer, _GUARANTEED.buffer),
         },
         "arrays": {key: head for key, (head, _) in kept.items()},
         "standard": standard,
@@ -197,6 +221,17 @@ def make_page(
         "costs": [{"what": cost.what, "psnr": cost.psnr} for cost in costs],
     }
     return DedicatedPage(scene, "\n".join(_elements((key, data) for key, (_, data) in kept.items())))
+
+
+def _plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
+    """Return (order, sampling) -> the plan of a frame, the official one first; equal ones are left out."""
+    found = {}
+    for order, sampling in MODES:
+        if not isinstance(packed.model, Surface) or order == "tile":  # a z-buffer has no order
+            found[order, sampling] = make_plan(
+                packed, limits, name, order=order, sampling=sampling, stops=STOPS, depth=False
+            )
+    return found
 
 
 def _seen_sphere(asset: Asset) -> dict[str, Any]:
@@ -213,9 +248,9 @@ def _seen_sphere(asset: Asset) -> dict[str, Any]:
     return {"center": middle.tolist(), "radius": radius}
 
 
-def _needed(buffers: Mapping[str, tuple[int, tuple[str, ...]]], most: int, guaranteed: int) -> int:
+def _needed(buffers: Iterable[tuple[int, tuple[str, ...]]], most: int, guaranteed: int) -> int:
     """Return the limit that a page asks for."""
-    return min(most, max(guaranteed, *(size for size, _ in buffers.values())))
+    return min(most, max(guaranteed, *(size for size, _ in buffers)))
 
 
 def _keep_positions(
@@ -266,13 +301,11 @@ def _shrink_factor(whole: NDArray[np.float32], drawn: NDArray[np.float32]) -> fl
 
 def _standard(
     asset: Asset, packed: Packed, values: Mapping[str, Any], keep: Callable[..., str]
-) -> dict[str, Any] | None:
-    """Return which arrays are the mesh of the standard tier; None if the method has no static colour."""
-    if "standard" not in lookup(asset.manifest.method).passes or "f_dc" not in packed.arrays:
-        return None
+) -> dict[str, Any]:
+    """Return which arrays are the mesh of the standard tier, in grey if the method has no static colour."""
+    grey = not lookup(asset.manifest.method).supports("standard")
     soup = not packed.model.vertex_colors
-    found = colors_of(asset)
-    numbers = shown_faces(asset, values.get("ste_threshold"))
+    numbers = None if grey else shown_faces(asset, values.get("ste_threshold"))
     shown = None
     if numbers is not None:
         mask = np.zeros(packed.faces, np.uint8)
@@ -283,9 +316,10 @@ def _standard(
     return {
         "positions": "positions" if same else "stored positions",
         "indices": None if soup else "indices",
-        "colors": "f_dc" if found is not None else None,
+        "colors": "f_dc" if "f_dc" in packed.arrays and colors_of(asset) is not None else None,
         "shown": shown,
         "soup": soup,
+        "grey": grey,
     }
 
 

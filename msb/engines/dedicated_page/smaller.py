@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 GRID = 65000
 """Steps that a chunk's positions span at most: fewer than 16 bits have: rounding may add one."""
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
+_BYTES = ("features.lattice", "features.opacity")
+"""Lattices of numbers from 0 to 1: those of the official web export are bytes, too."""
 _BINS = 4096
 _FEW = 4 * LEVELS
 
@@ -45,6 +47,9 @@ def quantised(asset: Asset) -> Asset:
             rows = buffers[name].reshape(len(buffers[name]), -1)
             columns = [_rounded(rows[:, k]) for k in range(rows.shape[1])]
             buffers[name] = np.stack(columns, axis=1).reshape(buffers[name].shape)
+    for name in _BYTES:
+        if name in buffers and buffers[name].dtype != np.uint8:
+            buffers[name] = np.rint(np.clip(buffers[name], 0, 1) * np.float32(255)).astype(np.uint8)
     return _with(asset, buffers)
 
 
@@ -131,7 +136,8 @@ def with_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
 def _with(asset: Asset, buffers: Mapping[str, NDArray[Any]]) -> Asset:
     """Return an asset in memory of these buffers, described as `asset` is."""
     specs = {
-        name: replace(spec, shape=tuple(buffers[name].shape)) for name, spec in asset.manifest.buffers.items()
+        name: replace(spec, shape=tuple(buffers[name].shape), dtype=buffers[name].dtype.name)
+        for name, spec in asset.manifest.buffers.items()
     }
     arrays = {name: np.ascontiguousarray(array) for name, array in buffers.items()}
     for array in arrays.values():

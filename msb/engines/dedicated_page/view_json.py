@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.asset.settings import effective_settings
-from msb.engines.hardware.packing import VIEW
+from msb.engines.hardware.packing import VIEW, model_of
 from msb.errors import MsbError
-from msb.methods import lookup, role
+from msb.methods import lookup
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,13 +55,12 @@ def live_settings(asset: Asset, settings: Mapping[str, Any], model: Model) -> li
     """
     found = []
     values = effective_settings(asset.manifest, settings)
-    look: Any = role(asset.manifest.method, "look")
     for name, setting in lookup(asset.manifest.method).settings.items():
         choices = {"bool": (False, True), "choice": setting.choices}.get(setting.kind, ())
         options = []
         for choice in choices:
             try:
-                other: Model = look.splat_model(asset, {**values, name: choice})
+                other = model_of(asset, {**values, name: choice})
             except MsbError:
                 break
             if not _alike(model, other):
@@ -74,10 +73,12 @@ def live_settings(asset: Asset, settings: Mapping[str, Any], model: Model) -> li
 
 def _alike(model: Model, other: Model) -> bool:
     """Return whether two models differ in the method's own members of the record at most."""
-    arrays = ("positions", "coverage")
-    if any(not np.array_equal(getattr(model, name), getattr(other, name)) for name in arrays):
-        return False
-    if set(model.own) != set(other.own):
-        return False
-    same = {name: getattr(model, name) for name in (*arrays, "own")}
-    return bool(replace(other, **same) == model)
+    for name in (field.name for field in fields(model)):
+        one, two = getattr(model, name), getattr(other, name)
+        if name == "projection":
+            continue  # the page computes it, of the camera and `own`
+        if name == "own":
+            one, two = set(one), set(two)
+        if not (np.array_equal(one, two) if isinstance(one, np.ndarray) else one == two):
+            return False
+    return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,10 +23,11 @@ _LAYOUTS = {
     "write": {"buffer": {"type": "storage"}},
     "texture": {"texture": {"sample_type": "unfilterable-float", "view_dimension": "2d"}},
     "numbers": {"texture": {"sample_type": "uint", "view_dimension": "2d"}},
+    "store": {"storage_texture": {"format": "r32float", "access": "write-only", "view_dimension": "2d"}},
 }
 Z_BUFFER = "z-buffer"
 """The texture of depths, where a plan has one."""
-_DEPTH = "depth32float"
+_DEPTH, _STORED = "depth32float", "r32float"
 PIXEL_BYTES = 20
 """Red, green, blue, alpha and depth, float32."""
 
@@ -74,11 +76,17 @@ class DevicePlan:
             if name in plan.data:
                 array = np.ascontiguousarray(plan.data[name])
                 device.queue.write_buffer(self.held[name], 0, array)
-        self._pipelines: dict[int, Any] = {}
-        self._layouts: dict[int, Any] = {}
-        for number, step in enumerate((*plan.passes, *plan.band_passes)):
-            self._layouts[number] = self._layout(step.bindings)
-            self._pipelines[number] = self._pipeline(step, self._layouts[number])
+        self._steps = (*plan.passes, *plan.band_passes)
+        # Steps of one entry point and one layout share a pipeline: compiling takes long.
+        made: dict[Any, tuple[Any, Any]] = {}
+        self._made: list[tuple[Any, Any]] = []
+        for step in self._steps:
+            kinds = tuple((binding.number, binding.kind) for binding in step.bindings)
+            key = step.module, step.entry if isinstance(step, Compute) else "", kinds
+            if key not in made:
+                layout = self._layout(step.bindings)
+                made[key] = layout, self._pipeline(step, layout)
+            self._made.append(made[key])
         self._groups: dict[tuple[int, int], Any] = {}
 
     def buffer(self, name: str, size: int, *usages: str) -> Any:
@@ -98,7 +106,7 @@ class DevicePlan:
         entries = [
             {
                 "binding": binding.number,
-                "visibility": stages.COMPUTE if binding.kind == "write" else visible,
+                "visibility": stages.COMPUTE if binding.kind in ("write", "store") else visible,
                 **_LAYOUTS[binding.kind],
             }
             for binding in bindings
@@ -112,8 +120,11 @@ class DevicePlan:
             return self._device.create_compute_pipeline(
                 layout=whole, compute={"module": module, "entry_point": step.entry}
             )
-        one = {"src_factor": "one-minus-dst-alpha", "dst_factor": "one", "operation": "add"}
-        blended: dict[str, Any] = {} if step.z_buffer else {"blend": {"color": one, "alpha": one}}
+        color, alpha = (
+            {"src_factor": source, "dst_factor": target, "operation": "add"}
+            for source, target in self._plan.blend
+        )
+        blended: dict[str, Any] = {} if step.z_buffer else {"blend": {"color": color, "alpha": alpha}}
         nearest = {"format": _DEPTH, "depth_write_enabled": True, "depth_compare": "less"}
         attributes = [
             {"format": "float32x4", "offset": 16 * k, "shader_location": k} for k in range(step.members)
@@ -149,21 +160,28 @@ class DevicePlan:
         size = bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
         self.buffer("pixels", size, "storage", "copy_src")
         self.buffer("pixels, read back", size, "copy_dst", "map_read")
-        usage = self._gpu.TextureUsage.RENDER_ATTACHMENT | self._gpu.TextureUsage.TEXTURE_BINDING
+        texture = self._gpu.TextureUsage
         scale = self._plan.scale
         for name, form in self._targets().items():
+            more = texture.STORAGE_BINDING if form == _STORED else texture.RENDER_ATTACHMENT
             old = self.held.pop(name, None)
             if old is not None:
                 old.destroy()
             self.held[name] = self._device.create_texture(
-                size=(scale * bands[0].width, scale * bands[0].height, 1), format=form, usage=usage
+                size=(scale * bands[0].width, scale * bands[0].height, 1),
+                format=form,
+                usage=texture.TEXTURE_BINDING | more,
             )
 
     def _targets(self) -> dict[str, str]:
         """Return name -> format of what is drawn into."""
-        step = next(step for step in self._plan.band_passes if isinstance(step, Draws))
-        found = dict.fromkeys(step.targets, self._plan.format)
-        return {**found, Z_BUFFER: _DEPTH} if step.z_buffer else found
+        found: dict[str, str] = {}
+        for step in self._plan.band_passes:
+            if isinstance(step, Draws):
+                found |= dict.fromkeys(step.targets, self._plan.format)
+                found |= {Z_BUFFER: _DEPTH} if step.z_buffer else {}
+            found |= {binding.name: _STORED for binding in step.bindings if binding.kind == "store"}
+        return found
 
     def _group(self, number: int, step: Compute | Draws, k: int) -> Any:
         """Return the bind group of a step for band `k`."""
@@ -172,13 +190,13 @@ class DevicePlan:
                 {"binding": binding.number, "resource": self._resource(binding, k)}
                 for binding in step.bindings
             ]
-            layout = self._layouts[number]
+            layout, _ = self._made[number]
             self._groups[number, k] = self._device.create_bind_group(layout=layout, entries=entries)
         return self._groups[number, k]
 
     def _resource(self, binding: Binding, k: int) -> Any:
         held = self.held[binding.name]
-        if binding.kind in ("texture", "numbers"):
+        if binding.kind in ("texture", "numbers", "store"):
             return held.create_view()
         offset, size = binding.offset, binding.size
         if binding.name == "pixels":
@@ -189,38 +207,47 @@ class DevicePlan:
         return {"buffer": held, "offset": offset, "size": held.size - offset if size is None else size}
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return what a frame runs in order: a stage, and steps by their number and their band.
-
-        Dispatches of one stage that follow each other are one pass of commands; a draw is one of its own.
-        """
-        found: list[tuple[str, list[tuple[int, int]]]] = []
-        for number, step in enumerate(self._plan.passes):
-            if not found or found[-1][0] != step.stage:
-                found.append((step.stage, []))
-            found[-1][1].append((number, 0))
+        """Return what a frame runs in order: a stage, and its steps by their number and their band."""
         first = len(self._plan.passes)
-        for band in range(len(self.bands)):
-            for number, drawn in enumerate(self._plan.band_passes, first):
-                found.append((drawn.stage, [(number, band)]))
-        return found
+        order = [(number, 0) for number in range(first)]
+        order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]
+        return [
+            (stage, list(steps)) for stage, steps in groupby(order, lambda step: self._steps[step[0]].stage)
+        ]
 
-    def encode(self, encoder: Any, steps: list[tuple[int, int]], timed: dict[str, Any]) -> None:
-        """Encode the steps of one entry of `stages`; `timed` says where its timestamps go."""
-        whole = (*self._plan.passes, *self._plan.band_passes)
-        number, band = steps[0]
-        drawn = whole[number]
-        if isinstance(drawn, Draws):
-            self._draw(encoder, number, drawn, band, timed)
-            return
-        computing = encoder.begin_compute_pass(**timed)
+    def encode(
+        self, encoder: Any, steps: list[tuple[int, int]], timed: tuple[Any, int, int] | None = None
+    ) -> None:
+        """Encode the steps of one entry of `stages`; `timed`: a set of queries, and those of its two ends.
+
+        Dispatches that follow each other are one pass of commands; a draw is one of its own.
+        """
+        passes: list[list[tuple[int, int]]] = []
         for number, band in steps:
-            step = whole[number]
-            assert isinstance(step, Compute)
-            self._dispatch(computing, number, step, band)
-        computing.end()
+            if not passes or Draws in (type(self._steps[number]), type(self._steps[passes[-1][0][0]])):
+                passes.append([])
+            passes[-1].append((number, band))
+        for k, part in enumerate(passes):
+            stamps: dict[str, Any] = {}
+            if timed is not None and k == 0:
+                stamps["beginning_of_pass_write_index"] = timed[1]
+            if timed is not None and k == len(passes) - 1:
+                stamps["end_of_pass_write_index"] = timed[2]
+            told = {"timestamp_writes": {"query_set": timed[0], **stamps}} if timed and stamps else {}
+            number, band = part[0]
+            drawn = self._steps[number]
+            if isinstance(drawn, Draws):
+                self._draw(encoder, number, drawn, band, told)
+                continue
+            computing = encoder.begin_compute_pass(**told)
+            for number, band in part:
+                step = self._steps[number]
+                assert isinstance(step, Compute)
+                self._dispatch(computing, number, step, band)
+            computing.end()
 
     def _dispatch(self, computing: Any, number: int, step: Compute, k: int) -> None:
-        computing.set_pipeline(self._pipelines[number])
+        computing.set_pipeline(self._made[number][1])
         computing.set_bind_group(0, self._group(number, step, k))
         if step.indirect is not None:
             computing.dispatch_workgroups_indirect(self.held["arguments"], step.indirect)
@@ -232,11 +259,10 @@ class DevicePlan:
 
     def _draw(self, encoder: Any, number: int, step: Draws, k: int, timed: dict[str, Any]) -> None:
         band, scale = self.bands[k], self._plan.scale
-        first = step.z_buffer or "clear"
         if step.z_buffer:
             timed["depth_stencil_attachment"] = {
                 "view": self.held[Z_BUFFER].create_view(),
-                "depth_load_op": first,
+                "depth_load_op": step.load,
                 "depth_store_op": "store",
                 "depth_clear_value": 1.0,
             }
@@ -244,9 +270,9 @@ class DevicePlan:
             color_attachments=[
                 {
                     "view": self.held[target].create_view(),
-                    "load_op": first,
+                    "load_op": step.load,
                     "store_op": "store",
-                    "clear_value": (0, 0, 0, 0),
+                    "clear_value": (0, 0, 0, self._plan.clear),
                 }
                 for target in step.targets
             ],
@@ -254,7 +280,7 @@ class DevicePlan:
         )
         drawing.set_viewport(0, 0, scale * band.width, scale * band.height, 0, 1)
         drawing.set_scissor_rect(0, 0, scale * band.width, scale * band.height)
-        drawing.set_pipeline(self._pipelines[number])
+        drawing.set_pipeline(self._made[number][1])
         drawing.set_bind_group(0, self._group(number, step, k))
         for records, offset in step.records:
             drawing.set_vertex_buffer(0, self.held[records])
@@ -267,7 +293,9 @@ class DevicePlan:
         return np.frombuffer(self._device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Release every buffer and texture."""
+        """Release everything that the plan has on the device."""
         for thing in self.held.values():
             thing.destroy()
-        self.held.clear()
+        for things in (self.held, self._groups, self._made, self._modules):
+            things.clear()
+        del self._device

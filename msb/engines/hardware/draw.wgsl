@@ -58,9 +58,18 @@ fn nearest(between: Between) -> Nearest {
 struct Targets {
     @location(0) image: vec4<f32>,
 #if DEPTH
-    @location(1) depth: vec4<f32>,
+    @location(1) depth: vec4<f32>, // then the sum of weights, where samples stop
 #endif
 }
+#if STOPS
+
+// The rule that stops a sample: a face that would take T below STOP is refused, and the sample sees no more.
+// Hardware cannot read T before it blends, so faces are drawn in chunks, and a fragment knows T at the start
+// of its chunk, which is at least the T that it meets: what it refuses is refused officially, too. What is
+// blended in its place is the background with alpha 1, which fills the sample: from then on all that hardware
+// blends there is multiplied by 0.
+@group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
+#endif
 
 @fragment
 fn blend(between: Between) -> Targets {
@@ -71,9 +80,22 @@ fn blend(between: Between) -> Targets {
         discard;
     }
     var targets: Targets;
+#if STOPS
+    let left = 1.0 - textureLoad(covered, vec2<i32>(between.place.xy), 0).x;
+    if (left < STOP) {
+        discard;
+    }
+    if (left * (1.0 - seen.alpha) < STOP) {
+        targets.image = vec4<f32>(view.background, 1.0);
+#if DEPTH
+        targets.depth = vec4<f32>(0.0, 0.0, 0.0, 1.0);
+#endif
+        return targets;
+    }
+#endif
     targets.image = vec4<f32>(seen.color * seen.alpha, seen.alpha);
 #if DEPTH
-    targets.depth = vec4<f32>(seen.depth * seen.alpha, 0.0, 0.0, seen.alpha);
+    targets.depth = vec4<f32>(seen.depth * seen.alpha, seen.alpha, 0.0, seen.alpha);
 #endif
     return targets;
 }

@@ -100,14 +100,12 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     AssetError
         As `msb.render.splat.model.make_model`; `TRIASSET_VALUE_NONFINITE`, `TRIASSET_INDEX_OUT_OF_RANGE`.
     """
-    method = asset.manifest.method
     values = effective_settings(asset.manifest, settings)
-    look: Any = role(method, "look")
+    look: Any = role(asset.manifest.method, "look")
     if not hasattr(look, "splat_model") and not hasattr(look, "surface_model"):
         raise _unsupported(asset)
     check_drawable(asset)
-    surface = hasattr(look, "surface_model")
-    model: Model = look.surface_model(asset, values) if surface else make_model(asset, values)
+    model = model_of(asset, values)
     if not (resources.files(model.package) / f"{model.program}.wgsl").is_file():
         raise _unsupported(asset)
     if isinstance(model, Surface):
@@ -130,6 +128,15 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
         rest_stride=0 if f_rest is None else f_rest.shape[1],
         arrays={name: np.ascontiguousarray(array) for name, array in arrays.items()},
     )
+
+
+def model_of(asset: Asset, values: Mapping[str, Any]) -> Model:
+    """Return what a pipeline draws of `asset` with all its settings; errors as `pack`."""
+    look: Any = role(asset.manifest.method, "look")
+    if hasattr(look, "surface_model"):
+        surface: Surface = look.surface_model(asset, values)
+        return surface
+    return make_model(asset, values)
 
 
 def _pack_surface(asset: Asset, surface: Surface) -> Packed:

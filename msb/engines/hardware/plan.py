@@ -12,14 +12,16 @@ if TYPE_CHECKING:
 
 SLOT = 256
 """Bytes between entries of a uniform buffer that are bound one at a time."""
+FRONT_TO_BACK = "one-minus-dst-alpha", "one"
+"""Blend factors of source and target."""
 
 
 @dataclass(frozen=True)
 class Binding:
     """A part of a buffer, or a texture, at a number of group 0.
 
-    `kind` is "uniform", "read", "write", "texture" (of floats) or "numbers" (a texture of uint32). `per_band`
-    says that `offset` is that of the band.
+    `kind` is "uniform", "read", "write", "texture" (of floats), "numbers" (a texture of uint32) or "store" (a
+    texture that is written, r32float). `per_band` says that `offset` is that of the band.
     """
 
     number: int
@@ -56,8 +58,10 @@ class Draws:
     records: tuple[tuple[str, int], ...]
     members: int
     """vec4 of a record: attributes at locations 0, 1, ..."""
-    z_buffer: str = ""
-    """"clear" or "load": entry point `nearest` instead of `blend`; nothing is blended, the nearest stays."""
+    load: str = "clear"
+    """"clear" or "load": what the targets hold before."""
+    z_buffer: bool = False
+    """Entry point `nearest` instead of `blend`; nothing is blended, the nearest stays."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,10 @@ class Plan:
         Of the targets `image` and `depth`, whose sizes are those of a band in samples.
     scale : int
         Samples of a pixel along each axis.
+    blend : pair of pairs of str
+        The factors of source and target, of colour and of alpha.
+    clear : float
+        The alpha that targets begin with; their colours begin with 0.
     """
 
     modules: Mapping[str, str]
@@ -87,6 +95,8 @@ class Plan:
     band_passes: tuple[Draws | Compute, ...]
     format: str
     scale: int
+    blend: tuple[tuple[str, str], tuple[str, str]] = (FRONT_TO_BACK, FRONT_TO_BACK)
+    clear: float = 0.0
 
     def record(self) -> dict[str, Any]:
         """Return all but `data` as JSON takes it: what a page in a browser runs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,9 @@ _BLOCK = 2048
 """Items of a work-group of the sort; equals BLOCK in sort.wgsl."""
 _DIGIT_BITS = 4
 _KEY_BITS = 32
+STOPS = 32
+"""Chunks in which faces are blended where a method refuses the face that crosses its threshold."""
+_REFUSES = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
 
 
@@ -78,6 +82,7 @@ def make_plan(
     order: Order = "tile",
     sampling: Sampling = "official",
     form: str = "rgba32float",
+    stops: int = STOPS,
     depth: bool = True,
     debug: bool = False,
 ) -> Plan:
@@ -93,6 +98,9 @@ def make_plan(
         As on the dedicated tier in OpenCL.
     form : str
         The format of the targets that are blended into.
+    stops : int
+        In how many chunks faces are blended where the method refuses the face that crosses its threshold; 1
+        leaves that rule out.
     depth : bool
         Whether depth is drawn, too.
     debug : bool
@@ -126,6 +134,8 @@ def make_plan(
         "LAST_SAMPLE": model.scale - 1 if model.box_mean else model.scale // 2,
     }
     own = f"{model.program}.wgsl"
+    chunks = stops if _REFUSES.search(assemble([own], model.package, defines)) else 1
+    defines["STOPS"] = chunks > 1
 
     def text(*files: str, **more: bool | int | str) -> str:
         return assemble(files, model.package, {**defines, **more})
@@ -141,33 +151,37 @@ def make_plan(
         "draw": as_attributes(text(own, "draw.wgsl", **_between(members)), members),
         "resolve": text("resolve.wgsl"),
     }
+    if chunks > 1:
+        modules["hold"] = text("hold.wgsl")
     if surface is not None:
         modules["decode"] = text(own, "surface.wgsl", COMPUTE=True, DECODING=True)
         del modules["resolve"]
     elif not planner.soup:
         modules["shade"] = text(own, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
-    passes = [*_projection(planner, debug), *_sorting(planner, order, record_bytes)]
-    ranges = _record_ranges(planner, record_bytes)
+    parts, room = _record_parts(planner, record_bytes, chunks)
+    passes = [*_projection(planner, debug), *_sorting(planner, order, chunks, parts)]
     last = "faces a" if order == "none" else "faces b"
     records = []
-    for k, (first, count) in enumerate(ranges):
-        planner.buffer(f"records {k}", count * record_bytes, "storage", "vertex")
+    for k in range(chunks * parts):
+        planner.buffer(f"records {k}", room * record_bytes, "storage", "vertex")
+        start = 4 + 8 * k  # in `arguments`
         bindings = [
             *planner.model(),
-            planner.part(first, count),
+            planner.part(start, room),
             Binding(8, "read", "colors") if surface is None else Binding(7, "write", "keys"),
             Binding(10, "read", last),
             Binding(11, "read", "arguments"),
             Binding(12, "write", f"records {k}"),
         ]
-        passes.append(Compute("records", "record", "record", tuple(bindings), indirect=4 * (4 + 7 * k)))
-        records.append((f"records {k}", 4 * (7 + 7 * k)))
+        passes.append(Compute("records", "record", "record", tuple(bindings), indirect=4 * start))
+        records.append((f"records {k}", 4 * (start + 4)))
     own_bytes = 4 * len(model.own)
     planner.buffer("view", VIEW.itemsize + own_bytes, "uniform", "copy_dst")
     if surface is not None:
         band_passes = _z_buffered(planner, surface, tuple(records), len(members))
     else:
-        band_passes = _blended(("image", "depth") if depth else ("image",), tuple(records), len(members))
+        targets = ("image", "depth") if depth else ("image",)
+        band_passes = _blended(targets, tuple(records), len(members), chunks)
     planner.upload("parts", _slots(np.array(planner.parts, np.uint32)), "uniform")
     return Plan(
         modules=modules,
@@ -185,14 +199,22 @@ _PIXELS = Binding(4, "write", "pixels", per_band=True)
 
 
 def _blended(
-    targets: tuple[str, ...], records: tuple[tuple[str, int], ...], members: int
+    targets: tuple[str, ...], records: tuple[tuple[str, int], ...], members: int, chunks: int
 ) -> tuple[Draws | Compute, ...]:
     """Return the passes of a band that blend faces and turn samples into pixels."""
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
-    return (
-        Draws("blend", "draw", (VIEW_BINDING, _BAND), targets, records, members),
-        Compute("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS)),
-    )
+    resolve = Compute("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
+    if chunks == 1:
+        return Draws("blend", "draw", (VIEW_BINDING, _BAND), targets, records, members), resolve
+    held = (_BAND, Binding(2, "texture", "image"), Binding(3, "store", "covered"))
+    bound = (VIEW_BINDING, _BAND, Binding(2, "texture", "covered"))
+    parts = len(records) // chunks
+    found: list[Draws | Compute] = []
+    for k in range(chunks):
+        here = records[k * parts : (k + 1) * parts]
+        found.append(Compute("blend", "hold", "hold" if k else "begin", held))
+        found.append(Draws("blend", "draw", bound, targets, here, members, "load" if k else "clear"))
+    return *found, resolve
 
 
 def _z_buffered(
@@ -208,7 +230,7 @@ def _z_buffered(
     for number, (name, rows) in enumerate(_parts(planner, "opacity", surface.opacity)):
         bound = (VIEW_BINDING, _BAND, Binding(2, "read", name), replace(rows, number=3))
         first = "load" if number else "clear"
-        found.append(Draws("raster", "draw", bound, ("nearest",), records, members, first))
+        found.append(Draws("raster", "draw", bound, ("nearest",), records, members, first, z_buffer=True))
     for name, rows in _parts(planner, "features", surface.features):
         bindings = (
             *planner.model(),
@@ -285,19 +307,17 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
     return found
 
 
-def _sorting(planner: _Planner, order: Order, record_bytes: int) -> list[Compute]:
+def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[Compute]:
     """Return the passes of the radix sort; order "none" needs its first one alone, which drops faces."""
     faces = planner.packed.faces
     blocks = max(-(-faces // _BLOCK), 1)
-    ranges = _record_ranges(planner, record_bytes)
     for name in ("keys a", "keys b", "faces a", "faces b"):
         planner.buffer(name, 4 * faces, "storage")
     planner.buffer("sums", 4 * (1 << _DIGIT_BITS) * blocks, "storage")
-    planner.buffer("arguments", 4 * (4 + 7 * len(ranges)), "storage", "indirect", "copy_src")
+    planner.buffer("arguments", 4 * (4 + 8 * chunks * parts), "storage", "indirect", "copy_src")
     mask = 0 if order == "none" else (1 << _DIGIT_BITS) - 1
     shifts = [0] if order == "none" else list(range(0, _KEY_BITS, _DIGIT_BITS))
-    most = ranges[0][1] if ranges else 1
-    steps = [(shift, mask, faces, blocks, len(ranges), most, 0, 0) for shift in shifts]
+    steps = [(shift, mask, faces, blocks, chunks, parts, 0, 0) for shift in shifts]
     planner.upload("steps", _slots(np.array(steps, np.uint32)), "uniform")
     found = []
     for k in range(len(shifts)):
@@ -318,10 +338,12 @@ def _sorting(planner: _Planner, order: Order, record_bytes: int) -> list[Compute
     return found
 
 
-def _record_ranges(planner: _Planner, record_bytes: int) -> list[tuple[int, int]]:
-    """Return first and count of the places of each buffer of records."""
-    room = min(planner.limits.binding, planner.limits.buffer) // record_bytes // _GROUP * _GROUP
-    return _ranges(planner.packed.faces, min(room, _GROUP * _MOST_GROUPS))
+def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
+    """Return how many buffers the records of a chunk take, and the records of each."""
+    most = min(planner.limits.binding, planner.limits.buffer) // record_bytes // _GROUP * _GROUP
+    chunk = max(-(-planner.packed.faces // chunks), 1)
+    parts = -(-chunk // max(min(most, _GROUP * _MOST_GROUPS), 1))
+    return parts, -(-chunk // parts)
 
 
 def _ranges(count: int, most: int) -> list[tuple[int, int]]:

@@ -91,7 +91,7 @@ fn project(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(8) var<storage, read> colors: array<f32>;
 #endif
 @group(0) @binding(10) var<storage, read> order: array<u32>;
-@group(0) @binding(11) var<storage, read> counts: array<u32>;
+@group(0) @binding(11) var<storage, read> arguments: array<u32>; // sort.wgsl: `tell`; `part` says where
 @group(0) @binding(12) var<storage, read_write> records: array<Face>;
 
 #if !Z_BUFFER
@@ -102,10 +102,10 @@ fn color_at(row: u32) -> vec3<f32> {
 
 @compute @workgroup_size(64)
 fn record(@builtin(global_invocation_id) id: vec3<u32>) {
-    let place = part.first + id.x;
-    if (id.x >= part.count || place >= counts[0]) {
+    if (id.x >= arguments[part.first + 5u]) {
         return;
     }
+    let place = arguments[part.first + 3u] + id.x;
     let number = order[place];
     var face: Face;
     let found = project_face(number, &face);

@@ -12,9 +12,9 @@ from msb.engines.engine import WALL_CLOCK, device_kind
 from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
-from msb.engines.hardware.program import make_plan
+from msb.engines.hardware.program import STOPS, make_plan
 from msb.engines.webgpu import WgpuRenderer
-from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped
+from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped, release
 from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
-_SAMPLE_BYTES = {FLOAT: 16, HALF: 8, NUMBERS: 4, "depth32float": 4}
+_SAMPLE_BYTES = {FLOAT: 16, HALF: 8, NUMBERS: 4, "depth32float": 4, "r32float": 4}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 """The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths."""
 
@@ -42,7 +42,7 @@ _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
-    **dict.fromkeys(("image", "depth", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
+    **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
 """First word of a use -> its group."""
 _LIMITS = (
@@ -77,6 +77,8 @@ class HardwareRenderer:
         As for the dedicated tier in OpenCL.
     half : bool
         Whether to blend into half floats even where the adapter can blend float32.
+    stops : int
+        In how many chunks faces are blended, so that samples stop as officially; 1 leaves that rule out.
 
     Raises
     ------
@@ -102,6 +104,7 @@ class HardwareRenderer:
         order: Order = "tile",
         sampling: Sampling = "official",
         half: bool = False,
+        stops: int = STOPS,
         debug: bool = False,
     ) -> None:
         kind = device_kind(device, self.name)
@@ -112,7 +115,7 @@ class HardwareRenderer:
         self._packed = pack(asset, settings)
         import wgpu
 
-        self.version = wgpu.__version__
+        self.version = self.installed()
         self._gpu = wgpu
         adapter = choose_adapter(kind)
         about = dict(adapter.info)
@@ -135,6 +138,7 @@ class HardwareRenderer:
             order=order,
             sampling=sampling,
             form=self._format,
+            stops=stops,
             debug=debug,
         )
         with self._told("opening the device"):
@@ -147,6 +151,11 @@ class HardwareRenderer:
             self._tick = nanoseconds_a_tick(self._device) if timed else None
         self._size: tuple[int, int] | None = None
         self._queries: Any = None
+
+    @classmethod
+    def installed(cls) -> str:
+        """Return what the version will be, before anything is drawn."""
+        return WgpuRenderer.installed()
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
@@ -197,7 +206,7 @@ class HardwareRenderer:
         for stage, steps in self._runs.stages():
             start = time.perf_counter()
             encoder = self._device.create_command_encoder()
-            self._runs.encode(encoder, steps, {})
+            self._runs.encode(encoder, steps)
             self._wait(encoder)
             found[stage] = found.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
         return Drawn(found, 1000 * (time.perf_counter() - begun))
@@ -208,12 +217,8 @@ class HardwareRenderer:
         encoder = self._device.create_command_encoder()
         stages = self._runs.stages()
         for k, (_, steps) in enumerate(stages):
-            timed: dict[str, Any] = {
-                "query_set": self._queries,
-                "beginning_of_pass_write_index": 2 * k,
-                "end_of_pass_write_index": 2 * k + 1,
-            }
-            self._runs.encode(encoder, steps, {"timestamp_writes": timed} if self._queries else {})
+            timed = (self._queries, 2 * k, 2 * k + 1) if self._queries else None
+            self._runs.encode(encoder, steps, timed)
         if self._queries is not None:
             encoder.resolve_query_set(self._queries, 0, 2 * len(stages), self._runs.held["times"], 0)
         times = self._wait(encoder).view(np.uint64).reshape(-1, 2).astype(np.float64)
@@ -283,8 +288,10 @@ class HardwareRenderer:
 
     def close(self) -> None:
         """Release everything."""
-        self._runs.close()
-        self._device.destroy()
+        if self._runs.held:
+            self._runs.close()
+            self._queries = None
+            release(vars(self).pop("_device"))
 
     def __enter__(self) -> Self:
         return self

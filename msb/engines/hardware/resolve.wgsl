@@ -16,13 +16,15 @@ fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     var color = vec4<f32>(0.0);
-    var far = 0.0;
+#if DEPTH
+    var far = vec2<f32>(0.0); // sums of depth times weight, and of weights
+#endif
     for (var v = FIRST_SAMPLE; v <= LAST_SAMPLE; v++) {
         for (var u = FIRST_SAMPLE; u <= LAST_SAMPLE; u++) {
             let at = vec2<i32>(id.xy * SCALE + vec2<u32>(u, v));
             color += textureLoad(image, at, 0);
 #if DEPTH
-            far += textureLoad(depth, at, 0).x;
+            far += textureLoad(depth, at, 0).xy;
 #endif
         }
     }
@@ -33,9 +35,11 @@ fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
     pixels[out] = rgb.x;
     pixels[out + 1u] = rgb.y;
     pixels[out + 2u] = rgb.z;
+#if DEPTH
+    pixels[out + 3u] = far.y / samples;
+    pixels[out + 4u] = select(0.0, far.x / far.y, far.y > 0.0);
+#else
     pixels[out + 3u] = color.a;
     pixels[out + 4u] = 0.0;
-    if (color.a > 0.0) {
-        pixels[out + 4u] = far / samples / color.a;
-    }
+#endif
 }

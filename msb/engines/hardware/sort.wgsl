@@ -16,8 +16,8 @@ struct Step {
     mask: u32,    // 0 in the only pass of order "none", which keeps the order of the asset
     items: u32,   // of the first pass
     blocks: u32,  // the most there can be: the stride of `sums`
-    ranges: u32,  // of records: `arguments`
-    range: u32,   // faces of a range
+    chunks: u32,  // of the faces in their order: each is drawn by itself
+    parts: u32,   // buffers of records of a chunk
 }
 @group(0) @binding(0) var<uniform> current: Step;
 @group(0) @binding(1) var<storage, read> keys_in: array<u32>;
@@ -113,24 +113,29 @@ fn scan(@builtin(local_invocation_index) me: u32) {
 
 #if FIRST
 
-// [0]: listed; [1..4): work-groups of a later pass; then for each range of records the work-groups that write
-// it and the four numbers of the draw that reads it.
+// [0]: listed; [1..4): work-groups of a later pass; then for each buffer of records the work-groups that write
+// it, its first place, and the four numbers of the draw that reads it. Chunks are of equal size.
 fn tell(listed: u32) {
     arguments[0] = listed;
     arguments[1] = (listed + BLOCK - 1u) / BLOCK;
     arguments[2] = 1u;
     arguments[3] = 1u;
-    for (var k = 0u; k < current.ranges; k++) {
-        let first = min(k * current.range, listed);
-        let here = min(listed - first, current.range);
-        let at = 4u + 7u * k;
+    let chunk = (listed + current.chunks - 1u) / current.chunks;
+    let part = (chunk + current.parts - 1u) / current.parts;
+    for (var k = 0u; k < current.chunks * current.parts; k++) {
+        let start = k / current.parts * chunk;
+        let end = min(start + chunk, listed);
+        let first = min(start + k % current.parts * part, end);
+        let here = min(end - first, part);
+        let at = 4u + 8u * k;
         arguments[at] = (here + 63u) / 64u;
         arguments[at + 1u] = 1u;
         arguments[at + 2u] = 1u;
-        arguments[at + 3u] = 4u; // the corners of a quad
-        arguments[at + 4u] = here;
-        arguments[at + 5u] = 0u;
+        arguments[at + 3u] = first;
+        arguments[at + 4u] = 4u; // the corners of a quad
+        arguments[at + 5u] = here;
         arguments[at + 6u] = 0u;
+        arguments[at + 7u] = 0u;
     }
 }
 #endif

@@ -5,6 +5,9 @@ const SLOT = 256;        // bytes between entries of a uniform buffer that are b
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
 const ROOM = 1 << 23;    // the most samples of a band
 const TILE = 16;
+const NUMBERS = "r32uint";      // of faces: the target of a plan with a z-buffer
+const STORED = "r32float";      // textures that compute passes write
+const DEPTHS = "depth32float";  // its z-buffer
 
 // Pixels of a band go onto the canvas, as bytes rounded to the nearest.
 const PRESENT = `
@@ -23,18 +26,35 @@ struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
 
 // ---- the camera record
 
-// The members that every method has, from a view ({ width, height, fx, fy, cx, cy, world_to_camera }: OpenCV,
-// row-major). Formulas and roundings as in msb/render/splat/view.py.
-function cameraMembers(view, scale, near, far) {
-  const f = Math.fround, W = view.world_to_camera.map((row) => row.map(f));
-  const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
-  const P = [
+// The projection of blended methods, as in msb/render/splat/view.py, and the signs of W's rows.
+function blendedProjection(view, near, far) {
+  const f = Math.fround, tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
+  return [[1, 1, 1, 1], [
     [f(2 * near / (2 * (tan[0] * near))), 0, 0, 0], [0, f(2 * near / (2 * (tan[1] * near))), 0, 0],
     [0, 0, f(far / (far - near)), f(-(far * near) / (far - near))], [0, 0, 1, 0],
-  ];
+  ]];
+}
+
+// That of DiffSoup, as in its look_camera.py: `flip` is set in the layout "synthetic", which is computed in
+// double and rounded once.
+function surfaceProjection(view, near, far, flip) {
+  const f = Math.fround, g = flip ? (x) => x : f;
+  const [w, h, fx, fy, cx, cy] = [view.width, view.height, view.fx, view.fy, view.cx, view.cy].map(g);
+  return [[1, flip ? -1 : 1, -1, 1], [
+    [f(g(2 * fx) / w), 0, f(1 - g(2 * g(cx / w))), 0], [0, f(g(2 * fy) / h), f(g(2 * g(cy / h)) - 1), 0],
+    [0, 0, f((far + near) / (near - far)), f(2 * far * near / (near - far))], [0, 0, -1, 0],
+  ]];
+}
+
+// The members that every method has, from a view ({ width, height, fx, fy, cx, cy, world_to_camera }: OpenCV,
+// row-major). Formulas and roundings as in msb/render/splat/view.py.
+function cameraMembers(view, scale, near, far, own) {
+  const f = Math.fround, W = view.world_to_camera.map((row) => row.map(f));
+  const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
+  const [signs, P] = "flip" in own ? surfaceProjection(view, near, far, own.flip) : blendedProjection(view, near, far);
   const full = P.map((row) => [0, 1, 2, 3].map((column) => {
-    let sum = f(row[0] * W[0][column]);
-    for (let k = 1; k < 4; k += 1) sum = f(sum + f(row[k] * W[k][column]));
+    let sum = f(row[0] * signs[0] * W[0][column]);
+    for (let k = 1; k < 4; k += 1) sum = f(sum + f(row[k] * signs[k] * W[k][column]));
     return sum;
   }));
   const width = scale * view.width, height = scale * view.height;
@@ -55,7 +75,7 @@ function cameraCenter(W) {
 }
 
 function viewRecord(about, scale, view, background, degree, own) {
-  const values = { ...cameraMembers(view, scale, about.near, about.far), background, degree: [degree] };
+  const values = { ...cameraMembers(view, scale, about.near, about.far, own), background, degree: [degree] };
   for (const [name, value] of Object.entries(own)) values[name] = [value];
   const data = new DataView(new ArrayBuffer(about.bytes));
   const write = { f32: "setFloat32", i32: "setInt32", u32: "setUint32" };
@@ -100,24 +120,60 @@ class Dedicated {
   // `about` is scene.dedicated of the page; `read` returns the array of a name; `told` hears of progress.
   static async open(about, canvas, read, told) {
     const made = new Dedicated();
-    Object.assign(made, { about, plan: about.plan, canvas, held: new Map(), groups: new Map(), size: null });
+    Object.assign(made, { about, canvas, held: new Map(), compiled: new Map(), groups: new Map(), size: null });
     Object.assign(made, await openDevice(about.needs));
+    if (about.plans[0].format === NUMBERS) made.format = NUMBERS;
     made.lost = made.device.lost;
-    made.device.pushErrorScope("validation");
-    made.device.pushErrorScope("out-of-memory");
-    await made.#makeBuffers(read, told);
-    told("compiling shaders");
-    await made.#makePipelines();
-    for (const scope of ["memory", "plan"]) {
-      const error = await made.device.popErrorScope();
-      if (error) throw new Error(`${made.name} refuses the ${scope} of this model: ${error.message.slice(0, 200)}`);
-    }
-    made.context = canvas.getContext("webgpu");
-    made.context.configure({
-      device: made.device, format: made.canvasFormat, alphaMode: "opaque",
+    // A device that is lost may leave what was asked of it without an answer.
+    const lost = made.lost.then((info) => { throw new Error(`The graphics device was lost: ${info.message}`); });
+    return Promise.race([lost, made.#prepare(canvas, read, told)]);
+  }
+
+  async #prepare(canvas, read, told) {
+    this.canvasFormat = navigator.gpu.getPreferredCanvasFormat();
+    await this.#checked(async () => {
+      await this.#upload(read, told);
+      told("compiling shaders ...");
+      await this.#makePresent();
+    });
+    await this.use(0);
+    this.context = canvas.getContext("webgpu");
+    this.context.configure({
+      device: this.device, format: this.canvasFormat, alphaMode: "opaque",
       usage: GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC,
     });
-    return made;
+    return this;
+  }
+
+  // Runs what makes things on the device, and throws what the device says against them.
+  async #checked(make) {
+    this.device.pushErrorScope("validation");
+    this.device.pushErrorScope("out-of-memory");
+    const found = await make();
+    for (const scope of ["memory", "plan"]) {
+      const error = await this.device.popErrorScope();
+      if (error) throw new Error(`${this.name} refuses the ${scope} of this model: ${error.message.slice(0, 200)}`);
+    }
+    return found;
+  }
+
+  // Takes the plan of that number from the next frame on.
+  async use(number) {
+    if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
+    const made = await this.compiled.get(number);
+    const before = this.plan?.buffers || {};
+    Object.assign(this, made, { number, plan: this.about.plans[number], size: null });
+    const { arrays, buffers } = this.plan;
+    for (const name of Object.keys(before)) {
+      if (this.held.has(name) && !(name in buffers && buffers[name][0] === before[name][0]) && !this.about.arrays[name]) {
+        this.held.get(name).destroy();
+        this.held.delete(name);
+      }
+    }
+    for (const [name, [bytes, usages]] of Object.entries(buffers)) {
+      if (!(name in arrays) && !this.held.has(name)) this.#buffer(name, bytes, usages);
+    }
+    this.groups.clear();
   }
 
   #buffer(name, size, usages) {
@@ -128,16 +184,21 @@ class Dedicated {
     return made;
   }
 
-  async #makeBuffers(read, told) {
-    const names = Object.keys(this.plan.buffers);
-    for (const [k, name] of names.entries()) {
-      const [bytes, usages] = this.plan.buffers[name];
-      const made = this.#buffer(name, bytes, usages);
-      if (!(name in this.about.arrays)) continue;
-      told(`reading the model: ${Math.round(100 * k / names.length)} %`);
-      this.device.queue.writeBuffer(made, 0, await read(name));
+  // A buffer for every array of every plan, under the array's name.
+  async #upload(read, told) {
+    const wanted = new Map();
+    for (const { arrays, buffers } of this.about.plans) {
+      for (const [buffer, array] of Object.entries(arrays)) wanted.set(array, buffers[buffer]);
+    }
+    let k = 0;
+    for (const [array, [bytes, usages]] of wanted) {
+      told(`reading the model: ${Math.round(100 * k / wanted.size)} %`);
+      this.device.queue.writeBuffer(this.#buffer(array, bytes, usages), 0, await read(array));
+      k += 1;
     }
   }
+
+  #of(name) { return this.held.get(this.plan.arrays[name] ?? name); }
 
   // Explicit layouts: what a stage binds but does not use may stay.
   #layout(step) {
@@ -146,47 +207,54 @@ class Dedicated {
     const kinds = {
       uniform: { buffer: { type: "uniform" } }, read: { buffer: { type: "read-only-storage" } },
       write: { buffer: { type: "storage" } }, texture: { texture: { sampleType: "unfilterable-float" } },
+      numbers: { texture: { sampleType: "uint" } },
+      store: { storageTexture: { format: STORED, access: "write-only" } },
     };
     const entries = step.bindings.map(({ number, kind }) => ({ binding: number, visibility, ...kinds[kind] }));
     return this.device.createBindGroupLayout({ entries });
   }
 
-  async #pipeline(step, module) {
+  async #pipeline(plan, step, module) {
     const group = this.#layout(step), layout = this.device.createPipelineLayout({ bindGroupLayouts: [group] });
     if (!step.records) {
       const compute = { module, entryPoint: step.entry };
       return { group, pipeline: await this.device.createComputePipelineAsync({ layout, compute }) };
     }
-    const blend = { srcFactor: "one-minus-dst-alpha", dstFactor: "one", operation: "add" };
-    const targets = step.targets.map(() => ({ format: this.format, blend: { color: blend, alpha: blend } }));
+    const [color, alpha] = plan.blend.map(([srcFactor, dstFactor]) => ({ srcFactor, dstFactor, operation: "add" }));
+    const blended = step.z_buffer ? {} : { blend: { color, alpha } };
+    const targets = step.targets.map(() => ({ format: this.format, ...blended }));
     const attributes = Array.from({ length: step.members }, (_, i) =>
       ({ format: "float32x4", offset: 16 * i, shaderLocation: i }));
     const buffers = [{ arrayStride: 16 * step.members, stepMode: "instance", attributes }];
     const pipeline = await this.device.createRenderPipelineAsync({
       layout, primitive: { topology: "triangle-strip" }, vertex: { module, entryPoint: "corner", buffers },
-      fragment: { module, entryPoint: "blend", targets },
+      fragment: { module, entryPoint: step.z_buffer ? "nearest" : "blend", targets },
+      depthStencil: step.z_buffer ? { format: DEPTHS, depthWriteEnabled: true, depthCompare: "less" } : undefined,
     });
     return { group, pipeline };
   }
 
-  async #makePipelines() {
+  async #compile(plan) {
     const modules = {};
-    for (const [name, code] of Object.entries(this.plan.modules)) modules[name] = this.device.createShaderModule({ code });
-    this.steps = [...this.plan.passes, ...this.plan.band_passes];
+    for (const [name, text] of Object.entries(plan.modules)) {
+      modules[name] = this.device.createShaderModule({ code: this.about.modules[text] });
+    }
+    const steps = [...plan.passes, ...plan.band_passes];
     // Steps of one entry point and one layout share a pipeline: compiling is what takes time here.
     const shared = new Map();
-    const found = await Promise.all(this.steps.map((step) => {
+    const found = await Promise.all(steps.map((step) => {
       const key = JSON.stringify([step.module, step.entry, step.bindings.map(({ number, kind }) => [number, kind])]);
-      if (!shared.has(key)) shared.set(key, this.#pipeline(step, modules[step.module]));
+      if (!shared.has(key)) shared.set(key, this.#pipeline(plan, step, modules[step.module]));
       return shared.get(key);
     }));
-    this.layouts = found.map(({ group }) => group);
-    this.pipelines = found.map(({ pipeline }) => pipeline);
-    this.canvasFormat = navigator.gpu.getPreferredCanvasFormat();
-    const present = this.device.createShaderModule({ code: PRESENT });
+    return { steps, layouts: found.map(({ group }) => group), pipelines: found.map(({ pipeline }) => pipeline) };
+  }
+
+  async #makePresent() {
+    const module = this.device.createShaderModule({ code: PRESENT });
     this.present = await this.device.createRenderPipelineAsync({
-      layout: "auto", vertex: { module: present, entryPoint: "corner" },
-      fragment: { module: present, entryPoint: "color", targets: [{ format: this.canvasFormat }] },
+      layout: "auto", vertex: { module, entryPoint: "corner" },
+      fragment: { module, entryPoint: "color", targets: [{ format: this.canvasFormat }] },
     });
   }
 
@@ -207,11 +275,17 @@ class Dedicated {
     this.bands.forEach((band, k) => records.set([band.x, band.y, band.width, band.height, 0], k * SLOT / 4));
     this.device.queue.writeBuffer(this.#buffer("bands", records.byteLength, ["uniform", "copy_dst"]), 0, records);
     this.#buffer("pixels", PIXEL_BYTES * columns * rows, ["storage"]);
-    for (const name of this.steps.flatMap((step) => step.targets || [])) {
+    const targets = new Map();
+    for (const step of this.plan.band_passes) {
+      for (const name of step.targets || []) targets.set(name, this.format);
+      if (step.z_buffer) targets.set("z-buffer", DEPTHS);
+      for (const { kind, name } of step.bindings) if (kind === "store") targets.set(name, STORED);
+    }
+    for (const [name, format] of targets) {
       this.held.get(name)?.destroy();
       this.held.set(name, this.device.createTexture({
-        size: [columns * this.plan.scale, rows * this.plan.scale], format: this.format,
-        usage: GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING,
+        size: [columns * this.plan.scale, rows * this.plan.scale], format, usage: GPUTextureUsage.TEXTURE_BINDING |
+          (format === STORED ? GPUTextureUsage.STORAGE_BINDING : GPUTextureUsage.RENDER_ATTACHMENT),
       }));
     }
     this.groups.clear();
@@ -222,8 +296,8 @@ class Dedicated {
     const key = `${number} ${k}`;
     if (!this.groups.has(key)) {
       const entries = this.steps[number].bindings.map((binding) => {
-        const held = this.held.get(binding.name);
-        if (binding.kind === "texture") return { binding: binding.number, resource: held.createView() };
+        const held = this.#of(binding.name);
+        if (held instanceof GPUTexture) return { binding: binding.number, resource: held.createView() };
         const offset = binding.name === "bands" ? SLOT * k : binding.offset;
         return { binding: binding.number, resource: { buffer: held, offset, size: binding.size ?? held.size - offset } };
       });
@@ -241,12 +315,16 @@ class Dedicated {
     else pass.dispatchWorkgroups(Math.ceil(band.width / 64), band.height);
   }
 
-  #blend(encoder, number, k) {
+  #draw(encoder, number, k) {
     const step = this.steps[number], { width, height } = this.bands[k], scale = this.plan.scale;
+    const loadOp = step.load;
     const pass = encoder.beginRenderPass({
       colorAttachments: step.targets.map((target) => ({
-        view: this.held.get(target).createView(), loadOp: "clear", storeOp: "store", clearValue: [0, 0, 0, 0],
+        view: this.held.get(target).createView(), loadOp, storeOp: "store", clearValue: [0, 0, 0, this.plan.clear],
       })),
+      depthStencilAttachment: step.z_buffer ? {
+        view: this.held.get("z-buffer").createView(), depthLoadOp: loadOp, depthStoreOp: "store", depthClearValue: 1,
+      } : undefined,
     });
     pass.setViewport(0, 0, scale * width, scale * height, 0, 1);
     pass.setScissorRect(0, 0, scale * width, scale * height);
@@ -293,7 +371,7 @@ class Dedicated {
     computing.end();
     for (let k = 0; k < this.bands.length; k += 1) {
       for (let number = this.plan.passes.length; number < this.steps.length; number += 1) {
-        if (this.steps[number].records) { this.#blend(encoder, number, k); continue; }
+        if (this.steps[number].records) { this.#draw(encoder, number, k); continue; }
         const pass = encoder.beginComputePass();
         this.#compute(pass, number, k);
         pass.end();

@@ -8,6 +8,9 @@ let official = null;    // a Dedicated
 let meshParts = null;   // what the standard mesh is made of, until it is made
 let degree = about.view.degree;
 let own = { ...about.view.own };
+const INSTEAD = about.standard.grey
+  ? `These are the triangles in grey: ${about.title} has no colours without its decoder`
+  : "This is the standard tier: the mesh as any engine draws it";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
 // ---- arrays
@@ -17,7 +20,7 @@ async function arrayOf(name, kept) {
   if (kept[name]) return kept[name];
   const { shrunk: from, ...head } = about.arrays[name];
   const found = from ? shrunk(await arrayOf(from.of, kept), from.factor) : await storedArray(name, head);
-  if (Object.values(about.standard || {}).includes(name) || name === from?.of) kept[name] = found;
+  if (Object.values(about.standard).includes(name) || name === from?.of) kept[name] = found;
   return found;
 }
 
@@ -121,7 +124,7 @@ function addSetting(name, options, value, changed) {
   select.replaceChildren(...options.map((text, k) => new Option(text, k)));
   select.value = String(value);
   select.dataset.setting = name;
-  select.addEventListener("change", () => { changed(Number(select.value)); show(); });
+  select.addEventListener("change", async () => { await changed(Number(select.value)); show(); });
   label.append(`${name} `, select);
   byId("settings").append(label);
 }
@@ -134,44 +137,74 @@ for (const { name, value, options } of about.settings) {
   addSetting(name, texts, options.findIndex((option) => option.value === value), (k) => Object.assign(own, options[k].own));
 }
 
+// Orders of the faces, and what samples them: each pair is a plan of its own, which is compiled when it is chosen.
+const ORDERS = { tile: "official, in tiles", global: "by depth alone", none: "none: as stored" };
+const SAMPLINGS = { official: "official", engine: "as an engine" };
+const mode = { order: "tile", sampling: "official" };
+async function setMode(changed) {
+  Object.assign(mode, changed);
+  // An engine has no tiles, so "by depth" is the same there.
+  const fits = (plan) => plan.sampling === mode.sampling && plan.order === mode.order;
+  let number = about.plans.findIndex(fits);
+  if (number < 0) number = about.plans.findIndex((plan) => plan.sampling === mode.sampling);
+  if (!official || number === official.number) return;
+  note("Compiling shaders ...");
+  try {
+    await official.use(number);
+    note("");
+  } catch (error) { note(String(error.message || error).slice(0, 300)); }
+}
+for (const [name, texts] of [["order", ORDERS], ["sampling", SAMPLINGS]]) {
+  const there = Object.keys(texts).filter((key) => about.plans.some((plan) => plan[name] === key));
+  if (there.length > 1) addSetting(name, there.map((key) => texts[key]), 0, (k) => setMode({ [name]: there[k] }));
+}
+
 // ---- the beginning
+
+// What the page waits for: in the middle, and in the panel, which may cover the middle.
+function waitFor(text) {
+  say(`${start.name}: ${text}`);
+  byId("facts").textContent = text;
+}
 
 async function openFirst() {
   const kept = {};
+  byId("name").textContent = byId("name").title = start.name;
+  for (const part of document.querySelectorAll("#panel select, #panel input, #panel button")) part.disabled = true;
   let why = "";
   try {
-    official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), (text) => say(`${start.name}: ${text}`));
+    official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), waitFor);
     official.device.onuncapturederror = (event) => note(`The graphics device refuses a frame: ${event.error.message.slice(0, 200)}`);
     official.lost.then((info) => {
+      for (const select of document.querySelectorAll("#settings select")) select.disabled = true;
       official = null;
       byId("shown").value = "standard";
       layOut();
       note(`The graphics device was lost${info.message ? ` (${info.message.slice(0, 120)})` : ""}. ` +
-        `${about.standard ? "This is the standard tier; reload" : "Reload"} the page for the dedicated one.`);
+        `${INSTEAD}; reload the page for the dedicated tier.`);
       show();
     });
   } catch (error) { why = String(error.message || error).slice(0, 300); }
-  if (!official && !about.standard) { say(`${why} This model has no standard tier to be shown instead.`); return false; }
-  if (about.standard) {
-    const parts = { soup: about.standard.soup };
-    try {
-      for (const part of ["positions", "indices", "colors", "shown"]) {
-        const name = about.standard[part];
-        parts[part] = name ? await arrayOf(name, kept) : null;
-      }
-    } catch (error) { say(`${start.name} cannot be shown: ${error.message || error}`); return false; }
-    meshParts = parts;
-  }
+  const parts = { soup: about.standard.soup };
+  try {
+    for (const part of ["positions", "indices", "colors", "shown"]) {
+      const name = about.standard[part];
+      parts[part] = name ? await arrayOf(name, kept) : null;
+    }
+  } catch (error) { say(`${start.name} cannot be shown: ${error.message || error}`); return false; }
+  meshParts = parts;
   const sphere = about.sphere;
   setName(start.name, about.faces, new THREE.Vector3(...sphere.center), sphere.radius);
   byId("facts").textContent = `${about.title}, ${about.faces.toLocaleString("en")} faces` +
     (about.all_faces > about.faces ? ` of ${about.all_faces.toLocaleString("en")}` : "");
-  for (const option of byId("shown").options) option.disabled = option.value !== "standard" ? !official : !about.standard;
-  byId("shown").options[1].disabled = !official || !about.standard;
+  for (const option of byId("shown").options) option.disabled = option.value !== "standard" && !official;
+  if (about.standard.grey) for (const part of ["option[value=standard]", "b:last-of-type"]) document.querySelector(part).textContent = "grey triangles";
   byId("shown").value = official ? "dedicated" : "standard";
-  if (!official) note(`${why} This is the standard tier: the mesh as any engine draws it.`);
+  if (!official) note(`${why} ${INSTEAD}.`);
   if (official) byId("frame").title = official.name;
   say("");
+  for (const part of document.querySelectorAll("#panel select, #panel input, #panel button")) part.disabled = false;
+  for (const part of document.querySelectorAll("#settings select")) part.disabled = !official;
   layOut();
   showFaithful();
   return true;

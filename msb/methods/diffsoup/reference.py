@@ -95,6 +95,7 @@ def render(
         normal=None,
         face_id=seen.face[up],
         visible=visible,
+        contribution=np.bincount(face, minlength=len(indices)).astype(np.float64),
         raw={
             "mvp": mvp,
             "mvp_inv": inverse,

@@ -2,6 +2,7 @@
 // graphics hardware; its comments say more.
 // Source: meshsplatting/diff-triangle-mesh-rasterization at b27f283: cuda_rasterizer/forward.cu.
 
+const STOP = 1e-4; // the face that would take T below it is refused
 const MAX_ALPHA = 0.999;
 const MARGIN = 5.0;
 const COVERAGE = 2u; // of vertices: opacity, the rim

@@ -2,6 +2,7 @@
 // triangle_splatting.cl for graphics hardware; its comments say more.
 // Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
+const STOP = 1e-4; // the face that would take T below it is refused
 const MAX_ALPHA = 0.99;
 const MIN_DETERMINANT = 1e-3;
 const COVERAGE = 4u; // opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim
