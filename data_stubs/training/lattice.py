@@ -51,7 +51,7 @@ class Interpolate(torch.autograd.Function):
         values = torch.from_numpy(matrix.T @ slope).reshape(shape)
         if not ctx.needs_input_grad[1]:
             return values, None, None, None, None
-        d0, d1, d2 = ((slope * table[index[:, k]]).sum(axis=1) for k in range(3))
+        d0, d1, d2 = (np.einsum("pc,pc->p", slope, table[index[:, k]]) for k in range(3))
         for_b0 = side * np.where(flip, d2 - d1, d0 - d2)
         for_b1 = side * np.where(flip, d2 - d0, d1 - d2)
         return values, torch.from_numpy(for_b0), torch.from_numpy(for_b1), None, None

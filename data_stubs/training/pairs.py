@@ -123,7 +123,9 @@ class Ranks:
         by_pixel.sort()
         by_pixel &= (1 << bits) - 1
         lengths = np.bincount(pixel)
-        pixels = np.argsort(-lengths, kind="stable")[: np.count_nonzero(lengths)]
+        # Numbers of 16 bits are sorted digit by digit, several times as fast.
+        short = -lengths.astype(np.int16) if lengths.max(initial=0) < 1 << 15 else -lengths
+        pixels = np.argsort(short, kind="stable")[: np.count_nonzero(lengths)]
         starts = (np.cumsum(lengths) - lengths)[pixels]
         at_least = np.cumsum(np.bincount(lengths)[::-1])[::-1]
         sizes = at_least[1:].tolist()
