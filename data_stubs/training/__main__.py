@@ -20,6 +20,8 @@ def main() -> int:
             raise
         print("error: training needs torch: pip install 'meshsplatbench[train]'", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:  # the second; the first ends after the iteration
+        return 130
     except MsbError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -99,7 +99,7 @@ class Training:
             if now - saved > _STATE_SECONDS:
                 saved = now
                 self.save()
-        if self.progress >= 1:
+        if self.progress >= 1 and self.losses:  # none where a finished training is resumed
             self._evaluate(self.model.settings(1.0))
         self.save()
         self.write()

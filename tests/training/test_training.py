@@ -85,6 +85,16 @@ def test_a_training_goes_on_as_if_it_had_not_been_interrupted(method: str, tmp_p
     assert all((a == b).all() for a, b in zip(values(whole).values(), values(rest).values(), strict=True))
 
 
+def test_a_finished_training_stays_as_it_is(tmp_path: Path) -> None:
+    run = training(tmp_path, "two_dts", iterations=3)
+    run.run(lambda: False)
+    again = training(tmp_path, "two_dts", iterations=3)
+    again.resume()
+    again.run(lambda: False)
+    assert (again.log, again.iteration) == (run.log, 3)
+    assert all((a == b).all() for a, b in zip(values(run).values(), values(again).values(), strict=True))
+
+
 def test_another_training_is_not_resumed(tmp_path: Path) -> None:
     run = training(tmp_path, "two_dts")
     with pytest.raises(UsageError, match="no state"):
