@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from data_stubs.training.drawing import Drawn
     from msb.scenes import Camera
 
-_START, _GROWN, _LAST_CHANGE = 0.5, 0.5, 0.65
+_START, _GROWN, _LAST_CHANGE = 0.5, 0.4, 0.5
 _BINARY = 0.75
 """The time from which the image is that of evaluation, with opacity cut at 0.5."""
 MIN_PEAK = 0.05
