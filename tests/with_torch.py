@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("tests/metrics", "tests/adapters")
+FOLDERS = ("tests/metrics", "tests/adapters", "tests/training")
 SECONDS = 1800
 
 

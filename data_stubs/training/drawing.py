@@ -1,0 +1,79 @@
+"""What a method's image formation takes and returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from data_stubs.training.pairs import Pairs
+
+    Parameters = Mapping[str, torch.Tensor]
+    """Names as in the official files -> values as in the official files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """An image with its derivatives, and which triangles it shows.
+
+    Attributes
+    ----------
+    image : (H, W, 3) Tensor
+        With the background in it, not clamped.
+    pairs : Pairs
+    weight : (P,) array
+        alpha T of each pair.
+    scale : int
+        Samples per pixel along each axis of what `pairs` are on.
+    flipped : bool
+        Whether the pairs' row 0 is the image's last.
+    """
+
+    image: torch.Tensor
+    pairs: Pairs
+    weight: NDArray[Any]
+    scale: int = 1
+    flipped: bool = False
+
+    def peaks(self, faces: int) -> NDArray[np.float32]:
+        """Return the largest weight of each of `faces` triangles; 0 for those not seen."""
+        found = np.zeros(faces, np.float32)
+        found[self.pairs.faces] = self.pairs.highest(self.weight)
+        return found
+
+    def shares(self, faces: int) -> NDArray[np.float32]:
+        """Return how many samples' worth each of `faces` triangles contributes: the sum of its weights."""
+        found = np.zeros(faces, np.float32)
+        found[self.pairs.faces] = self.pairs.total(self.weight)
+        return found
+
+
+def picture(
+    color: torch.Tensor,
+    transmittance: torch.Tensor,
+    background: NDArray[np.float64],
+    width: int,
+    height: int,
+) -> torch.Tensor:
+    """Return colour (3, H W) + T background as (H, W, 3)."""
+    behind = torch.as_tensor(background, dtype=color.dtype)[:, None]
+    return (color + transmittance * behind).view(3, height, width).permute(1, 2, 0)
+
+
+def per_pair_dtype(parameters: Parameters) -> Any:
+    """Return NumPy's name of the parameters' dtype, which is that of all per-pair arithmetic."""
+    one = next(iter(parameters.values()))
+    return np.dtype(np.float64 if one.dtype == torch.float64 else np.float32)
+
+
+def as_float64(values: torch.Tensor) -> NDArray[np.float64]:
+    """Return numbers without their derivative."""
+    found: NDArray[np.float64] = values.detach().double().numpy()
+    return found

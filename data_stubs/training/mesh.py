@@ -1,0 +1,192 @@
+"""MeshSplatting: triangles that share vertices, in the end opaque."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from scipy.spatial import Delaunay, cKDTree
+
+from data_stubs.training import mesh_splatting
+from data_stubs.training.files import write_state_dict
+from data_stubs.training.model import Model, Options, Statistics, between, geometric, worst
+from data_stubs.training.start import chosen, color_coefficients, pixel_sizes
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from data_stubs.training.drawing import Drawn
+    from data_stubs.training.scene import Capture
+    from msb.scenes import Camera
+
+_START_VERTICES = 0.15
+"""Vertices to start from, per triangle in the end."""
+_START_FACES = 0.8
+_LONGEST = 4.0
+"""Edges of a triangle to start from are at most so many times as long as those around it."""
+_GROWN, _LAST_CHANGE = 0.6, 0.75
+MIN_PEAK = 0.1
+MIN_EDGE = 2.5
+"""In pixels: a shorter edge is not split."""
+FINEST = 4
+"""Samples per pixel along each axis in the official evaluation."""
+
+
+class MeshSplatting(Model):
+    """Places, opacity and SH of shared vertices.
+
+    Simplified from the official training: it starts from the small faces of a Delaunay tetrahedralisation of
+    the points, drops faces that show little, and splits the longest edges of faces that err, with all faces
+    at an edge, so that what was connected stays so.
+    """
+
+    method = "mesh_splatting"
+
+    def __init__(self, capture: Capture, options: Options) -> None:
+        self.indices = np.zeros((0, 3), np.int64)
+        super().__init__(capture, options)
+
+    @property
+    def faces(self) -> int:
+        return len(self.indices)
+
+    def start(self) -> dict[str, torch.Tensor]:
+        limit = max(int(_START_VERTICES * self.options.faces), 16)
+        points, colors = chosen(self.capture.points, self.capture.colors, limit, self.random)
+        self.indices = surface_like(points, int(_START_FACES * self.options.faces))
+        used, self.indices = _used(self.indices)
+        points, colors = points[used], colors[used]
+        higher = (self.options.sh_degree + 1) ** 2 - 1
+        self._pixel = pixel_sizes(points, self.cameras)
+        return {
+            "triangles_points": torch.from_numpy(points.astype(np.float32)),
+            "vertex_weight": torch.full((len(points), 1), 0.5),
+            "features_dc": torch.from_numpy(color_coefficients(colors)),
+            "features_rest": torch.zeros((len(points), higher, 3)),
+        }
+
+    def settings(self, progress: float) -> dict[str, Any]:
+        opaque = between(progress, 0.1, 0.7)
+        return {
+            "sh_degree": self.options.sh_degree,
+            "supersample": FINEST if progress >= 0.9 else 2,
+            "opacity_floor": 0.999 * opaque,
+            "sigma": geometric(1.0, 1e-4, opaque),
+        }
+
+    def draw(self, camera: Camera, settings: Mapping[str, Any]) -> Drawn:
+        return mesh_splatting.draw(self.parameters, self.indices, camera, self.capture.background, settings)
+
+    def rates(self, progress: float) -> dict[str, Any]:
+        slower = geometric(1, 0.1, between(progress, 0.7, 1))
+        return {
+            "triangles_points": torch.from_numpy(self._pixel)[:, None] * geometric(0.25, 0.02, progress),
+            "vertex_weight": 0.04 * slower,
+            "features_dc": 0.015 * slower,
+            "features_rest": 0.001 * slower,
+        }
+
+    def restructure(self, progress: float, seen: Statistics) -> None:
+        if progress > _LAST_CHANGE:
+            return
+        kept = seen.peak > MIN_PEAK
+        faces, error = self.indices[kept], seen.error[kept]
+        places = self.parameters["triangles_points"].detach().numpy()
+        edges = np.linalg.norm(places[faces] - places[np.roll(faces, -1, axis=1)], axis=2)
+        wide = edges.max(axis=1) > MIN_EDGE * self._pixel[faces].mean(axis=1)
+        grown = between(progress, 0, _GROWN)
+        target = self.options.faces * (_START_FACES + (1 - _START_FACES) * grown)
+        wanted = max(int(target) - len(faces), 0)
+        first = worst(error, wide, wanted // 2, self.random)
+        faces, middles = split_edges(faces, edges.argmax(axis=1), first, len(places))
+        used, self.indices = _used(faces)
+        old = used[used < len(places)]
+        ends = torch.from_numpy(middles[used[used >= len(places)] - len(places)])
+        for name, parameter in list(self.parameters.items()):
+            values = parameter.detach()
+            new = values[ends].mean(1) if len(ends) else values[:0]
+            self.adam.rebuild(name, torch.cat([values[torch.from_numpy(old)], new]), old)
+        self._measure()
+
+    def _measure(self) -> None:
+        places = self.parameters["triangles_points"].detach().double().numpy()
+        self._pixel = pixel_sizes(places, self.cameras)
+
+    def structure(self) -> dict[str, NDArray[Any]]:
+        return {"indices": self.indices, "pixel": self._pixel}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        super().restore(state)
+        self.indices, self._pixel = state["indices"], state["pixel"]
+
+    def write(self, folder: Path, iteration: int, settings: Mapping[str, Any]) -> None:
+        values = {name: p.detach().numpy() for name, p in self.parameters.items()}
+        document = {
+            "triangles_points": values["triangles_points"],
+            "_triangle_indices": self.indices.astype(np.int32),
+            "vertex_weight": values["vertex_weight"],
+            "sigma": math.log(settings["sigma"]),
+            "active_sh_degree": settings["sh_degree"],
+            "features_dc": values["features_dc"],
+            "features_rest": values["features_rest"],
+            "importance_score": np.ones(self.faces, np.float32),
+            "image_size": np.zeros(self.faces, np.float32),
+            "pixel_count": np.zeros(self.faces, np.int32),
+        }
+        write_state_dict(folder, iteration, document, self.capture, self.options.sh_degree)
+
+
+def surface_like(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return at most `count` of the Delaunay faces of points (N, 3), whose edges are short for the place."""
+    cells = Delaunay(points).simplices.astype(np.int64)
+    faces = np.concatenate([np.delete(cells, corner, axis=1) for corner in range(4)])
+    faces = np.unique(np.sort(faces, axis=1), axis=0)
+    spacing = cKDTree(points).query(points, 4)[0][:, 1:].mean(axis=1)
+    edges = np.linalg.norm(points[faces] - points[np.roll(faces, -1, axis=1)], axis=2)
+    ratio = edges.max(axis=1) / spacing[faces].mean(axis=1)
+    order = np.argsort(ratio, kind="stable")[:count]
+    return np.sort(faces[order[ratio[order] <= _LONGEST]], axis=1)
+
+
+def split_edges(
+    faces: NDArray[np.int64], longest: NDArray[np.int64], first: NDArray[np.int64], vertices: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Split the longest edges of the faces `first`, with all faces at an edge; no face is split twice.
+
+    Returns
+    -------
+    faces : (F', 3)
+        New vertices have the numbers from `vertices` on.
+    middles : (M, 2)
+        The two vertices between which each new one is.
+    """
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    _, edge = np.unique(ends[:, 0] * vertices + ends[:, 1], return_inverse=True)
+    at = np.argsort(edge, kind="stable")
+    starts = np.searchsorted(edge[at], np.arange(edge.max(initial=-1) + 2))
+    taken = np.full(len(faces), -1)  # the number of the new vertex
+    side = np.zeros(len(faces), np.int64)
+    middles = []
+    for face in first.tolist():
+        mine = 3 * face + longest[face]
+        around = at[starts[edge[mine]] : starts[edge[mine] + 1]]
+        if (taken[around // 3] < 0).all():
+            taken[around // 3] = len(middles)
+            side[around // 3] = around % 3
+            middles.append(ends[mine])
+    split = np.flatnonzero(taken >= 0)
+    new = vertices + taken[split]
+    a, b, c = (faces[split, (side[split] + k) % 3] for k in range(3))
+    parts = np.stack([np.stack([a, new, c], 1), np.stack([new, b, c], 1)], 1).reshape(-1, 3)
+    return np.concatenate([faces[taken < 0], parts]), np.array(middles, np.int64).reshape(-1, 2)
+
+
+def _used(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the vertices that faces use, and the faces with numbers among them."""
+    used, numbers = np.unique(faces, return_inverse=True)
+    return used, numbers.reshape(-1, 3)

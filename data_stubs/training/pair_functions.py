@@ -1,0 +1,153 @@
+"""What is computed per pair of a triangle and a pixel, each with its derivative worked out by hand.
+
+Arrays are flat, one number a pair, in the order of `Pairs`; values of triangles have one row for each of
+`Pairs.faces`. NumPy computes most of it: where arrays are limited by memory it is as fast as torch, and its
+sums over runs are many times faster.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+if TYPE_CHECKING:
+    from data_stubs.training.pairs import Pairs
+
+
+class Affine(torch.autograd.Function):
+    """Rows (a, b, c) of triangles, (G, K, 3) -> a x + b y + c at every pair, (K, P)."""
+
+    @staticmethod
+    def forward(ctx: Any, rows: torch.Tensor, pairs: Pairs) -> torch.Tensor:
+        ctx.pairs, ctx.shape = pairs, rows.shape
+        values = rows.detach().numpy()
+        found = np.zeros((rows.shape[1], len(pairs.x)), pairs.dtype)
+        for k, line in enumerate(found):
+            np.multiply(pairs.spread(values[:, k, 0]), pairs.x, out=line)
+            line += pairs.spread(values[:, k, 1]) * pairs.y
+            line += pairs.spread(values[:, k, 2])
+        return torch.from_numpy(found)
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, None]:
+        pairs, lines = ctx.pairs, grad.numpy()
+        found = np.zeros(ctx.shape)
+        for k, line in enumerate(lines):
+            found[:, k, 0] = pairs.total(line * pairs.x)
+            found[:, k, 1] = pairs.total(line * pairs.y)
+            found[:, k, 2] = pairs.total(line)
+        return torch.from_numpy(found), None
+
+
+class Spread(torch.autograd.Function):
+    """Values of triangles, (G,) -> the same at every pair, (P,)."""
+
+    @staticmethod
+    def forward(ctx: Any, values: torch.Tensor, pairs: Pairs) -> torch.Tensor:
+        ctx.pairs = pairs
+        return torch.from_numpy(pairs.spread(values.detach().numpy()))
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, None]:
+        return torch.from_numpy(ctx.pairs.total(grad.numpy()).astype(np.float64)), None
+
+
+class Highest(torch.autograd.Function):
+    """(3, P) -> the largest of each three, (P,); the first of equals has the derivative."""
+
+    @staticmethod
+    def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
+        first, second, third = values.numpy()
+        highest = np.fmax(np.fmax(first, second), third)
+        is_first = first == highest
+        is_second = (second == highest) & ~is_first
+        ctx.masks = is_first, is_second, ~(is_first | is_second)
+        return torch.from_numpy(highest)
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> torch.Tensor:
+        line = grad.numpy()
+        return torch.from_numpy(np.stack([line * mask for mask in ctx.masks]))
+
+
+class Quotient(torch.autograd.Function):
+    """Numerators l (3, P) -> l_k / (l_0 + l_1 + l_2), barycentric coordinates in perspective, (3, P).
+
+    NaN, which gives an alpha of 0, where the sum is less than `least` in absolute value.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, values: torch.Tensor, least: float) -> torch.Tensor:
+        lines = values.numpy()
+        total = lines[0] + lines[1] + lines[2]
+        total[np.abs(total) < least] = np.nan
+        ctx.inverse = 1 / total
+        ctx.found = lines * ctx.inverse
+        return torch.from_numpy(ctx.found)
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, None]:
+        lines = grad.numpy()
+        common = sum(line * value for line, value in zip(lines, ctx.found, strict=True))
+        return torch.from_numpy(np.nan_to_num((lines - common) * ctx.inverse)), None
+
+
+class WindowAlpha(torch.autograd.Function):
+    """Distances phi (P,), opacity o and sigma (P,) -> min(cap, o phi^sigma); 0 where phi is below 0."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, phi: torch.Tensor, opacity: torch.Tensor, sigma: torch.Tensor, cap: float
+    ) -> torch.Tensor:
+        inside = phi.numpy() >= 0
+        tiny = float(torch.finfo(phi.dtype).tiny)
+        logarithm = torch.log2(phi.clamp(min=tiny))
+        coverage = torch.exp2(sigma * logarithm)
+        coverage.numpy()[...] *= inside & (phi.numpy() > 0)
+        alpha = opacity * coverage
+        below = alpha.numpy() < cap
+        ctx.saved = phi, opacity, sigma, coverage, logarithm, below
+        return alpha.clamp_(max=cap)
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, None]:
+        phi, opacity, sigma, coverage, logarithm, below = ctx.saved
+        grad = grad * torch.from_numpy(below.astype(grad.numpy().dtype))
+        for_opacity = grad * coverage
+        alpha_term = for_opacity * opacity
+        tiny = 1e-6
+        return (
+            alpha_term * sigma / phi.clamp(min=tiny),
+            for_opacity,
+            alpha_term * logarithm * float(np.log(2)),
+            None,
+        )
+
+
+class GaussianAlpha(torch.autograd.Function):
+    """Eccentricity e (P,) and opacity o (P,) -> min(cap, o exp(-e^(2 gamma) / 2)); 0 unless 0 <= e <= 10."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, eccentricity: torch.Tensor, opacity: torch.Tensor, gamma: float, cap: float
+    ) -> torch.Tensor:
+        e = eccentricity.numpy()
+        near = (e >= 0) & (e <= 10)
+        safe = torch.from_numpy(np.clip(np.nan_to_num(e, nan=10), 1e-30, 10))
+        power = safe.square() if gamma == 1 else torch.exp2(2 * gamma * torch.log2(safe))
+        falloff = torch.exp(-0.5 * power)
+        falloff.numpy()[...] *= near
+        alpha = opacity * falloff
+        ctx.saved = safe, power, opacity, falloff, alpha.numpy() < cap
+        ctx.gamma = gamma
+        return alpha.clamp(max=cap)
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, None, None]:
+        safe, power, opacity, falloff, below = ctx.saved
+        for_opacity = grad * torch.from_numpy(below.astype(grad.numpy().dtype)) * falloff
+        # A power beyond float32 has a falloff of 0.
+        slope = (power.clamp(max=1e6) / safe).mul_(-ctx.gamma)
+        return for_opacity * opacity * slope, for_opacity, None, None

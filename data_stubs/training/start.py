@@ -1,0 +1,67 @@
+"""What optimisation starts from: triangles at a scene's points, in the surface that the points suggest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from msb.asset.sh import SH_C0
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.scenes import Camera
+
+_NEIGHBOURS = 8
+
+
+def chosen(
+    points: NDArray[np.float64], colors: NDArray[np.float64], count: int, random: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return at most `count` of the points and their colours, without equal ones."""
+    _, first = np.unique(points.round(9), axis=0, return_index=True)
+    if len(first) > count:
+        first = random.choice(first, count, replace=False)
+    first.sort()
+    return points[first], colors[first]
+
+
+def triangles_at(
+    points: NDArray[np.float64], scale: float, random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return an equilateral triangle at each point, (N, 3, 3), in the plane of the points around it.
+
+    Its corners are `scale` times as far away as the three nearest points are on average.
+    """
+    distances, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
+    around = points[near] - points[near].mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(around.transpose(0, 2, 1) @ around)
+    size = scale * distances[:, 1:4].mean(axis=1)
+    turn = random.uniform(0, 2 * np.pi, len(points))[:, None] + np.arange(3) * (2 * np.pi / 3)
+    first, second = axes[:, :, 2], axes[:, :, 1]
+    arms = np.cos(turn)[..., None] * first[:, None] + np.sin(turn)[..., None] * second[:, None]
+    return np.asarray(points[:, None] + size[:, None, None] * arms)
+
+
+def color_coefficients(colors: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return SH coefficients 0, (N, 1, 3), of colours (N, 3)."""
+    return ((colors - 0.5) / SH_C0).astype(np.float32)[:, None]
+
+
+def pixel_sizes(points: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArray[np.float32]:
+    """Return the size of a pixel at points (N, 3), in scene units, for the camera that sees it finest."""
+    best = np.full(len(points), np.inf)
+    for camera in cameras:
+        seen = points @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+        z = seen[:, 2]
+        with np.errstate(all="ignore"):
+            x, y = np.abs(seen[:, 0] / z) * camera.fx, np.abs(seen[:, 1] / z) * camera.fy
+        # A little beyond the image's borders, too.
+        inside = (z > 0.05) & (x < 0.6 * camera.width) & (y < 0.6 * camera.height)
+        best = np.where(inside, np.minimum(best, z / camera.fx), best)
+    usual = np.median(best[np.isfinite(best)]) if np.isfinite(best).any() else 1e-3
+    return np.where(np.isfinite(best), best, usual).astype(np.float32)

@@ -1,0 +1,142 @@
+"""A training as a whole: the same for a seed, resumable, and read by `msb` as the trainer sees it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb import metrics
+from msb.errors import UsageError
+from msb.reference import render_reference
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SCENES = {"colmap": "mipnerf360/pebble", "synthetic": "nerf_synthetic/pebble"}
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
+
+
+def training(folder: Path, method: str, layout: str = "colmap", iterations: int = 12, seed: int = 0) -> Any:
+    from data_stubs.training.loop import Length, Training
+    from data_stubs.training.methods import MODELS
+    from data_stubs.training.model import Options
+    from data_stubs.training.scene import read_capture
+
+    capture = read_capture(ROOT / "data_stubs" / "scenes" / SCENES[layout], method, None, None, seed)
+    model = MODELS[method](capture, Options(faces=300, sh_degree=1, seed=seed))
+    return Training(model, Length(1, iterations), folder, {})
+
+
+def values(run: Any) -> dict[str, np.ndarray]:
+    return {name: parameter.detach().numpy().copy() for name, parameter in run.model.parameters.items()}
+
+
+@pytest.mark.parametrize("layout", SCENES)
+@pytest.mark.parametrize("method", METHODS)
+def test_msb_renders_what_the_trainer_evaluated(method: str, layout: str, tmp_path: Path) -> None:
+    run = training(tmp_path, method, layout)
+    run.run(lambda: False)
+    asset = msb.export(tmp_path)
+    found = [
+        metrics.psnr(
+            np.clip(render_reference(asset, camera, run.model.capture.background).image, 0, 1), image
+        )
+        for camera, image in run.model.capture.test
+    ]
+    assert asset.manifest.method == method
+    assert run.log[-1]["psnr"] == pytest.approx(np.mean(found), abs=0.01)
+    assert asset.manifest.face_count == run.model.faces
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_step_is_the_same_for_a_seed(method: str, tmp_path: Path) -> None:
+    first, again = (training(tmp_path / str(number), method) for number in range(2))
+    other = training(tmp_path / "other", method, seed=1)
+    for run in (first, again, other):
+        run.step()
+    assert all((a == b).all() for a, b in zip(values(first).values(), values(again).values(), strict=True))
+    assert any(
+        a.shape != b.shape or (a != b).any()
+        for a, b in zip(values(first).values(), values(other).values(), strict=True)
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_training_goes_on_as_if_it_had_not_been_interrupted(method: str, tmp_path: Path) -> None:
+    from data_stubs.training import loop
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "EVERY", 20)  # one change of structure before the interruption, one after
+        whole = training(tmp_path / "whole", method, iterations=60)
+        whole.run(lambda: False)
+        part = training(tmp_path / "part", method, iterations=60)
+        part.run(lambda: part.iteration == 27)
+        rest = training(tmp_path / "part", method, iterations=60)
+        rest.resume()
+        rest.run(lambda: False)
+    assert rest.iteration == 60
+    assert all((a == b).all() for a, b in zip(values(whole).values(), values(rest).values(), strict=True))
+
+
+def test_a_finished_training_stays_as_it_is(tmp_path: Path) -> None:
+    run = training(tmp_path, "two_dts", iterations=3)
+    run.run(lambda: False)
+    again = training(tmp_path, "two_dts", iterations=3)
+    again.resume()
+    again.run(lambda: False)
+    assert (again.log, again.iteration) == (run.log, 3)
+    assert all((a == b).all() for a, b in zip(values(run).values(), values(again).values(), strict=True))
+
+
+def test_another_training_is_not_resumed(tmp_path: Path) -> None:
+    run = training(tmp_path, "two_dts")
+    with pytest.raises(UsageError, match="no state"):
+        run.resume()
+    run.save()
+    with pytest.raises(UsageError, match="of another training: its method"):
+        training(tmp_path, "triangle_splatting").resume()
+
+
+def test_a_state_holds_no_object(tmp_path: Path) -> None:
+    training(tmp_path, "mesh_splatting").save()
+    with np.load(tmp_path / "training.npz", allow_pickle=False) as file:
+        assert all(file[name].dtype.kind in "fiu" for name in file.files)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_training_makes_it_better(method: str, tmp_path: Path) -> None:
+    run = training(tmp_path, method, iterations=150)
+    before = np.mean(run.held_out(run.model.settings(1.0)))
+    run.run(lambda: False)
+    assert run.log[-1]["psnr"] > before + 1
+    assert run.model.faces <= 300
+
+
+def test_command(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "data_stubs.training", "--method", "triangle_splatting", "--faces", "200"]
+    scene = ["--scene", str(ROOT / "data_stubs" / "scenes" / SCENES["colmap"])]
+    done = subprocess.run(
+        [*words, *scene, "--iterations", "5", "--output", str(tmp_path / "model")],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "dB held-out, 100 faces" in done.stdout
+    log = json.loads((tmp_path / "model" / "training.json").read_text())
+    assert log["iterations"] == 5
+    wrong = subprocess.run(
+        [*words[:3], "--method", "nerf", *scene], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert wrong.returncode == 2
+    assert wrong.stderr == (
+        "error: USAGE: --method is nerf; it must be two_dts, triangle_splatting, mesh_splatting, diffsoup\n"
+    )
