@@ -180,7 +180,7 @@ def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> Usag
     import difflib
 
     command, _, key = name.rpartition(".")
-    near = difflib.get_close_matches(key, known, 3)
+    near = difflib.get_close_matches(key, known, 3, 0.65)
     hint = f"did you mean {' or '.join(near)}?" if near else "msb config show --all lists all"
     if key in MOVED.get(command, {}):
         hint = f"--{key} is {MOVED[command][key]}"

@@ -292,7 +292,7 @@ READ = {
     "trial": {"paths", "cameras"},
     "validate": {"paths"},
     "compare": {"path", "cameras", "images"},
-    "view": {"path"},
+    "view": {"path", "repaired"},
     "web": {"path", "cameras", "renders", "verify"},
 }
 """What names a path and is read, or a folder that outputs are put into, each at a name of its own."""
