@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from msb.bench.track import Track
 
 EPILOG = epilog(
-    "msb track -- python -c 'print(sum(range(10**6)))'",
+    'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
 )
