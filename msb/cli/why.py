@@ -106,9 +106,11 @@ def _print(causes: list[Cause], head: dict[str, Any], save: Path | None, output:
     from msb.why import EQUAL
 
     console = output.console()
-    views = f"{head['views']} views " + ("around it" if head["cameras"] == "turntable" else "given")
+    views = f"{head['views']} view{'' if head['views'] == 1 else 's'} " + (
+        "around it" if head["cameras"] == "turntable" else "given"
+    )
     console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}, {views}")
-    table = plain_table("Cause", "dB", "How to see whether it is yours", right=(1,))
+    table = plain_table("Cause", "dB", "" if output.quiet else "How to see whether it is yours", right=(1,))
     shown = sorted((one for one in causes if one.db is not None), key=lambda one: one.db or 0.0)
     for cause in shown:
         db = "equal" if cause.db is None or cause.db >= EQUAL else f"{cause.db:.1f}"
