@@ -44,4 +44,9 @@ def on_post_page(output: str, **_: Any) -> str:
     output = re.sub(
         r'<script src="https://unpkg[^"]*"></script>', lambda _: f"<script>{shim}</script>", output
     )
+    fetched = re.findall(r'(?:<link[^>]*href|src)="(https?://[^"]*)"', output)
+    if fetched:
+        from mkdocs.exceptions import PluginError
+
+        raise PluginError(f"a page asks the network for {fetched[0]}")
     return output.replace("<code>path - like</code>", "<code>path-like</code>")
