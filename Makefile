@@ -9,7 +9,9 @@ FOR_TEST := $(VENV)/.installed-test
 # Commands and tests start many interpreters; without bytecode each of them would compile all of msb anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all engines lint bench clean
+FOR_DOCS := $(VENV)/.installed-docs
+
+.PHONY: demo test test-all docs engines lint bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -21,7 +23,10 @@ $(FOR_DEMO): EXTRAS := bench,crosscheck,view
 # What the tests try: a cluster, films and trials as well, and their own tools.
 $(FOR_TEST): EXTRAS := crosscheck,distributed,test,trial,view
 
-$(FOR_DEMO) $(FOR_TEST): pyproject.toml | $(BIN)/python
+# What builds the site.
+$(FOR_DOCS): EXTRAS := docs
+
+$(FOR_DEMO) $(FOR_TEST) $(FOR_DOCS): pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@
 
@@ -83,6 +88,12 @@ lint: $(FOR_TEST)
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_import_rules.py
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/ci.yml
+
+# The site, strictly: a link, an anchor or a name of the Python interface that leads nowhere ends it. It opens from the disk.
+docs: $(FOR_DOCS)
+	PYTHONPATH=. NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "build/site/index.html"
 
 bench: $(FOR_TEST)
 	$(BIN)/python -m benchmarks.audit

@@ -3,8 +3,11 @@
 Every golden view (tests/golden, or the folders given) is drawn on the dedicated tier with each order and
 sampling, and compared with the official image, on pixels that rounding does not decide. The synthetic
 captures of benchmarks/dedicated.py, which have no official image, are compared with our official rendering.
-Prints the table of the README and that of docs/dedicated.md; --picture FILE.png also shows one view of each
-method.
+Prints the table of docs/dedicated.md by method, and that by scene; --picture FILE.png also shows one view of
+each method.
+
+`python -m docs.make_losses --causes docs/images` measures the causes of `msb why` on the stub models instead,
+prints the table of docs/worse.md, and writes a picture of each cause, of the method that loses most.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from benchmarks.dedicated_scenes import BLENDED, is_connected, model
 from benchmarks.dedicated_scenes import camera as capture_camera
 from data_stubs.trained import TRAINED
 from msb.methods import METHODS
+from msb.why import CAUSES, EQUAL, Cause, why
 from tests.golden.views import scenes, views
 
 if TYPE_CHECKING:
@@ -38,12 +42,15 @@ CHOICES: dict[str, dict[str, str]] = {
 }
 SINGLE = {"supersample": 1}
 """MeshSplatting is measured with one sample a pixel, too, as an engine has."""
-EQUAL = 90.0
-"""dB from which on images differ by rounding alone."""
 CAPTURE = 100_000
 """Faces of the synthetic captures."""
 SHOWN = ("orb_diffuse/0", "torus_sh0_white/0", "bumpy_sphere_sh3/0", "soup_l1_black_noview/0")
 
+STUBS = ROOT / "data_stubs"
+SCALE = 7
+"""Of the stub scene's cameras of 64 x 48 pixels, for the pictures of causes."""
+GAP = 8
+"""Pixels between the two halves of such a picture."""
 WIDTH = 900
 """Of the picture, pixels."""
 
@@ -158,6 +165,31 @@ def save(strips: list[NDArray[np.float32]], path: Path) -> None:
     Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
 
 
+def causes(folder: Path) -> str:
+    """Write a picture of each cause on the stub models into `folder`, and return their table."""
+    cameras = [camera.scaled(SCALE) for camera in msb.read_cameras(STUBS / "scenes/mipnerf360/pebble")[:4]]
+    found = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in TRAINED}
+    head = ["cause", *TITLES.values()]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for row in zip(*found.values(), strict=True):
+        lines.append(f"| {row[0].title} | " + " | ".join(map(_loss, row)) + " |")
+        worst = min((one for one in row if one.db is not None), key=lambda one: one.db or 0.0)
+        if worst.without is not None and worst.with_it is not None:
+            gap = np.ones((len(worst.without), GAP, 3), np.float32)
+            save(
+                [np.concatenate([worst.without, gap, worst.with_it], axis=1)],
+                folder / f"why_{worst.name}.png",
+            )
+    assert len(lines) == len(CAUSES) + 2
+    return "\n".join(lines)
+
+
+def _loss(cause: Cause) -> str:
+    if cause.db is None:
+        return "--"
+    return "equal" if cause.db >= EQUAL else f"{cause.db:.1f}"
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(
@@ -166,7 +198,11 @@ def main() -> None:
     parser.add_argument("folders", nargs="*", type=Path, default=[ROOT / "tests" / "golden"])
     parser.add_argument("--device")
     parser.add_argument("--picture", type=Path)
+    parser.add_argument("--causes", type=Path, metavar="FOLDER")
     arguments = parser.parse_args()
+    if arguments.causes is not None:
+        sys.stdout.write(causes(arguments.causes) + "\n")
+        return
     found, strips = golden(arguments.folders, arguments.device)
     sys.stdout.write(table(by_method(found), "PSNR in dB, median (least to most)") + "\n\n")
     everything = found | captures(arguments.device)

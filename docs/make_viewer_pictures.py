@@ -98,7 +98,7 @@ def repaired_picture() -> Image.Image:
 
 
 def tutorial_picture() -> Image.Image:
-    """Return what the tutorial's `msb compare` writes."""
+    """Return what the guide's `msb compare` writes."""
     with tempfile.TemporaryDirectory() as folder:
         asset, picture = Path(folder) / "pebble.triasset", Path(folder) / "compare.png"
         msb.save(msb.open(STUBS / "models" / "walled" / "mesh_splatting"), asset)

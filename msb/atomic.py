@@ -241,7 +241,8 @@ def _written_through(target: Path) -> Iterator[BinaryIO]:
         if number == 1:
             sys.stdout.flush()
         # A descriptor goes on where it is; opened by its name a regular file would be written from its start.
-        number = os.open(target, os.O_WRONLY) if number is None else os.dup(number)
+        flags = os.O_WRONLY | getattr(os, "O_BINARY", 0)
+        number = os.open(target, flags) if number is None else os.dup(number)
         with os.fdopen(number, "wb") as stream:
             shutil.copyfileobj(file, stream)
 

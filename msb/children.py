@@ -8,14 +8,14 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msb.errors import shorten
 
 if TYPE_CHECKING:
-    import subprocess
     from collections.abc import Mapping
 
 
@@ -30,6 +30,16 @@ def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
     root = str(Path(__file__).resolve().parents[1])
     path = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path), **(more or {})}
+
+
+def apart() -> dict[str, Any]:
+    """Return the options of `subprocess.Popen` for a child that Ctrl-C does not reach.
+
+    The parent ends it. On POSIX it gets a session of its own, on Windows a process group.
+    """
+    if sys.platform == "win32":
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return {"start_new_session": True}
 
 
 def end(child: subprocess.Popen[bytes]) -> None:

@@ -569,6 +569,11 @@ CODES: dict[str, Code] = {
             "MESH_FILE_NUMBER": ("A number cannot be read.", _FIX_MESH),
             "MESH_FILE_FACE": ("A face list is malformed.", _FIX_MESH),
             "MESH_FILE_INDEX": ("A face uses a vertex that the format does not allow.", _FIX_MESH),
+            "MESH_FILE_LEFT_OUT": (
+                "The file holds more than triangles and their colours, such as textures, UVs or normals; "
+                "that is not read, and so not written either.",
+                "Nothing, if you want the triangles. Keep the original file for the rest.",
+            ),
             "MESH_FILE_UNSUPPORTED": (
                 "The file uses a feature of its format that we do not read.",
                 "Export without it; the message names it.",

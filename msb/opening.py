@@ -107,7 +107,7 @@ class StoredMesh:
     up : str
         The axis that is up, such as "+y", or "unknown".
     warnings : tuple of Finding
-        What the reader of an asset tolerated.
+        What the reader of an asset tolerated, and what that of a mesh file left out.
     """
 
     path: Path | None
@@ -148,13 +148,14 @@ def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
         up = description.coordinate_frame.up
         return StoredMesh(place, model.buffers, model.domains, description.method, up)
     from msb.meshes import read_mesh
+    from msb.meshes.mesh import left_out_finding
 
     mesh = read_mesh(place)
     buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
     for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
         if colors is not None and "color" not in buffers:
             buffers["color"], domains["color"] = colors, domain
-    return StoredMesh(place, buffers, domains)
+    return StoredMesh(place, buffers, domains, warnings=left_out_finding(mesh))
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import unicodedata
 from pathlib import Path
 
@@ -28,6 +30,18 @@ def given_path(path: str | os.PathLike[str]) -> Path:
     if not os.fspath(path):
         raise InputError("FILE_NOT_FOUND", "the path is empty; the current folder is called .")
     return Path(path)
+
+
+def shell_word(text: str | os.PathLike[str]) -> str:
+    """Return `text` as one word of a command that sh, cmd.exe and PowerShell all read alike.
+
+    Double quotes are the only ones that all three know. What they interpret inside of these ($, %, backticks,
+    quotes) stands in single quotes, as a POSIX shell and PowerShell have it; cmd.exe has no way to say that.
+    """
+    word = os.fspath(text)
+    if word and re.fullmatch(r"[\w@+=:,./\\~-]+" if os.name == "nt" else r"[\w@+=:,./-]+", word):
+        return word
+    return f'"{word}"' if word and not re.search(r'["$`%!\\]', word) else shlex.quote(word)
 
 
 def normal_form(name: str) -> str:

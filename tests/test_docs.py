@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import re
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
@@ -40,13 +41,58 @@ def anchors(path: Path) -> set[str]:
 
 
 def test_links_lead_somewhere() -> None:
-    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")):
+    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")):
         for target, anchor in re.findall(
             r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")
         ):
             place = path.parent / target if target else path
             assert place.exists(), f"{path.name}: {target}"
             assert not anchor or anchor in anchors(place), f"{path.name}: {target}#{anchor}"
+
+
+def test_every_picture_says_what_it_shows_and_every_picture_is_shown() -> None:
+    shown = set()
+    for path in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        for text, target in re.findall(r"!\[([^\]]*)\]\(([^)\s]+)\)", path.read_text(encoding="utf-8")):
+            assert len(text) > 10, f"{path.name}: {target}"
+            shown.add((path.parent / target).resolve())
+    images = {path.resolve() for path in (ROOT / "docs" / "images").iterdir()}
+    assert images - shown == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # of the site itself
+
+
+def test_every_page_is_on_the_site() -> None:
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for path in (ROOT / "docs").rglob("*.md"):
+        assert f": {path.relative_to(ROOT / 'docs').as_posix()}\n" in text, path.name
+
+
+def public_names() -> set[str]:
+    """Return what `import msb` offers, and what documents import, by their full names."""
+    found = {f"msb.{name}" for name in msb.__all__ if name not in ("__version__", "metrics")}
+    for path in (*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"):
+        for module, names in re.findall(
+            r"^ *from (msb[\w.]*) import ([^#\n]+)$", path.read_text(encoding="utf-8"), re.MULTILINE
+        ):
+            found |= {f"{module}.{name.strip(' ()')}" for name in names.split(",") if name.strip(" ()")}
+    return found - {"msb.metrics"}
+
+
+def test_the_reference_has_everything_public() -> None:
+    listed = re.findall(r"^::: (\S+)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+    def resolved(name: str) -> object:
+        module, _, member = name.rpartition(".")
+        found = importlib.import_module(module)
+        return getattr(found, member) if hasattr(found, member) else importlib.import_module(name)
+
+    def called(thing: object) -> object:
+        # msb.render, msb.repair, msb.trial and msb.metrics.identity are functions and packages in one.
+        name = getattr(thing, "__name__", "")
+        return getattr(thing, name.rpartition(".")[2], thing) if isinstance(thing, ModuleType) else thing
+
+    there = [called(resolved(name)) for name in listed]
+    missing = [name for name in sorted(public_names()) if called(resolved(name)) not in there]
+    assert not missing
 
 
 @pytest.mark.slow

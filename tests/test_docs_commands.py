@@ -1,4 +1,6 @@
-"""All commands and Python that README and docs show are run; shipped data stands in for placeholders.
+"""All commands and Python that docs show are run; shipped data stands in for placeholders.
+
+README and guides, which need no stand-ins, are run by tests/test_guides.py.
 
 What is shown as ``console`` is a command a line, or, where a line starts with $, commands and what they
 print. A document's commands run one after the other, in one process, in a folder of their own; those of all
@@ -34,13 +36,12 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-DOCUMENTS = ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+DOCUMENTS = sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))
 SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 MODEL = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"
 TWO_DTS = ROOT / "data_stubs" / "models" / "walled" / "two_dts"
 
 NOT_RUN = {
-    r"make ": "installs everything; the continuous integration runs it",
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
     r"msb (view|compare) (?!.*--(screenshot|figure|html) )": "opens a window",
     r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
@@ -242,9 +243,3 @@ def test_shell_commands_are_marked_as_such() -> None:
     for document in DOCUMENTS:
         for block in blocks(document, ""):
             assert not re.match(r"(msb|msb-audit|pip|make|\$) ", block), f"{document}: {block}"
-
-
-def test_every_document_is_linked_from_the_readme() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    for document in DOCUMENTS[1:]:
-        assert f"]({document})" in text, document

@@ -38,6 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
     "__init__": GROUND
     | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"},
+    "why": GROUND | {"adapters", "meshes", "metrics", "opening", "render"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},
     "saving": GROUND | {"meshes"},
@@ -243,7 +244,7 @@ def test_what_loads_with_a_module_is_a_core_dependency() -> None:
 
 def test_what_is_imported_is_installed_by_the_core_or_an_extra_that_is_asked_for() -> None:
     used = {name for path in MODULES for name, _ in others(path)}
-    known = CORE.union(*(EXTRAS[name] for name in EXTRAS if name not in ("test", "fuzz", "all")))
+    known = CORE.union(*(EXTRAS[name] for name in EXTRAS if name not in ("test", "fuzz", "all", "docs")))
     assert used - known == set()
 
 
@@ -265,7 +266,7 @@ def test_an_error_about_an_extra_names_the_one_that_installs_the_module() -> Non
                     installed = EXTRAS[extra] | OURS
                     assert {DISTRIBUTIONS.get(word, word) for word in words[1:]} <= installed, path
     # Those that only a checkout uses are asked for by nothing in the package.
-    assert asked == set(EXTRAS) - {"all", "test", "fuzz", "train"}
+    assert asked == set(EXTRAS) - {"all", "test", "fuzz", "train", "docs"}
 
 
 def test_all_is_every_extra_but_those_for_developers_and_the_largest() -> None:

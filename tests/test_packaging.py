@@ -71,7 +71,15 @@ def test_sdist_holds_what_is_needed_to_build_test_and_read(built: Path, wheel: P
     with tarfile.open(path) as archive:
         archive.extractall(tmp_path, filter="data")
     (tree,) = tmp_path.iterdir()
-    for name in ("README.md", "CHANGELOG.md", "LICENSE", "Makefile", "pyproject.toml", "docs/tutorial.md"):
+    for name in (
+        "README.md",
+        "CHANGELOG.md",
+        "LICENSE",
+        "Makefile",
+        "pyproject.toml",
+        "docs/guides/trained.md",
+        "mkdocs.yml",
+    ):
         assert (tree / name).is_file(), name
     for name in ("tests/golden/views.py", "data_stubs/protocol.toml", "benchmarks/audit.py", ".ci/run"):
         assert (tree / name).is_file(), name

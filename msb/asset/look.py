@@ -20,8 +20,14 @@ if TYPE_CHECKING:
 
     from msb.asset.reader import Asset
 
-WHITE = (1.0, 1.0, 1.0)
-"""The colour of a mesh that brings no colour, as in glTF."""
+GREY = 0.8
+"""The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""
+_AMBIENT = 0.35
+"""The part of the light on it that comes from everywhere."""
+_LIGHT = (0.36, 0.8, 0.48)
+"""Where the rest comes from: above, a little from the front and right; along (right, up, front)."""
+_AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
+"""Axis -> the two others, in the order of a right-handed frame."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +70,52 @@ def colors_of(asset: Asset) -> StaticColors | None:
 
 
 def drawn_colors(asset: Asset) -> StaticColors:
-    """Return the colours `asset` is drawn in: its `static_colors`, or white."""
-    white = np.full((asset.manifest.face_count, 3), WHITE, np.float32)
-    return colors_of(asset) or StaticColors(white, "face")
+    """Return the colours `asset` is drawn in: its `static_colors`, or grey that is lit."""
+    found = colors_of(asset)
+    if found is not None:
+        return found
+    shade = GREY * daylight(asset.buffers["positions"], asset.buffers["indices"], up_axis(asset))
+    return StaticColors(np.repeat(shade.astype(np.float32)[:, None], 3, axis=1), "face")
+
+
+def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
+    """Return the brightness (F,) of each face of a plain surface in daylight.
+
+    It is a + (1 - a) |n . l|: n is the face's normal, l the direction of the light, a the ambient part. Both
+    sides are alike, because winding need not be consistent. Faces without a normal have a alone.
+
+    Parameters
+    ----------
+    vertices : (V, 3)
+    faces : (F, 3)
+    axis : {"+x", "-x", "+y", "-y", "+z", "-z"}
+        What is up.
+    """
+    points = np.asarray(vertices, np.float64)
+    corners = [points[column] for column in np.asarray(faces, np.int64).T]
+    normals = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    front, right = _AXES[axis[1]]
+    up = "xyz".index(axis[1])
+    sign = -1.0 if axis[0] == "-" else 1.0
+    light = np.zeros(3)
+    light[[right, up, front]] = (_LIGHT[0], sign * _LIGHT[1], sign * _LIGHT[2])
+    length = np.linalg.norm(normals, axis=1) * np.linalg.norm(light)
+    facing = np.divide(np.abs(normals @ light), length, out=np.zeros(len(normals)), where=length > 0)
+    return np.asarray(_AMBIENT + (1 - _AMBIENT) * facing)
+
+
+def up_axis(asset: Asset) -> str:
+    """Return the axis of `asset` that points up, such as "+y"."""
+    return known_up(asset.manifest.coordinate_frame.up, asset.manifest.method)
+
+
+def known_up(stored: str, method: str | None) -> str:
+    """Return the axis that points up: as `stored`; if that is unknown, +y of a mesh file (method None or
+    "mesh"), as glTF has it, and -y of a trained scene, as COLMAP has it.
+    """
+    if stored != "unknown":
+        return stored
+    return "+y" if method in (None, "mesh") else "-y"
 
 
 def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:

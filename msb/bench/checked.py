@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import json
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -75,5 +76,36 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
         pointer = "".join(f"/{part}" for part in first["loc"]) or "/"
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
         found = "" if first["type"] == "missing" else f", found {shorten(repr(first['input']), 40)}"
-        text = f"{shorten(pointer)}: {first['msg'][:1].lower()}{first['msg'][1:]}{found}{more}"
+        said = f"{first['msg'][:1].lower()}{first['msg'][1:]}"
+        if first["type"] == "extra_forbidden":
+            said, found = _unknown_key(model, first["loc"]), ""
+        text = f"{shorten(pointer)}: {said}{found}{more}"
         raise InputError(code, text, file=file, pointer=pointer) from None
+
+
+def _unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:
+    """Return in words that a key is not known, with the one that may be meant, or all there are."""
+    keys = _keys_at(model, place[:-1])
+    near = difflib.get_close_matches(str(place[-1]), keys, 1)
+    there = f"did you mean {near[0]}?" if near else f"there are {', '.join(keys)}" if keys else ""
+    return "there is no such key" + (f"; {there}" if there else "")
+
+
+def _keys_at(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
+    """Return the keys of the table at `place` below `model`; none where that is no table of one model."""
+    names = [part for part in place if isinstance(part, str)]
+    here: Any = model
+    for name in names:
+        field = here.model_fields.get(name)
+        found = [] if field is None else _models(field.annotation)
+        if len(found) != 1:
+            return []
+        here = found[0]
+    return list(here.model_fields)
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models that stand in the annotation of a field: of list[A] | None it is A."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [one for part in get_args(annotation) for one in _models(part)]

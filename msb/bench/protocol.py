@@ -156,7 +156,9 @@ def _check(protocol: Protocol, path: object) -> None:
     for number, method in enumerate(protocol.methods):
         where = f"/methods/{number}"
         if method.name != AUTO and method.name not in METHODS:
-            there = ", ".join((AUTO, *METHODS))
+            titles = {each.title.lower(): name for name, each in METHODS.items()}
+            meant = titles.get(method.name.lower())
+            there = ", ".join((AUTO, *METHODS)) + (f"; {method.name} is called {meant} here" if meant else "")
             text = f'{where}/name: there is no method "{shorten(method.name)}"; there are {there}'
             raise _bad(path, text, f"{where}/name")
         if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):

@@ -7,6 +7,7 @@ import os
 import platform
 import signal
 import subprocess
+import sys
 import threading
 import time
 from datetime import UTC, datetime
@@ -185,7 +186,7 @@ def _forwarding(child: subprocess.Popen[bytes]) -> Iterator[None]:
     def forward(number: int, _frame: object) -> None:
         # An interrupt from the keyboard went to all processes of the terminal's foreground group already.
         if number != signal.SIGINT or not _in_foreground():
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, ValueError):  # Windows knows few signals
                 child.send_signal(number)
 
     before: dict[int, Any] = {}
@@ -202,7 +203,12 @@ def _forwarding(child: subprocess.Popen[bytes]) -> Iterator[None]:
 
 
 def _in_foreground() -> bool:
-    """Return whether this process belongs to the foreground group of its terminal."""
+    """Return whether this process belongs to the foreground group of its terminal.
+
+    On Windows an interrupt goes to all processes of a console, so that it always does.
+    """
+    if sys.platform == "win32":
+        return True
     try:
         terminal = os.open("/dev/tty", os.O_RDONLY)
     except OSError:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import typer
+from typer.core import TyperGroup
 
 from msb.cli import (
     audit,
@@ -29,10 +31,89 @@ from msb.cli import (
     validate,
     view,
     web,
+    why,
 )
+from msb.cli.help_pages import whole_words
 from msb.cli.options import Command, Version, epilog, with_shared
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+class _Entry(NamedTuple):
+    """A command: its function, the end of its help page, its line in the list of commands, and its name."""
+
+    function: Callable[..., None]
+    epilog: str
+    summary: str
+    name: str | None = None
+    settings: dict[str, Any] = {}  # noqa: RUF012 - read only
+
+    @property
+    def typed(self) -> str:
+        """What the user types."""
+        return self.name or self.function.__name__
+
+
+GROUPS: dict[str, tuple[_Entry, ...]] = {
+    "Look at a mesh": (
+        _Entry(audit.audit, audit.EPILOG, "Count a mesh's faults and say what it can be used for."),
+        _Entry(view.view, view.EPILOG, "See those faults, in a window, a picture or a page."),
+        _Entry(trial.trial, trial.EPILOG, "Try on it what artists do: unwrap, decimate, collide, print."),
+        _Entry(repair.repair, repair.EPILOG, "Make it manifold without changing its look."),
+        _Entry(info.info, info.EPILOG, "Show what an asset or a mesh file holds."),
+        _Entry(validate.validate, validate.EPILOG, "List everything that is wrong with a file."),
+    ),
+    "Take a model out": (
+        _Entry(export.export, export.EPILOG, "Turn a trained checkpoint into an asset, without PyTorch."),
+        _Entry(convert.convert, convert.EPILOG, "Write an asset or mesh in another format."),
+        _Entry(why.why, why.EPILOG, "Say why an export looks worse than the render, in dB."),
+        _Entry(methods.methods, methods.EPILOG, "Say what each method has and what each tier keeps of it."),
+    ),
+    "Draw": (
+        _Entry(render.render, render.EPILOG, "Draw images, depths and face ids."),
+        _Entry(compare.compare, compare.EPILOG, "See a model's looks side by side with its photographs."),
+        _Entry(web.web, web.EPILOG, "Write a page that shows a model in any browser."),
+        _Entry(bench.bench, bench.EPILOG, "Measure how fast an asset is drawn, and its memory."),
+    ),
+    "Benchmark": (
+        _Entry(scenes.scenes, scenes.EPILOG, "Check scenes: what is there, what counts, what is missing."),
+        _Entry(run.run, run.EPILOG, "Evaluate methods on scenes under one protocol."),
+        _Entry(eval.evaluate, eval.EPILOG, "Compare images with photographs: PSNR, SSIM, LPIPS.", "eval"),
+        _Entry(report.report, report.EPILOG, "Make tables, charts and verdicts from results."),
+        _Entry(
+            track.track,
+            track.EPILOG,
+            "Record time and memory of a training.",
+            settings={**_SETTINGS, **track.CONTEXT},
+        ),
+        _Entry(demo_data.demo_data, demo_data.EPILOG, "Write small scenes and models to try.", "demo-data"),
+    ),
+    "Machine": (
+        _Entry(devices.devices, devices.EPILOG, "Say what can compute and draw on this machine."),
+        _Entry(completion.completion, completion.EPILOG, "Print what completes commands at the Tab key."),
+    ),
+}
+"""Heading of the list of commands -> the commands below it. A command that is not here does not exist."""
+_CONFIG = "Show which defaults files and variables set."
+
+
+class _Group(TyperGroup):
+    """The list of commands, under the headings of `GROUPS`."""
+
+    def get_help(self, ctx: Any) -> str:
+        """Return the page, no word broken."""
+        ctx.formatter_class = whole_words(ctx.formatter_class)
+        return str(super().get_help(ctx))
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a section for each heading."""
+        del ctx
+        for title, entries in GROUPS.items():
+            rows = [(entry.typed, entry.summary) for entry in entries]
+            if title == "Machine":
+                rows.append(("config", _CONFIG))
+            with formatter.section(title):
+                formatter.write_dl(rows, col_max=12)
 
 
 class _Typer(typer.Typer):
@@ -43,53 +124,35 @@ class _Typer(typer.Typer):
         return super().command(*args, cls=Command, **options)
 
 
-# Plain help text: loads in a third of the time of the framed one, and reads the same in a pipe.
+# Plain help text: loads in a third of the time of the framed one, and reads the same in a pipe. Completion is
+# what `msb completion` prints; the library's own two options for it would be a second way.
+_PLAIN: dict[str, Any] = {"rich_markup_mode": None, "context_settings": _SETTINGS, "add_completion": False}
 app = _Typer(
     name="msb",
-    rich_markup_mode=None,
+    cls=_Group,
     pretty_exceptions_enable=False,
-    context_settings=_SETTINGS,
-    epilog=epilog("msb audit data_stubs/splat_like.triasset", "msb audit --help"),
+    epilog=epilog("msb demo-data data_stubs", "msb audit data_stubs/splat_like.triasset", "msb audit --help"),
+    **_PLAIN,
 )
-app.command(epilog=audit.EPILOG)(with_shared(audit.audit))
-app.command(epilog=export.EPILOG)(with_shared(export.export))
-app.command(epilog=render.EPILOG)(with_shared(render.render))
-app.command("eval", epilog=eval.EPILOG)(with_shared(eval.evaluate))
-app.command(epilog=info.EPILOG)(with_shared(info.info))
-app.command(epilog=validate.EPILOG)(with_shared(validate.validate))
-app.command(epilog=convert.EPILOG)(with_shared(convert.convert))
-app.command(epilog=methods.EPILOG)(with_shared(methods.methods))
-app.command(epilog=scenes.EPILOG)(with_shared(scenes.scenes))
-app.command(epilog=repair.EPILOG)(with_shared(repair.repair))
-app.command(epilog=view.EPILOG)(with_shared(view.view))
-app.command(epilog=compare.EPILOG)(with_shared(compare.compare))
-app.command(epilog=web.EPILOG)(with_shared(web.web))
-app.command(epilog=devices.EPILOG)(with_shared(devices.devices))
-app.command(epilog=bench.EPILOG)(with_shared(bench.bench))
-app.command(epilog=run.EPILOG)(with_shared(run.run))
-app.command(epilog=report.EPILOG)(with_shared(report.report))
-app.command(epilog=track.EPILOG, context_settings={**_SETTINGS, **track.CONTEXT})(with_shared(track.track))
-app.command(epilog=trial.EPILOG)(with_shared(trial.trial))
-app.command(epilog=demo_data.EPILOG)(with_shared(demo_data.demo_data))
-app.command(epilog=completion.EPILOG)(with_shared(completion.completion))
+for _entry in (entry for entries in GROUPS.values() for entry in entries):
+    app.command(_entry.name, epilog=_entry.epilog, context_settings=_entry.settings or None)(
+        with_shared(_entry.function)
+    )
 
 config_app = _Typer(
-    help="Show the values that files and the environment give to options.",
-    rich_markup_mode=None,
-    context_settings=_SETTINGS,
-    epilog=config.EPILOG,
+    help="Show the values that files and the environment give to options.", epilog=config.EPILOG, **_PLAIN
 )
 config_app.command(epilog=config.EPILOG)(with_shared(config.show))
 app.add_typer(config_app, name="config")
 
-audit_app = _Typer(
-    name="msb-audit", rich_markup_mode=None, pretty_exceptions_enable=False, context_settings=_SETTINGS
-)
-
-
-@app.callback()
-def _root(version: Version = False) -> None:
-    """Decide whether a trained triangle or mesh splatting model is a usable graphics asset."""
-
-
+audit_app = _Typer(name="msb-audit", pretty_exceptions_enable=False, **_PLAIN)
 audit_app.command(epilog=audit.EPILOG)(with_shared(audit.audit))
+
+
+@app.callback(invoke_without_command=True)
+def _root(context: typer.Context, version: Version = False) -> None:
+    """Decide whether a trained triangle or mesh splatting model is a usable graphics asset."""
+    if context.invoked_subcommand is None:
+        from msb.cli.output import echo
+
+        echo(context.get_help())

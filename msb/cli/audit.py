@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb-audit data_stubs/splat_like.triasset",
     "msb-audit --json - data_stubs/splat_like.triasset",
-    "msb-audit --cross-check --fail-on 'components>999' data_stubs/checkpoint",
+    'msb-audit --cross-check --fail-on "components>999" data_stubs/checkpoint',
     "msb-audit -q --fail-on-verdict bad data_stubs/models/pebble/mesh_splatting",
     "msb-audit --explain nonmanifold_vertex_ratio",
 )
@@ -69,7 +69,7 @@ def audit(
     ] = None,
     fail_on: Annotated[
         list[str] | None,
-        typer.Option(metavar="COND", help="Fail if e.g. 'components>1' holds. May be given again."),
+        typer.Option(metavar="COND", help='Fail if e.g. "components>1" holds. May be given again.'),
     ] = None,
     fail_on_verdict: Annotated[
         Literal["bad", "limited"] | None,
@@ -218,7 +218,8 @@ class _Task:
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_stored(path)
-        note_warnings(mesh.warnings, path, self.output)
+        # What a file holds beside its triangles is nothing that an audit counts.
+        note_warnings((one for one in mesh.warnings if one.severity != "info"), path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):
             found, analysis = audit_stored(mesh, weld=self.weld)
         if self.cross_check:

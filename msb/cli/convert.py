@@ -2,30 +2,57 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
-from msb.cli.output import Output
-from msb.errors import UsageError, about
+from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog, is_given
+from msb.cli.output import Output, echo
+from msb.errors import EXIT_OK, MsbError, UsageError, about
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.meshes import Mesh
 
 EPILOG = epilog(
     "msb convert data_stubs/splat_like.triasset out/splat_like.glb --up=-y",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
+    "msb convert --to ply data_stubs/models/pebble/two_dts out/meshes",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+_UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
+"""Buffer of an asset that a mesh file has no place for -> what it is."""
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What the options say of every file."""
+
+    form: Literal["packed", "folder"] | None
+    up: Up | None
+    color: str
+    official: bool
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A .triasset, checkpoint or mesh file.")],
+    context: typer.Context,
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="IN", help="A .triasset, checkpoint or mesh file, or a folder of these."),
+    ],
     target: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="Its suffix says what is written."),
+        typer.Argument(
+            metavar="OUT", help="Its suffix says what is written. Of a folder: the folder to write into."
+        ),
         WRITTEN,
     ],
+    to: Annotated[
+        str, typer.Option("--to", metavar="SUFFIX", help="Of a folder: what is written, glb or another.")
+    ] = "glb",
     form: Annotated[
         Literal["packed", "folder"] | None, typer.Option(help="Form of a .triasset; packed if not given.")
     ] = None,
@@ -45,27 +72,76 @@ def convert(
 ) -> None:
     """Convert between .triasset and mesh files, keeping rows, order and vertex colours.
 
-    Mesh files are {mesh_suffixes}.
+    Mesh files are {mesh_suffixes}. What OUT has no place for, or what was not read of IN (textures, UVs,
+    normals), is named.
 
     An asset becomes its standard-tier mesh: opaque, unlit, with static colours. With --official it becomes
     what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
     """
-    from msb.asset import ASSET_SUFFIX
+    from msb.cli.failures import report_error
+    from msb.cli.inputs import expand
 
     output = Output(None, quiet, verbose, force)
-    output.check_free(target, folder=form == "folder")
-    if official:
-        if form is not None or up is not None or color != "stored":
+    wish = _Wish(form, up, color, official)
+    found = expand(source)
+    if found == [source]:
+        if is_given(context, "to"):
+            raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
+        _convert(source, target, wish, output)
+        return
+    places = _places(source, found, target, to)
+    status = EXIT_OK
+    for path, place in places.items():
+        try:
+            with about(path):
+                _convert(path, place, wish, output)
+        except MsbError as error:
+            status = max(status, report_error(error))
+    if status:
+        raise typer.Exit(status)
+
+
+def _places(source: Path, found: list[Path], target: Path, to: str) -> dict[Path, Path]:
+    """Return input -> output, which lies below `target` as the input lies below the folder `source`."""
+    from msb.asset import is_asset
+    from msb.saving import output_suffix
+
+    suffix = output_suffix(Path(f"--to.{to.removeprefix('.')}"), "--to")
+    if target.suffix and not target.is_dir():
+        text = f"{source} holds {len(found)} inputs; OUT must be a folder, and --to says what is written"
+        raise UsageError("USAGE", text, file=target)
+    root = source if source.is_dir() else None
+    places = {}
+    for path in found:
+        below = path.relative_to(root) if root else Path(path.name)
+        name = below.stem if path.is_file() or is_asset(path) else below.name
+        places[path] = target / below.with_name(name + suffix)
+    taken: dict[Path, Path] = {}
+    for path, place in places.items():
+        if place in taken:
+            text = f"{taken[place]} and this would both become {place}; convert one of them by itself"
+            raise UsageError("USAGE", text, file=path)
+        taken[place] = path
+    return places
+
+
+def _convert(source: Path, target: Path, wish: _Wish, output: Output) -> None:
+    """Convert one input, and say what was written and what was left out."""
+    from msb.asset import ASSET_SUFFIX
+
+    output.check_free(target, folder=wish.form == "folder")
+    if wish.official:
+        if wish.form is not None or wish.up is not None or wish.color != "stored":
             raise UsageError("USAGE", "--official goes without --form, --up and --color")
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:
-        if up is not None or color != "stored":
+        if wish.up is not None or wish.color != "stored":
             raise UsageError("USAGE", "--up and --color are for mesh files; a .triasset keeps what is stored")
-        _write_asset(source, target, form or "packed", output)
+        _write_asset(source, target, wish.form or "packed", output)
     else:
-        if form is not None:
+        if wish.form is not None:
             raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
-        _write_mesh(source, target, up, color, output)
+        _write_mesh(source, target, wish, output)
 
 
 def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
@@ -76,6 +152,8 @@ def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], 
         asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"):
         write_asset(asset, target, form)
+    manifest = asset.manifest
+    _say(target, [f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces"], output)
 
 
 def _write_official(source: Path, target: Path, output: Output) -> None:
@@ -86,9 +164,10 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
         asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"), about(source):
         write_official(asset, target)
+    _say(target, [f"as the exporter of {asset.manifest.method} writes it"], output)
 
 
-def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: Output) -> None:
+def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
     from msb.atomic import new_file
     from msb.cli.inputs import open_asset
     from msb.meshes import read_mesh, write_mesh
@@ -100,15 +179,52 @@ def _write_mesh(source: Path, target: Path, up: Up | None, color: str, output: O
 
     suffix = output_suffix(target, "OUT")
     with output.progress(f"reading {source.name}"):
-        # The mesh itself: an asset would hold its coordinates in float32.
-        mesh = read_mesh(source) if is_mesh_file(source) else mesh_from_asset(open_asset(source, output))
+        if is_mesh_file(source):
+            mesh = read_mesh(source)  # itself: an asset would hold its coordinates in float32
+            left_out = list(mesh.left_out)
+        else:
+            asset = open_asset(source, output)
+            mesh, left_out = mesh_from_asset(asset), _left_out(asset)
     fitting = with_colors_for(mesh, suffix)
     if fitting is not mesh:
         output.note(f"{target}: {suffix} has no face colours, so every face gets vertices of its own")
     if fitting.vertex_colors is not None and "vertex_colors" not in FORMATS[suffix].keeps:
-        output.note(f"{target}: .stl has no colours; they are left out")
-    fitting = turned_upright(fitting, up) if up else fitting
-    fitting = with_linear_colors(fitting) if color == "linear" else fitting
+        left_out.append(f"colours, which {suffix} has no place for")
+    fitting = turned_upright(fitting, wish.up) if wish.up else fitting
+    fitting = with_linear_colors(fitting) if wish.color == "linear" else fitting
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
         write_mesh(fitting, file, suffix=suffix)
+    _say(target, _holds(fitting, suffix), output)
+    if left_out:
+        output.note(f"{target}: left out: {', '.join(left_out)}")
+
+
+def _holds(mesh: Mesh, suffix: str) -> list[str]:
+    """Return what the file has."""
+    from msb.meshes.formats import FORMATS
+
+    colors = [
+        key.replace("_colors", " colours") for key in FORMATS[suffix].keeps if getattr(mesh, key) is not None
+    ]
+    vertices = 3 * len(mesh.faces) if suffix == ".stl" else len(mesh.vertices)  # STL shares none
+    return [f"{vertices:,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
+
+
+def _left_out(asset: Asset) -> list[str]:
+    """Return what the standard-tier mesh of `asset` does not have."""
+    from msb.asset.look import shown_faces, stored_threshold
+
+    manifest, found = asset.manifest, []
+    if manifest.sh_degree:
+        found.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
+    found += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
+    shown = shown_faces(asset, stored_threshold(asset))
+    if shown is not None:
+        found.append(f"{manifest.face_count - len(shown):,} faces that the STE threshold hides")
+    return found
+
+
+def _say(target: Path, parts: list[str], output: Output) -> None:
+    if not output.quiet:
+        echo(f"{target}: {', '.join(parts)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ import typer
 from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo
 from msb.errors import UsageError
+from msb.paths import shell_word
 
 EPILOG = epilog("msb demo-data out/demo-data")
 
@@ -43,7 +43,7 @@ def demo_data(
     echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, a protocol; {size / 1e6:.1f} MB")
     if not quiet:
         names = ("splat_like.triasset", PROTOCOL, RESULTS)
-        asset, protocol, results = (shlex.quote(str(target / name)) for name in names)
+        asset, protocol, results = (shell_word(target / name) for name in names)
         echo(f"next: msb audit {asset}")
         echo(f"      msb run {protocol}")
         echo(f"      msb report {results}")

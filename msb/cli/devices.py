@@ -68,14 +68,14 @@ def devices(
 
 def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: Output) -> None:
     console = output.console()
-    names = ("--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver", "Builds")
-    table = plain_table(*names, right=(4, 5))
+    names = ("--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device")
+    table = plain_table(*names, right=(2, 3))
     for record, trial, _ in tried:
         mark = " *" if choice and record.selector == choice.record.selector else ""
         memory = f"{record.global_memory / 2**30:.1f} GiB"
         builds = ("mended" if trial.mended else "yes") if trial.builds else "NO"
-        cells = (record.platform, record.name, record.kind, str(record.compute_units), memory, record.driver)
-        table.add_row(record.selector + mark, *cells, builds)
+        cells = (record.kind, str(record.compute_units), memory, record.driver, builds)
+        table.add_row(record.selector + mark, *cells, f"{record.name}, {record.platform}")
     console.print(table, markup=False)
     if choice:
         console.print(f"\n* {_why(choice)}", markup=False)

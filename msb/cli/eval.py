@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,7 @@ import typer
 from msb.cli.failures import report_error
 from msb.cli.options import CsvFile, FailFast, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
-from msb.errors import MsbError, UsageError, about, shorten
+from msb.errors import EXIT_STATUS, MsbError, UsageError, about, shorten
 from msb.extras import need_extra
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ class _Task:
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         status = 0
+        alike: Counter[str] = Counter()
         # Once, not for every pair.
         read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
         need_extra("bench", *modules_needed(), *read, what="msb eval")
@@ -99,11 +101,17 @@ class _Task:
                 try:
                     rows.append(self.compare(pair))
                 except MsbError as error:
-                    status = max(status, report_error(error))
+                    # What is wrong with all images alike is said of the first.
+                    said = error.code == "METRIC_SIZES_DIFFER" and alike[error.message] > 0
+                    status = max(status, EXIT_STATUS[type(error)] if said else report_error(error))
+                    alike[error.message] += 1
                     failed.append({"name": pair.name, "code": error.code, "message": str(error)})
                     if fail_fast:
                         break
                 step()
+        for message, count in alike.items():
+            if count > 1:
+                self.output.note(f"{count} of {len(pairs)} fail alike: {message}")
         data = self.summary(rows, failed)
         self.output.write_json(data)
         self.output.write_csv((*_COLUMNS, *self.metrics), rows)

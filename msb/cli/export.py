@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
 
 EPILOG = epilog(
+    "msb export data_stubs/checkpoint",
     "msb export data_stubs/checkpoint out/demo.triasset",
     "msb export --set opacity_floor=0.9999 data_stubs/checkpoint out/f.triasset",
     "msb export --json - --quiet data_stubs/checkpoint out/quiet.triasset",
@@ -26,7 +27,13 @@ def export(
     source: Annotated[
         Path, typer.Argument(metavar="CHECKPOINT", help="A training's output folder, or the model's file.")
     ],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="The .triasset to write."), WRITTEN],
+    target: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="OUT", help="The .triasset to write. Default: named like CHECKPOINT, in this folder."
+        ),
+        WRITTEN,
+    ] = None,
     method: Annotated[
         str | None, typer.Option(metavar="NAME", help="The method that you expect; detected if not given.")
     ] = None,
@@ -52,6 +59,7 @@ def export(
     from msb.asset import ASSET_SUFFIX, write_asset
 
     output = Output(json_file, quiet, verbose, force)
+    target = target or _guess(source)
     if target.suffix.lower() != ASSET_SUFFIX:
         raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in {ASSET_SUFFIX}')
     output.check_free(target, folder=form == "folder")
@@ -69,6 +77,19 @@ def export(
     output.write_json({"schema": SCHEMA, "path": str(target), "warnings": warnings, "manifest": manifest})
     if output.prints_text:
         _print(asset, target, output)
+
+
+def _guess(source: Path) -> Path:
+    """Return the name of the asset of a checkpoint, in the current folder: that of the training's folder."""
+    from msb.adapters.locate import locate
+    from msb.asset import ASSET_SUFFIX
+
+    root = locate(source).root
+    if source.is_dir():
+        name = source.resolve().name
+    else:
+        name = source.stem if root == source.parent else root.resolve().name
+    return Path(name + ASSET_SUFFIX)
 
 
 def _settings(

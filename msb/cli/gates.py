@@ -40,7 +40,7 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
     # Open edges are harmless there. V/F of a closed mesh is 1/2, of a soup 3.
     "game": (
         "nonfinite_faces>0",
-        "vf_ratio>1",
+        "vf_ratio>2.5",
         "nonmanifold_edge_ratio>0.01",
         "nonmanifold_vertex_ratio>0.01",
         "inconsistent_winding_edges>0",

@@ -16,35 +16,35 @@ if TYPE_CHECKING:
     from msb.asset.manifest import Manifest
     from msb.methods import Tier
 
-EPILOG = epilog("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/splat_like.triasset")
+EPILOG = epilog("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/checkpoint")
 
 
 def info(
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, packed or folder.")],
+    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
     json_file: JsonFile = None,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Show what a .triasset holds: method, counts, bounds, settings and buffers.
+    """Show what an asset, checkpoint or mesh file holds: method, counts, bounds, settings and buffers.
 
-    The command reads the manifest and checks paths and sizes. It does not read values; msb validate does.
+    Of a .triasset the command reads the manifest and checks paths and sizes. It does not read values; msb
+    validate does. Of a mesh file or checkpoint it shows the asset that msb convert would write.
     """
-    from msb.asset import load
-    from msb.cli.inputs import note_warnings
+    from msb.cli.inputs import open_asset
 
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
-    asset = load(path)
-    note_warnings(asset.warnings, path, output)
+    with output.progress(f"reading {path.name}"):
+        asset = open_asset(path, output)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     manifest = asset.manifest.to_dict()
     output.write_json({"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest})
     if output.prints_text:
-        _print(asset, size, output)
+        _print(asset, path, size, output)
 
 
-def _print(asset: Asset, size: int, output: Output) -> None:
+def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     from rich.markup import escape
 
     from msb.methods import TIERS, lookup
@@ -55,8 +55,8 @@ def _print(asset: Asset, size: int, output: Output) -> None:
     table = plain_table("", "")
     table.show_header = False
     rows: list[tuple[str, str]] = [
-        ("asset", f"{asset.path} (triasset {m.version}, {m.generator})"),
-        ("method", f"{m.method} ({method.title})"),
+        ("asset", f"{path} (triasset {m.version}, {m.generator})" if asset.path else f"{path}, not yet one"),
+        ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
         ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
         ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
         ("sphere", f"radius {m.bounding_sphere.radius:.6g} around {_point(m.bounding_sphere.center)}"),

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand
 
 from msb.atomic import forget_free_places
+from msb.cli.help_pages import plain_record, plain_usage, whole_words
 from msb.errors import UsageError
 
 WRITTEN = "written"
@@ -99,12 +100,30 @@ class Command(TyperCommand):
         parser.parse_args = parse_args  # type: ignore[method-assign]
         return parser
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the usage."""
+        return [plain_usage(piece) for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write what is typed and what it means, without the library's names of types."""
+        found = [(param, param.get_help_record(ctx)) for param in self.get_params(ctx)]
+        for title, kind in (("Arguments", "argument"), ("Options", "option")):
+            rows = [
+                plain_record(param, record)
+                for param, record in found
+                if record is not None and param.param_type_name == kind
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
     def get_help(self, ctx: Any) -> str:
         """Return the help page, in which {mesh_suffixes} stands for those of the formats there are."""
         if "{mesh_suffixes}" in (self.help or ""):
             from msb.meshes import MESH_SUFFIXES
 
             self.help = str(self.help).replace("{mesh_suffixes}", ", ".join(MESH_SUFFIXES))
+        ctx.formatter_class = whole_words(ctx.formatter_class)
         return super().get_help(ctx)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -68,9 +68,10 @@ class Output:
 
         Tables are laid out for 80 columns or more: narrower terminals break their lines, not their numbers.
         """
-        from rich.console import Console
+        from msb.cli.whole_words import WholeWordConsole
 
-        console = Console(highlight=False, color_system=None if os.environ.get("NO_COLOR") else "auto")
+        colors: Any = None if os.environ.get("NO_COLOR") else "auto"
+        console = WholeWordConsole(highlight=False, color_system=colors)
         console.width = max(console.width, _LEAST_WIDTH)
         return console
 

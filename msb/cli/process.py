@@ -60,6 +60,11 @@ def _run(app: typer.Typer, name: str) -> int:
         from typer.main import get_command
 
         command = get_command(app)
+        if _is_completing():
+            # Not exported by name; the library calls it only for its own two options, which we leave out.
+            from typer.completion import completion_init  # type: ignore[attr-defined]
+
+            completion_init()
         defaults = _defaults(command, name)
         values = {each: {k: v.value for k, v in found.items()} for each, found in defaults.items()}
         own = values if hasattr(command, "commands") else values.get(name, {})
@@ -123,12 +128,16 @@ def _output_error(error: Exception) -> OutputError | None:
     return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
 
+def _is_completing() -> bool:
+    """Return whether a shell asks for completions, as the script of `msb completion` lets it."""
+    return any(key.startswith("_MSB") and key.endswith("_COMPLETE") for key in os.environ)
+
+
 def _defaults(command: Any, name: str) -> Defaults:
     """Return what files and environment set; msb-audit has the defaults of msb audit."""
     from msb.cli import defaults
 
-    completing = any(key.endswith("_COMPLETE") for key in os.environ)
-    if completing or not defaults.anything_set():
+    if _is_completing() or not defaults.anything_set():
         return {}
     if hasattr(command, "commands"):
         return defaults.read_defaults(defaults.single_commands(command))

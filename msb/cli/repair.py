@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb repair data_stubs/checkpoint -o out/repaired.triasset",
     "msb repair data_stubs/checkpoint -o out/fewer.glb --plan drop,orient,debris",
-    "msb repair -q --fail-on 'components>999' data_stubs/checkpoint -o out/g.ply",
+    'msb repair -q --fail-on "components>999" data_stubs/checkpoint -o out/g.ply',
     "msb repair --compare data_stubs/models/walled/mesh_splatting -o out/costs",
 )
 SCHEMA = "msb.repair/1"
@@ -110,7 +110,7 @@ def repair(
     fail_on: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="COND", help="Fail if e.g. 'components>1' holds afterwards. May be given again."
+            metavar="COND", help='Fail if e.g. "components>1" holds afterwards. May be given again.'
         ),
     ] = None,
     fail_on_verdict: Annotated[

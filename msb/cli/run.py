@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -16,6 +15,7 @@ from msb.cli.output import Output, echo, plain_table, say
 from msb.cli.scene_options import ImageFolder
 from msb.cli.stage_bar import stage_bar
 from msb.errors import UsageError
+from msb.paths import shell_word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -255,7 +255,7 @@ def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> N
     console.print(f"{len(kinds)} cells: {counts}; {found.seconds:.0f} s", soft_wrap=True)
     console.print(escape(str(file.results)), soft_wrap=True)
     if not dry and not output.quiet:
-        console.print(escape(f"next: msb report {shlex.quote(str(file.results))}"), soft_wrap=True)
+        console.print(escape(f"next: msb report {shell_word(file.results)}"), soft_wrap=True)
 
 
 def _cell(value: float | None, decimals: int) -> str:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from msb.bench.track import Track
 
 EPILOG = epilog(
-    "msb track -- python -c 'print(sum(range(10**6)))'",
+    'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
 )
@@ -70,7 +70,7 @@ def track(
 def _summary(found: Track, out: Path) -> str:
     gpu = found.peak_gpu_memory_bytes
     parts = [f"{found.seconds / 60:.1f} min" if found.seconds >= 60 else f"{found.seconds:.1f} s"]
-    parts.append(f"GPU {found.gpu_reason}" if gpu is None else f"GPU {gpu / 2**20:,.0f} MiB")
+    parts.append(f"GPU not measured ({found.gpu_reason})" if gpu is None else f"GPU {gpu / 2**20:,.0f} MiB")
     if found.peak_host_memory_bytes is not None:
         parts.append(f"RAM {found.peak_host_memory_bytes / 2**20:,.0f} MiB")
     return f"{out}: {', '.join(parts)}"

@@ -14,7 +14,6 @@ import queue
 import secrets
 import shutil
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -23,6 +22,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
+from msb.children import apart
 from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Page:
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
                 stderr=self._log,
-                start_new_session=sys.platform != "win32",
+                **apart(),
             )
         except OSError as error:
             _end(None, self._server, self._log, self._folder)

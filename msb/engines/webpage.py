@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from msb.asset import Asset
     from msb.scenes import Camera
 
 LARGE = 3_000_000
@@ -124,14 +123,6 @@ def read_script(name: str) -> str:
     """Return a file of msb/engines/web, to stand behind another one."""
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return text.removeprefix('"use strict";\n')
-
-
-def up_of(asset: Asset) -> str:
-    """Return the axis that points up: as stored, of mesh files +y, else -y as in COLMAP scenes."""
-    stored = asset.manifest.coordinate_frame.up
-    if stored != "unknown":
-        return stored
-    return "+y" if asset.manifest.method == "mesh" else "-y"
 
 
 def camera_data(camera: Camera) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
@@ -13,6 +13,7 @@ from msb.errors import OutputError, shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.gltf import CHUNK, HEADER, Accessor, Document, accessor, open_document
+from msb.meshes.gltf_left_out import left_out
 from msb.meshes.gltf_nodes import IDENTITY, placed_meshes
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
@@ -108,7 +109,8 @@ def read(source: Source) -> Mesh:
         text = "the scene shows no mesh with triangles, although the file has meshes"
         raise source.error("MESH_FILE_HEADER", text)
     parts = {mesh: [_read_part(each) for each in primitives[mesh]] for mesh in primitives}
-    return _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
+    joined = _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
+    return replace(joined, left_out=left_out(document, [mesh for mesh, _ in placed]))
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.errors import MeshError
+from msb.errors import MeshError, finding
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from msb.errors import Finding
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,8 @@ class Mesh:
         One row per triangle, that is per row of `faces`.
     vertex_uvs : (V, 2) float32, optional
         Texture coordinates, v downwards as in glTF. GLB is written with them; no reader gives any.
+    left_out : tuple of str
+        What else the file holds, which no reader keeps: "normals", "UVs", "2 textures".
 
     Raises
     ------
@@ -41,6 +45,7 @@ class Mesh:
     vertex_colors: NDArray[Any] | None = None
     face_colors: NDArray[Any] | None = None
     vertex_uvs: NDArray[np.float32] | None = None
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check("vertices", self.vertices, None, (3,), (np.float32, np.float64))
@@ -51,6 +56,14 @@ class Mesh:
             _check("face_colors", self.face_colors, len(self.faces), (3, 4), (np.uint8, np.float32))
         if self.vertex_uvs is not None:
             _check("vertex_uvs", self.vertex_uvs, len(self.vertices), (2,), (np.float32,))
+
+
+def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:
+    """Return a warning of what else the file of `mesh` holds, or none if that is nothing."""
+    if not mesh.left_out:
+        return ()
+    text = f"not read, only triangles and their colours are: {', '.join(mesh.left_out)}"
+    return (finding("MESH_FILE_LEFT_OUT", text, severity="info", value=list(mesh.left_out)),)
 
 
 def _check(

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 _COLOR_WIDTHS = {6: 3, 7: 4}
 """Number of values on a `v` line -> how many of the last ones are a colour."""
 
+_LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
+"""Words of lines that are not read -> what these hold."""
+
 _UNSUPPORTED = (b"surf", b"call", b"csh")
 """Words of lines that are refused: free-form surfaces, which are no polygons; other files and shell commands,
 which we never open or run."""
@@ -36,6 +39,7 @@ class _Parts:
     color_widths: set[int] = field(default_factory=set)
     corners: list[NDArray[np.int64]] = field(default_factory=list)
     counts: list[NDArray[np.int64]] = field(default_factory=list)
+    left_out: set[bytes] = field(default_factory=set)
 
 
 def read(source: Source) -> Mesh:
@@ -68,13 +72,17 @@ def read(source: Source) -> Mesh:
         is_vertex = words.lines_beginning(b"v")
         _add_faces(parts, words, is_vertex)
         _add_vertices(parts, words, is_vertex)
+        parts.left_out |= {
+            word for word in _LEFT_OUT.keys() - parts.left_out if words.lines_beginning(word).any()
+        }
     if not parts.vertex_count:
         raise source.not_a("OBJ", "it has no 'v x y z' line")
     faces, _ = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
-    return Mesh(np.concatenate(parts.vertices), faces, colors)
+    left_out = tuple(what for word, what in _LEFT_OUT.items() if word in parts.left_out)
+    return Mesh(np.concatenate(parts.vertices), faces, colors, left_out=left_out)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:

@@ -40,6 +40,10 @@ class _Header:
     body: int
 
 
+_LEFT_OUT = {"N": "normals", "ST": "UVs"}
+"""Prefix of OFF -> what the vertices then have that is not read."""
+
+
 def read(source: Source) -> Mesh:
     """Read an OFF file with any of the prefixes ST, C and N.
 
@@ -77,7 +81,8 @@ def read(source: Source) -> Mesh:
         raise table.row_error("MESH_FILE_TRAILING", wanted, "there is more after the last face")
     vertices, vertex_colors = _vertices(table, header)
     faces, face_colors = _faces(table, header)
-    return Mesh(vertices, faces, vertex_colors, face_colors)
+    left_out = [what for prefix, what in _LEFT_OUT.items() if prefix in header.prefixes]
+    return Mesh(vertices, faces, vertex_colors, face_colors, left_out=tuple(left_out))
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:

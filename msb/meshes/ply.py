@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
@@ -26,6 +27,9 @@ _COLOR_NAMES = (
     ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"),
 )
 _MAX_INT = 2**31 - 1
+_UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
+_KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UVS, "UVs")}
+"""Property that is not read -> what it is a part of."""
 
 
 def read(source: Source) -> Mesh:
@@ -55,15 +59,17 @@ def read(source: Source) -> Mesh:
     body.finish()
     vertices = rows["vertex"]
     vertex_colors = _colors(vertices, body)
+    left_out = _left_out(header)
     if "face" not in rows or not rows["face"].element.count:
-        return Mesh(_positions(vertices, body), np.zeros((0, 3), dtype=np.int64), vertex_colors)
+        no_faces = np.zeros((0, 3), dtype=np.int64)
+        return Mesh(_positions(vertices, body), no_faces, vertex_colors, left_out=left_out)
     faces = rows["face"]
     counts, corners = body.indices(faces, _index_name(faces.element))
     triangles, polygon = fan_triangulate(corners, counts)
     face_colors = _colors(faces, body)
     if face_colors is not None:
         face_colors = face_colors[polygon]
-    return Mesh(_positions(vertices, body), triangles, vertex_colors, face_colors)
+    return Mesh(_positions(vertices, body), triangles, vertex_colors, face_colors, left_out=left_out)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
@@ -116,6 +122,19 @@ def _write_records(
         if colors is not None:
             records["colors"] = colors[part]
         stream.write(records.tobytes())
+
+
+def _left_out(header: Header) -> tuple[str, ...]:
+    """Return what the file has beside the mesh: parts of vertices and faces by name, other elements."""
+    read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
+    found: dict[str, None] = {}
+    for element in (each for each in header.elements if each.count):
+        if element.name not in ("vertex", "face"):
+            found[f"element {shorten(element.name, 30)}"] = None
+            continue
+        for each in (each.name for each in element.properties if each.name not in read):
+            found[_KNOWN.get(each, f"property {shorten(each, 30)}")] = None
+    return tuple(found)
 
 
 def _check_elements(source: Source, header: Header) -> None:

@@ -74,6 +74,7 @@ def latex(table: Table) -> str:
     marks = table.footnotes()
     count = len(table.heads)
     lines = [
+        r"% needs \usepackage{booktabs} and \usepackage{graphicx}",
         r"\begin{table*}[tbp]",
         r"\centering",
         r"\small",

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from msb.asset.look import up_axis
 from msb.scenes.paths import turntable
 
 if TYPE_CHECKING:
@@ -36,15 +37,14 @@ def around(
     width, height : int
         Size of the images in pixels.
     up : str, optional
-        The axis of the turntable, such as "+y"; the asset's own if not given, or "-y", the axis COLMAP scenes
-        have, where that is unknown.
+        The axis of the turntable, such as "+y"; the asset's own if not given, where that is unknown that of
+        `up_axis`.
     elevation : float
         Degrees above the horizon.
     """
     sphere = asset.manifest.bounding_sphere
-    axis = up or asset.manifest.coordinate_frame.up
+    axis = up or up_axis(asset)
     vector = [0.0, 0.0, 0.0]
-    axis = axis if axis != "unknown" else "-y"
     vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
     narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
     distance = _MARGIN * max(sphere.radius, 1e-6) / math.sin(narrow / 2)

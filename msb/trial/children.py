@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.children import end, ending, environment, last_line, module_command
+from msb.children import apart, end, ending, environment, last_line, module_command
 from msb.errors import shorten
 from msb.trial.limits import end_with_parent, limit_memory
 from msb.trial.mesh import load_mesh
@@ -66,7 +66,7 @@ def run_attempt(
                 stderr=errors,
                 env=environment(),
                 cwd=folder,
-                start_new_session=True,  # Ctrl-C is ours to handle
+                **apart(),  # Ctrl-C is ours to handle
             )
         try:
             while child.poll() is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset.drawable import check_drawable
-from msb.asset.look import WHITE, colors_of, stored_threshold, visible_faces
+from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
 from msb.topology.weld import weld_vertices
@@ -131,7 +131,7 @@ def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
 def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
     found = colors_of(asset)
     if found is None:
-        return np.full((asset.manifest.vertex_count, 3), WHITE, np.float32)
+        return np.ones((asset.manifest.vertex_count, 3), np.float32)
     values = found.values[:, :3]
     scale = np.float32(255 if values.dtype == np.uint8 else 1)
     values = (values / scale).astype(np.float32)

@@ -211,7 +211,7 @@ def test_gates(msb: Msb, book: Path, condition: str, status: int) -> None:
 @pytest.mark.parametrize(
     ("profile", "failing"),
     [
-        ("game", {"nonmanifold_edge_ratio", "nonmanifold_vertex_ratio", "vf_ratio"}),
+        ("game", {"nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"}),
         ("print", {"boundary_edges", "nonmanifold_edges", "nonmanifold_vertices"}),
         ("research", {"boundary_edge_ratio"}),
     ],

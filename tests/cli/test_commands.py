@@ -41,6 +41,7 @@ COMMANDS = (
     "validate",
     "view",
     "web",
+    "why",
 )
 
 
@@ -53,6 +54,30 @@ def test_help_has_usage_examples_and_fits_80_columns(msb: Msb, command: str) -> 
     assert "Examples:" in result.out
     assert "Exit status: 0 done" in result.out
     assert max(map(len, result.out.splitlines())) <= 80
+
+
+def test_no_command_shows_the_list_under_headings(msb: Msb) -> None:
+    alone = msb()
+    assert (alone.status, alone.err) == (0, "")
+    assert alone.out == msb("--help").out
+    listed = re.findall(r"^  ([a-z-]+)  +[A-Z]", alone.out, re.MULTILINE)
+    assert {*listed} == {name for name in COMMANDS if " " not in name} | {"trial", "--version"}
+    headings = ("Look at a mesh:", "Take a model out:", "Draw:", "Benchmark:", "Machine:")
+    places = [alone.out.index(heading) for heading in headings]
+    assert places == sorted(places)
+    assert "..." not in alone.out.replace("[ARGS]...", "")
+
+
+def test_there_is_one_way_to_completion(msb: Msb) -> None:
+    assert "completion" not in msb("--help").out.partition("Look at a mesh")[0]
+
+
+@pytest.mark.parametrize("command", ["audit", "convert", "export", "trial"])
+def test_help_names_arguments_without_braces_and_breaks_no_word(msb: Msb, command: str) -> None:
+    text = msb(command, "--help").out
+    assert "{" not in text
+    assert not re.search(r"\w-$", text, re.MULTILINE)
+    assert "<path>" not in text
 
 
 def test_help_may_be_asked_for_by_its_first_letter(msb: Msb) -> None:
@@ -68,7 +93,7 @@ def test_version_is_one_line(msb: Msb) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "args",
-    [[], ["audit"], ["validate"], ["info"], ["convert", "a.ply"], ["nonsense"], ["audit", "--jsn", "x"]],
+    [["audit"], ["validate"], ["info"], ["convert", "a.ply"], ["nonsense"], ["audit", "--jsn", "x"]],
 )
 def test_wrong_usage_is_status_2_on_stderr_only(msb: Msb, args: list[str]) -> None:
     result = msb(*args)
@@ -172,14 +197,53 @@ def test_convert_keeps_rows_order_and_colours(
     asset, mesh = library.load(demo_asset), read_mesh(target)
     corners = asset.buffers["positions"][asset.buffers["indices"]]
     assert np.array_equal(mesh.vertices[mesh.faces].astype(np.float32), corners)
+    assert result.out.startswith(f"{target}: ")
+    assert f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces" in result.out
+    assert "left out: opacity" in result.err
     if suffix == ".stl":
-        assert "left out" in result.err
+        assert "colours, which .stl has no place for" in result.err
         return
     assert np.array_equal(mesh.faces, asset.buffers["indices"])
     assert mesh.vertex_colors is not None
     colors = mesh.vertex_colors / (255 if mesh.vertex_colors.dtype == np.uint8 else 1)
     expected = np.clip(0.28209479177387814 * asset.buffers["f_dc"] + 0.5, 0, 1)
     assert np.abs(colors[:, :3] - expected).max() <= 0.5 / 255 + 1e-6
+
+
+def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text(
+        "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl red\nf 1/1/1 2/1/1 3/1/1\n"
+    )
+    result = msb("convert", tmp_path / "t.obj", tmp_path / "t.glb")
+    assert result.out == f"{tmp_path / 't.glb'}: 3 vertices, 1 faces, no colours\n"
+    assert result.err == f"{tmp_path / 't.glb'}: left out: normals, UVs, materials and their textures\n"
+    assert "MESH_FILE_LEFT_OUT" in msb("convert", tmp_path / "t.obj", tmp_path / "t.triasset").err
+    assert "UVs" not in msb("audit", tmp_path / "t.obj").err
+
+
+def test_convert_takes_a_folder(msb: Msb, tmp_path: Path) -> None:
+    source = ROOT / "data_stubs" / "models" / "pebble"
+    result = msb("convert", "--to", "ply", source, tmp_path / "out")
+    assert result.status == 4
+    assert "diffsoup" in result.err
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    assert made == {f"{name}.ply" for name in ("mesh_splatting", "triangle_splatting", "two_dts")}
+    assert msb("convert", source, tmp_path / "out.ply").status == 2
+    assert msb("convert", "--to", "ply", source / "two_dts", tmp_path / "a.ply").status == 2
+
+
+def test_export_guesses_the_name_of_its_output(msb: Msb, tmp_path: Path) -> None:
+    source = ROOT / "data_stubs" / "models" / "pebble" / "two_dts"
+    result = msb("export", "-q", source, cwd=tmp_path)
+    assert (result.status, [path.name for path in tmp_path.iterdir()]) == (0, ["two_dts.triasset"])
+    assert msb("export", "-q", source, cwd=tmp_path).status == 2
+
+
+def test_info_reads_meshes_and_checkpoints(msb: Msb) -> None:
+    for path in ("tests/golden/meshes/synthetic_splat_small.ply", "data_stubs/checkpoint"):
+        found = msb("info", "--json", "-", ROOT / path)
+        assert found.json["manifest"]["face_count"] > 0
+        assert "not yet one" in msb("info", ROOT / path).out
 
 
 @pytest.mark.slow
@@ -234,7 +298,7 @@ def test_convert_refuses_what_makes_no_sense(msb: Msb, demo_asset: Path, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "powershell"])
 def test_completion_prints_a_script_for_both_programs(msb: Msb, shell: str) -> None:
     result = msb("completion", shell)
     assert result.status == 0

@@ -294,6 +294,7 @@ READ = {
     "compare": {"path", "cameras", "images"},
     "view": {"path", "repaired"},
     "web": {"path", "cameras", "renders", "verify"},
+    "why": {"path", "cameras"},
 }
 """What names a path and is read, or a folder that outputs are put into, each at a name of its own."""
 WRITTEN = {

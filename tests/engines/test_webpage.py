@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 import msb
+from msb.asset.look import up_axis
 from msb.engines import webpage
 from msb.engines.mesh import engine_mesh
 from msb.render.images import to_bytes
@@ -123,8 +124,8 @@ def test_a_mesh_without_colours_is_lit_in_grey(in_browser: InBrowser) -> None:
 
 
 def test_mesh_files_have_y_up_and_trained_models_lie_as_colmap_has_them() -> None:
-    assert webpage.up_of(large()) == "+y"
-    assert webpage.up_of(exported(golden_views("two_dts")[0].folder / "checkpoint")) == "-y"
+    assert up_axis(large()) == "+y"
+    assert up_axis(exported(golden_views("two_dts")[0].folder / "checkpoint")) == "-y"
 
 
 HANDS = """

@@ -76,7 +76,7 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "long integer": (result().replace(b'"seconds": 1.5', b'"seconds": ' + DIGITS), "5000 digits"),
     "lone surrogate": (result().replace(b'"done"', b'"\\ud800"'), "surrogate"),
     "other schema": (result(schema="msb.result/3"), "/schema"),
-    "unknown key": (result(more=1), "/more: extra inputs"),
+    "unknown key": (result(more=1), "/more: there is no such key"),
     "true for a number": (result(seconds=True), "/seconds"),
     "status": (result(status="fine"), "/status"),
     "audit of a text": (result(audit={"counts": {"faces": "9"}, "metrics": {}}), "/audit/counts"),

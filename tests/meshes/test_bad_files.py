@@ -35,7 +35,7 @@ def test_bad_file(name: str, tmp_path: Path) -> None:
 
 def test_every_code_of_mesh_files_has_a_bad_file() -> None:
     codes = {code for code, entry in CODES.items() if entry.kind is MeshFileError}
-    assert {bad[2] for bad in BAD.values()} == codes
+    assert {bad[2] for bad in BAD.values()} == codes - {"MESH_FILE_LEFT_OUT"}  # a note, no error
 
 
 def test_a_glb_of_too_many_nodes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -158,3 +158,15 @@ def test_lpips(msb: Msb, vgg_file: Path) -> None:
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
     assert bad.status == 3
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")
+
+
+def test_what_all_images_fail_by_is_said_once(msb: Msb, tmp_path: Path) -> None:
+    for folder, size in (("pred", (8, 6)), ("gt", (16, 12))):
+        (tmp_path / folder).mkdir()
+        for number in range(3):
+            Image.new("RGB", size).save(tmp_path / folder / f"{number}.png")
+    result = msb("eval", tmp_path / "pred", tmp_path / "gt")
+    assert result.status == 3
+    assert result.err.splitlines()[1:] == [
+        "3 of 3 fail alike: pred has 8 x 6 pixels and gt 16 x 12; they must be equal"
+    ]

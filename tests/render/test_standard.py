@@ -113,9 +113,14 @@ def test_color_of_a_face_is_not_rounded(device: Device) -> None:
 BIG: NDArray[np.float64] = np.array([[[-9.0, -9, 2], [9, -9, 2], [0, 12, 2]]])
 
 
-def test_without_colors_white(device: Device) -> None:
-    frame = draw(device, mesh_asset(unshared(BIG)), camera())
-    np.testing.assert_array_equal(frame.image[30, 40], 1)
+def test_a_mesh_without_colors_is_grey_and_lit(device: Device) -> None:
+    image = draw(device, mesh_asset(unshared(BIG)), camera()).image
+    red, green, blue = image[30, 40].tolist()
+    assert red == green == blue
+    assert 0.2 < red < 0.9
+    turned = BIG.copy()
+    turned[..., 2] += 0.7 * turned[..., 0]
+    assert draw(device, mesh_asset(unshared(turned)), camera()).image[30, 40, 0] != red
 
 
 @pytest.mark.parametrize("corners", [[0, 1, 2], [2, 0, 1], [1, 0, 2]])

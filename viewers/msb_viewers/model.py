@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.look import known_up
 from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
 
 if TYPE_CHECKING:
@@ -254,7 +255,7 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
     model = ViewModel(
         name=mesh.name,
         method=mesh.method,
-        up=mesh.up if mesh.up != "unknown" else "+y" if mesh.method in (None, "mesh") else "-y",
+        up=known_up(mesh.up, mesh.method),
         audit=audit,
         analysis=analysis,
         points=points,

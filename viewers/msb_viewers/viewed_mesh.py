@@ -84,7 +84,8 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
 
     found = static_colors(mesh.buffers, mesh.domains)
     colors = None if found is None else Colors(color_bytes(found.values), found.domain)
-    notes = () if colors is not None or mesh.method in (None, "mesh") else (NO_COLOR,)
+    notes: tuple[str, ...] = () if colors is not None or mesh.method in (None, "mesh") else (NO_COLOR,)
+    notes += tuple(f"{each.code}: {each.message}" for each in mesh.warnings)
     return ViewedMesh(path.name, path, mesh.vertices, mesh.faces, colors, mesh.method, mesh.up, notes)
 
 

@@ -9,6 +9,7 @@ from msb.adapters.setting_sources import Settings
 from msb.asset import Description
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
+from msb.meshes.mesh import left_out_finding
 
 if TYPE_CHECKING:
     from msb.adapters.content import Content, Options
@@ -30,5 +31,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     InputError, MeshFileError, MeshError, AssetError, UsageError
     """
     Settings("mesh", options.settings)  # it has none: any name is an error
-    buffers, domains, kind = mesh_buffers(read_mesh(place.file))
-    return Model(buffers, domains, Description(appearance={"kind": kind}), place.root, (place.file,))
+    mesh = read_mesh(place.file)
+    buffers, domains, kind = mesh_buffers(mesh)
+    description = Description(appearance={"kind": kind})
+    return Model(buffers, domains, description, place.root, (place.file,), left_out_finding(mesh))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.look import up_axis
 from msb.errors import UsageError
 from msb.paths import SpelledFiles
 from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
@@ -152,9 +153,7 @@ class Surroundings:
         used = np.zeros(len(positions), bool)
         used[indices.reshape(-1)] = True
         center, radius, _ = framing(positions, used & np.isfinite(positions).all(axis=1))
-        axis = asset.manifest.coordinate_frame.up
-        unknown = "+y" if asset.manifest.method == "mesh" else "-y"  # trained scenes have COLMAP's axes
-        return cls(center, radius, up or (axis if axis != "unknown" else unknown))
+        return cls(center, radius, up or up_axis(asset))
 
     def first_pose(self) -> Pose:
         """Return the first view: all of the asset, from the same side as in the topology viewer."""

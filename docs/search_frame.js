@@ -1,0 +1,26 @@
+/* Search on pages that are opened from the disk, where browsers start no worker: what the worker would run
+   runs in a hidden frame instead, and messages go to and fro as they would. Nothing is fetched. */
+if (location.protocol === "file:") {
+  window.Worker = class extends EventTarget {
+    constructor(url) {
+      super();
+      this.frame = document.createElement("iframe");
+      this.frame.hidden = true;
+      document.body.append(this.frame);
+      const inside = this.frame.contentWindow;
+      inside.postMessage = (data) => this.dispatchEvent(new MessageEvent("message", { data }));
+      inside.importScripts = () => {};
+      const script = inside.document.createElement("script");
+      this.ready = new Promise((done) => { script.onload = done; });
+      script.src = url;
+      inside.document.body.append(script);
+    }
+    postMessage(data) {
+      const inside = this.frame.contentWindow;
+      this.ready.then(() => inside.dispatchEvent(new inside.MessageEvent("message", { data })));
+    }
+    terminate() { this.frame.remove(); }
+    set onmessage(hear) { this.addEventListener("message", hear); }
+    set onerror(hear) { this.addEventListener("error", hear); }
+  };
+}

@@ -1,0 +1,149 @@
+"""Why an export looks worse than the render: each cause by itself, measured on the asset that is asked about.
+
+A cause is a way in which a model is drawn otherwise than its method draws it. Each is measured by drawing the
+same cameras with it and without it, everything else alike, so that its PSNR is its own and nobody else's.
+docs/worse.md shows every cause in pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.metrics import psnr
+from msb.opening import as_asset
+from msb.scenes.around import around
+from msb.why.causes import CAUSES
+from msb.why.views import DoesNotApplyError, Views
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Mapping, Sequence
+
+    from msb.asset import Asset
+    from msb.scenes import Camera
+    from msb.why.causes import Known
+    from msb.why.views import Image
+
+__all__ = ["CAUSES", "EQUAL", "TURNTABLE", "Cause", "why"]
+
+TURNTABLE = (8, 640, 480)
+"""The number of views without cameras, and their width and height in pixels."""
+EQUAL = 90.0
+"""dB from which on images differ by rounding alone."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One way in which an export can look worse than the render.
+
+    Attributes
+    ----------
+    name : str
+        Such as "view_dependence".
+    title : str
+        The same in words.
+    applies : bool
+        Whether this asset can be drawn with it and without it.
+    db : float or None
+        PSNR in dB over all views of the images with it to those without; inf if they are equal, None if it
+        does not apply.
+    reason : str or None
+        Why it does not apply.
+    how_to_see : str
+        How to find out whether it is the cause of what one sees.
+    remedy : str
+        What to do then.
+    without, with_it : (H, W, 3) float32 or None
+        The view in which it is seen best.
+    """
+
+    name: str
+    title: str
+    applies: bool
+    db: float | None
+    reason: str | None
+    how_to_see: str
+    remedy: str
+    without: Image | None = None
+    with_it: Image | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `msb why --json` writes; `db` is null if the images are equal, and `equal` says so."""
+        equal = self.db is not None and self.db >= EQUAL
+        return {
+            "name": self.name,
+            "title": self.title,
+            "applies": self.applies,
+            "db": None if equal else self.db,
+            "equal": equal,
+            "reason": self.reason,
+            "how_to_see": self.how_to_see,
+            "remedy": self.remedy,
+        }
+
+
+def why(
+    asset: Asset | str | os.PathLike[str],
+    cameras: Sequence[Camera] | None = None,
+    *,
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    settings: Mapping[str, Any] | None = None,
+    device: str | None = None,
+    step: Callable[[], None] = lambda: None,
+) -> list[Cause]:
+    """Return what each cause of a worse look costs this asset.
+
+    Parameters
+    ----------
+    asset : Asset or path-like
+        An asset, or the path of anything that `msb.open` takes.
+    cameras : sequence of Camera, optional
+        The views; a turntable around the asset if not given.
+    background : (3,) floats
+    settings : mapping, optional
+        Values that replace settings that the asset stores.
+    device : str, optional
+        The OpenCL device.
+    step : callable
+        Called after each cause.
+
+    Returns
+    -------
+    list of Cause
+        One for each of `CAUSES`, also for those that do not apply.
+
+    Raises
+    ------
+    UsageError, AssetError, DeviceError
+        The errors of `msb.Renderer`.
+    """
+    found = as_asset(asset)
+    count, width, height = TURNTABLE
+    seen = around(found, count, width, height) if cameras is None else cameras
+    views = Views(found, seen, background, settings or {}, device)
+    causes = []
+    for known in CAUSES:
+        causes.append(_measured(known, views))
+        step()
+    return causes
+
+
+def _measured(known: Known, views: Views) -> Cause:
+    texts = (known.how_to_see, known.remedy)
+    try:
+        with_it, without = ([_image(one) for one in images] for images in known.measure(views))
+    except DoesNotApplyError as error:
+        return Cause(known.name, known.title, False, None, str(error), *texts)
+    errors = [float(((a - b) ** 2).mean()) for a, b in zip(with_it, without, strict=True)]
+    worst = int(np.argmax(errors))
+    # Over all views at once: a mean of PSNR would be infinite as soon as two images are equal.
+    pixels = [np.concatenate([image.reshape(-1, 1, 3) for image in images]) for images in (with_it, without)]
+    db = psnr(*pixels)
+    return Cause(known.name, known.title, True, db, None, *texts, without[worst], with_it[worst])
+
+
+def _image(drawn: Any) -> Image:
+    return np.clip(np.asarray(getattr(drawn, "image", drawn), np.float32), 0, 1)

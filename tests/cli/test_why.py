@@ -1,0 +1,80 @@
+"""Why an export looks worse: each cause is measured by itself, and those that cannot be say why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb
+from msb.meshes import Mesh
+from msb.meshes.assets import asset_from_mesh
+from msb.scenes.around import around
+from msb.why import CAUSES, why
+from tests.conftest import ROOT, TETRAHEDRON
+
+if TYPE_CHECKING:
+    from tests.cli.conftest import Msb
+
+MODELS = ROOT / "data_stubs" / "models" / "pebble"
+
+
+def measured(method: str) -> dict[str, tuple[bool, float | None]]:
+    asset = msb.open(MODELS / method)
+    found = why(asset, around(asset, 2, 64, 48))
+    assert [cause.name for cause in found] == [known.name for known in CAUSES]
+    assert all((cause.db is None) == (not cause.applies) == (cause.reason is not None) for cause in found)
+    return {cause.name: (cause.applies, cause.db) for cause in found}
+
+
+@pytest.mark.slow
+def test_a_blended_soup_loses_by_every_mistake() -> None:
+    found = measured("two_dts")
+    assert not found["supersampling"][0]
+    for name in ("view_dependence", "shading", "linear_colors", "opacity", "engine_order"):
+        db = found[name][1]
+        assert db is not None
+        assert 5 < db < 60, name
+
+
+@pytest.mark.slow
+def test_a_supersampled_method_loses_by_one_sample_and_a_decoder_has_no_static_colour() -> None:
+    db = measured("mesh_splatting")["supersampling"][1]
+    assert db is not None
+    assert 10 < db < 60
+    neural = measured("diffsoup")
+    assert neural["engine_order"] == (True, float("inf"))
+    assert not any(applies for name, (applies, _) in neural.items() if name != "engine_order")
+
+
+def test_a_plain_closed_mesh_has_no_causes_of_training_and_keeps_its_back_faces() -> None:
+    vertices, faces = TETRAHEDRON
+    colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 9, 9]], np.uint8)
+    asset = asset_from_mesh(Mesh(vertices, faces.astype(np.int64), colors))
+    found = {cause.name: cause for cause in why(asset, around(asset, 2, 48, 48))}
+    assert {name for name, cause in found.items() if cause.applies} == {
+        "supersampling",
+        "shading",
+        "linear_colors",
+        "back_faces",
+    }
+    assert found["back_faces"].db == float("inf")
+    assert found["back_faces"].to_dict()["db"] is None
+    assert found["back_faces"].to_dict()["equal"] is True
+    turned = asset_from_mesh(Mesh(vertices, faces[:, ::-1].astype(np.int64), colors))
+    (culled,) = [cause for cause in why(turned, around(turned, 2, 48, 48)) if cause.name == "back_faces"]
+    assert culled.db is not None
+    assert culled.db < 30
+
+
+@pytest.mark.slow
+def test_the_command_prints_the_list_and_writes_json_and_pictures(msb: Msb, tmp_path: object) -> None:
+    result = msb("why", "--size", "48x36", "--save", f"{tmp_path}/why", MODELS / "two_dts")
+    assert result.status == 0, result.err
+    assert "View dependence dropped" in result.out
+    assert "Not causes here:" in result.out
+    result = msb("why", "--size", "48x36", "--json", "-", MODELS / "two_dts")
+    assert result.json["schema"] == "msb.why/1"
+    assert {"name", "db", "applies", "how_to_see"} <= result.json["causes"][0].keys()
+    assert msb("why", "--scale", "0.5", MODELS / "two_dts").status == 2

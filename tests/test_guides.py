@@ -1,0 +1,109 @@
+"""README and the guides by user work from a wheel in an empty folder, and print what they show.
+
+What stands after a command in a ``console`` block is what it prints on standard output; ``...`` stands for
+anything. Commands of a document, and its Python, run one after the other in one folder.
+"""
+
+from __future__ import annotations
+
+import doctest
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import zipfile
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.slow
+
+DOCUMENTS = ["README.md", *sorted(f"docs/guides/{path.name}" for path in (ROOT / "docs/guides").iterdir())]
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+DRIVER = """
+import json, sys
+root, site, steps = sys.argv[1:]
+sys.path = [place for place in sys.path if place not in (root, root + "/viewers")]
+from importlib.metadata import distribution
+import msb
+assert msb.__file__.startswith(site)
+programs = {entry.name: entry for entry in distribution("meshsplatbench").entry_points}
+for words in json.loads(steps):
+    if isinstance(words, str):
+        exec(compile(words, "shown", "exec"), {"__name__": "shown"})
+    else:
+        sys.argv = words
+        try:
+            programs[words[0]].load()()
+        except SystemExit as end:
+            if end.code:
+                sys.exit(f"{words} ended with {end.code}")
+    print(chr(30), end="", flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder in which this tree's wheel is installed."""
+    pytest.importorskip("hatchling.builders", reason="extra test is not installed (hatchling)")
+    from hatchling.builders.wheel import WheelBuilder
+
+    folder = tmp_path_factory.mktemp("site")
+    (wheel,) = WheelBuilder(str(ROOT)).build(
+        directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"]
+    )
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def steps(document: str) -> list[tuple[str, str]]:
+    """Return the commands with what they print, and the Python as one step where it is shown last."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    found, python = [], []
+    for language, block in re.findall(r"^```(\w+)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        if language == "console":
+            for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
+                command, _, output = part.partition("\n")
+                found.append((command, output))
+        elif language == "python":
+            python.append(block)
+    return [*found, *([("\n".join(python), "...\n")] if python else [])]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_everything_typed_works_from_a_wheel_in_an_empty_folder(
+    document: str, site: Path, tmp_path: Path
+) -> None:
+    if "[bench]" in (ROOT / document).read_text(encoding="utf-8"):
+        pytest.importorskip("skimage", reason="extra bench is not installed")
+    shown = steps(document)
+    words = [shlex.split(step) if step.startswith("msb") else step for step, _ in shown]
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVER, str(ROOT), str(site), json.dumps(words)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site), "COLUMNS": "80", "NO_COLOR": "1"},
+        timeout=500,
+    )
+    assert done.returncode == 0, f"{done.stdout[-1000:]}\n{done.stderr[-2000:]}"
+    checker = doctest.OutputChecker()
+    for (step, wanted), printed in zip(shown, done.stdout.split(chr(30))[:-1], strict=True):
+        assert checker.check_output(wanted, printed, FLAGS), f"{step}\n{wanted}\n{printed}"
+
+
+def test_guides_are_commands_with_their_output() -> None:
+    for document in DOCUMENTS:
+        assert steps(document), document
+        text = (ROOT / document).read_text(encoding="utf-8")
+        assert "data_stubs" not in text, f"{document} names what a wheel has not"
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
