@@ -165,7 +165,8 @@ def repair_tables(figures: dict[str, Any]) -> str:
 
 def _repair_cells(row: dict[str, Any], stored: dict[str, Any]) -> list[str]:
     if row["why"] is not None:
-        return [row["strategy"], row["why"], *[""] * 10]
+        code = row["why"].partition(":")[0]
+        return [row["strategy"], "nothing left" if code == "TRIASSET_EMPTY" else f"`{code}`", *[""] * 10]
     ratio = row["boundary_edge_ratio"]
     return [
         row["strategy"],
