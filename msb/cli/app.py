@@ -131,7 +131,7 @@ app = _Typer(
     name="msb",
     cls=_Group,
     pretty_exceptions_enable=False,
-    epilog=epilog("msb demo-data data_stubs", "msb audit data_stubs/splat_like.triasset", "msb audit --help"),
+    epilog=epilog("msb audit data_stubs/splat_like.triasset", "msb audit --help"),
     **_PLAIN,
 )
 for _entry in (entry for entries in GROUPS.values() for entry in entries):

@@ -20,7 +20,7 @@ EPILOG = epilog(
     "msb convert data_stubs/splat_like.triasset out/splat_like.glb --up=-y",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
-    "msb convert --to ply data_stubs/models/pebble/two_dts out/meshes",
+    "msb convert --to triasset data_stubs/models/pebble out/assets",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}

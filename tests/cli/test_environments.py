@@ -291,7 +291,9 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
         assert b"RUN_PATH_NAME: " in one.err or not refused
         text = one.out.decode()
         # What was written is named as it is, for the next program; what was read, as a terminal can show it.
-        assert one.words[0] in ("view", "web", "run") or all(c.isprintable() or c == "\n" for c in text)
+        assert one.words[0] in ("convert", "view", "web", "run") or all(
+            c.isprintable() or c == "\n" for c in text
+        )
     for name in NAMES:
         assert json.loads((tmp_path / name / f"{name}.json").read_bytes())["path"].endswith(
             f"{name}.triasset"
