@@ -18,10 +18,10 @@ def test_the_table_says_what_to_type_and_what_is_taken(devices: Here) -> None:
     assert result.status == 0
     assert result.err == ""
     lines = result.out.splitlines()
-    names = ["--device", "Platform", "Device", "Kind", "Units", "Memory", "Driver", "Builds"]
+    names = ["--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device"]
     assert lines[0].split() == names
     taken = next(line for line in lines if line.startswith("pocl:0 *"))
-    assert taken.split()[-1] in ("yes", "mended")
+    assert {"yes", "mended"} & {*taken.split()}
     assert any(line.startswith("* is taken unless") for line in lines)
     assert max(map(len, lines)) <= 80
 
@@ -76,7 +76,7 @@ def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> 
     result = msb("devices", "-v", "--device", "pocl", **unknown)
     assert result.status == 0
     assert "told that it is a haswell" in " ".join(result.out.split())
-    assert next(line for line in result.out.splitlines() if line.startswith("pocl:0")).endswith("mended")
+    assert "mended" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
 
 
 @pytest.mark.slow

@@ -199,7 +199,8 @@ def test_a_browser_that_ends_is_told() -> None:
     need("threejs")
     asset = mesh_asset(scene("small", 1))
     with ThreeJsRenderer(asset) as renderer:
-        renderer._page._process.terminate()
+        renderer._page._process.kill()
+        renderer._page._process.wait(timeout=60)
         with pytest.raises(DeviceError, match="the browser ended with status") as info:
             renderer.render(camera(), (0, 0, 0))
         assert info.value.code == "ENGINE_FAILED"

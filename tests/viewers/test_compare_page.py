@@ -95,13 +95,15 @@ def in_browser(tmp_path: Path, text: str, script: str, width: int = 1280) -> dic
     ending += "document.body.replaceChildren(JSON.stringify(result)); })();</script></body>"
     path = tmp_path / "page.html"
     path.write_text(text.replace("</body>", ending))
-    done = subprocess.run(
-        [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--window-size={width},900",
-         f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--dump-dom",
-         path.as_uri()],
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    found = re.search(r"<body>(\{.*\})</body>", done.stdout, re.DOTALL)
+    for _ in range(3):  # on a loaded machine the browser's own clock may run out while it decodes a picture
+        done = subprocess.run(
+            [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--window-size={width},900",
+             f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--dump-dom",
+             path.as_uri()],
+            capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+        if found := re.search(r"<body>(\{.*\})</body>", done.stdout, re.DOTALL):
+            break
     assert found is not None, done.stdout[-2000:] + done.stderr[-2000:]
     return json.loads(found[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
 
