@@ -7,7 +7,6 @@ compiler leaves behind decides no test. PoCL itself tells programs, options and 
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 import sys
 import sysconfig
@@ -15,6 +14,8 @@ import tempfile
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
+
+from msb.cl.loader import user_cache
 
 SOURCES = Path(__file__).parent.parent / "msb"
 
@@ -25,13 +26,15 @@ def kept() -> Path:
     digest = hashlib.sha256("\n".join([wheel, sys.version, sysconfig.get_platform()]).encode())
     for path in sorted(SOURCES.rglob("*.cl")):
         digest.update(path.read_bytes())
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    cache = user_cache()
+    if cache is None:
+        raise FileNotFoundError("a user without a home keeps nothing")
     return cache / "meshsplatbench" / f"kernels-{digest.hexdigest()[:12]}"
 
 
 def copy_to(folder: Path) -> int:
     """Copy what is kept, if anything, and return the number of files."""
-    with suppress(OSError, metadata.PackageNotFoundError, RuntimeError):  # it only costs time
+    with suppress(OSError, metadata.PackageNotFoundError):  # it only costs time
         shutil.copytree(kept(), folder, dirs_exist_ok=True)
     return _count(folder)
 
@@ -40,7 +43,7 @@ def keep(folder: Path, before: int) -> None:
     """Put `folder` in the place of what is kept if more is in it than `before`, and drop other kernels."""
     if _count(folder) == before:
         return
-    with suppress(OSError, metadata.PackageNotFoundError, RuntimeError):
+    with suppress(OSError, metadata.PackageNotFoundError):
         place = kept()
         place.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="made-", dir=place.parent) as made:

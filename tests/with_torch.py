@@ -17,6 +17,8 @@ import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
+from msb.cl.loader import user_cache
+
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("tests/metrics", "tests/adapters", "tests/training")
 SECONDS = 1800
@@ -57,7 +59,8 @@ def packages() -> Path | None:
 def kept_in(wanted: list[str]) -> Path:
     """Return the folder for these requirements, this Python and this platform."""
     text = "\n".join([*wanted, sys.implementation.cache_tag or "", sysconfig.get_platform()])
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    cache = user_cache()
+    assert cache is not None, "a user without a home has no place for torch"
     return cache / "meshsplatbench" / f"lpips-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
