@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from data_stubs.trained import TRAINED
+from data_stubs.made_models import TRAINED
 from msb.methods import METHODS
 
 if TYPE_CHECKING:

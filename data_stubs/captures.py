@@ -1,33 +1,32 @@
-"""A tiny scene in the layout of each dataset, all of the same pebble: `data_stubs/scenes`."""
+"""A scene in the layout of each dataset, all of the same world: the shipped ones, and tiny ones for tests."""
 
 from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 from PIL import Image
 from scipy.io import savemat
 
 from data_stubs.colmap_file import rounded, write_colmap
-from data_stubs.photographs import averaged, photograph, to_bytes
-from data_stubs.surface import FRONT, Y_DOWN, Surface, pebble, walled
+from data_stubs.photographs import averaged, to_bytes
 from msb.scenes import Camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-VIEWS = 16
-POINTS = 400
-"""Number of points in a scene's SfM model."""
-SCAN_POINTS = 3000
 DISTANCE = 4.0
 FOV_Y = 0.7
+FRONT = np.array([0.0, -0.92, 0.39])
+"""The direction from the world's middle to the cameras that look at it from one side; z is up."""
+Y_DOWN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""The rotation from z up, as in NeRF-Synthetic, to y down, as in most COLMAP models."""
 
 MILLIMETRES = 12.0
 """Millimetres of DTU's world per unit of the normalised frame."""
@@ -35,10 +34,61 @@ OFFSET = np.array([5.0, -3.0, 600.0])
 VOXEL = 2.0
 
 
+class Shown(Protocol):
+    """What the surfaces of `data_stubs.surface` and `data_stubs.still_life` have in common."""
+
+    @property
+    def vertices(self) -> NDArray[np.float64]: ...
+    @property
+    def faces(self) -> NDArray[np.int64]: ...
+    @property
+    def color(self) -> NDArray[np.float64]: ...
+    def turned(self, rotation: NDArray[np.float64]) -> Self: ...
+
+
+@dataclass(frozen=True)
+class World:
+    """What scenes are captured from, and how finely.
+
+    Attributes
+    ----------
+    name : str
+        The name of its scenes but DTU's.
+    alone, inside : callable
+        Return the surface, z up: on its own for masked scenes, or with what fills every pixel behind it.
+    photograph : callable
+        Surface and camera -> (H, W, 4) in [0, 1]: straight colour, and the share of covered samples.
+    views : int
+        Number of cameras of scenes with a COLMAP model, every eighth of which is a test view.
+    around : mapping
+        "train" and "test" -> number of cameras of the scene with splits in files.
+    sizes : mapping
+        Dataset -> (width, height) of its photographs.
+    reduced : mapping
+        Mip-NeRF 360's folders of photographs -> the factor by which they are smaller than `sizes`.
+    quality : int
+        Of JPEG photographs.
+    points, scanned : int
+        Number of points of an SfM model, and of DTU's laser scan.
+    """
+
+    name: str
+    alone: Callable[[], Any]
+    inside: Callable[[], Any]
+    photograph: Callable[[Any, Camera], NDArray[np.float64]]
+    views: int
+    around: Mapping[str, int]
+    sizes: Mapping[str, tuple[int, int]]
+    reduced: Mapping[str, int]
+    quality: int
+    points: int
+    scanned: int
+
+
 def front_cameras(
     seed: int, size: tuple[int, int], names: list[str], *, y_down: bool, spread: float = 0.35
 ) -> list[Camera]:
-    """Return cameras on the side of the pebble that faces away from the wall, one for each name."""
+    """Return cameras that look at the world's middle from one side, one for each name."""
     random, turn = np.random.default_rng(seed), Y_DOWN if y_down else np.eye(3)
     cameras = []
     for name in names:
@@ -57,44 +107,47 @@ def front_cameras(
     return cameras
 
 
-def write_mipnerf360(folder: Path) -> None:
-    """Write Mip-NeRF 360: sparse/0, JPEG photographs, and the same reduced in images_2 and images_4."""
-    surface = walled().turned(Y_DOWN)
-    cameras = mipnerf360_cameras()
+def write_mipnerf360(world: World, folder: Path) -> None:
+    """Write Mip-NeRF 360: sparse/0, and JPEG photographs in folders of several sizes."""
+    surface = world.inside().turned(Y_DOWN)
+    cameras = mipnerf360_cameras(world)
     for camera in cameras:
-        image = photograph(surface, camera)[..., :3]
-        for name, factor in (("images", 1), ("images_2", 2), ("images_4", 4)):
-            write_photograph(folder / name / str(camera.name), averaged(image, factor))
-    write_colmap(folder / "sparse" / "0", cameras, *sfm_points(surface))
+        image = world.photograph(surface, camera)[..., :3]
+        for name, factor in world.reduced.items():
+            write_photograph(folder / name / str(camera.name), averaged(image, factor), world.quality)
+    write_colmap(folder / "sparse" / "0", cameras, *sfm_points(surface, cameras, world.points))
 
 
-def mipnerf360_cameras() -> list[Camera]:
+def mipnerf360_cameras(world: World) -> list[Camera]:
     """Return the cameras of the Mip-NeRF 360 stub at full size."""
-    return front_cameras(1, (256, 192), [f"DSC{i:05d}.JPG" for i in range(7950, 7950 + VIEWS)], y_down=True)
+    names = [f"DSC{i:05d}.JPG" for i in range(7950, 7950 + world.views)]
+    return front_cameras(1, world.sizes["mipnerf360"], names, y_down=True)
 
 
-def write_tanksandtemples(folder: Path) -> None:
+def write_tanksandtemples(world: World, folder: Path) -> None:
     """Write Tanks and Temples as 3DGS packages it: photographs half as large as the recorded cameras."""
-    surface = walled().turned(Y_DOWN)
-    cameras = tanksandtemples_cameras()
+    surface = world.inside().turned(Y_DOWN)
+    cameras = tanksandtemples_cameras(world)
     for camera in cameras:
-        write_photograph(folder / "images" / str(camera.name), photograph(surface, camera)[..., :3])
+        image = world.photograph(surface, camera)[..., :3]
+        write_photograph(folder / "images" / str(camera.name), image, world.quality)
     recorded = [camera.resized(2 * camera.width - 1, 2 * camera.height - 1) for camera in cameras]
-    write_colmap(folder / "sparse" / "0", recorded, *sfm_points(surface))
+    write_colmap(folder / "sparse" / "0", recorded, *sfm_points(surface, cameras, world.points))
 
 
-def tanksandtemples_cameras() -> list[Camera]:
+def tanksandtemples_cameras(world: World) -> list[Camera]:
     """Return the cameras of the Tanks and Temples stub at the size of its photographs."""
-    return front_cameras(2, (112, 80), [f"{i:06d}.jpg" for i in range(1, VIEWS + 1)], y_down=True)
+    names = [f"{i:06d}.jpg" for i in range(1, world.views + 1)]
+    return front_cameras(2, world.sizes["tanksandtemples"], names, y_down=True)
 
 
-def write_nerf_synthetic(folder: Path) -> None:
+def write_nerf_synthetic(world: World, folder: Path) -> None:
     """Write NeRF-Synthetic: RGBA PNG, two JSON files, and depths and normals among the test images."""
-    surface = pebble()
-    for split, cameras in nerf_synthetic_cameras().items():
+    surface = world.alone()
+    for split, cameras in nerf_synthetic_cameras(world).items():
         frames = []
         for camera in cameras:
-            image = photograph(surface, camera)
+            image = world.photograph(surface, camera)
             file = folder / f"{camera.name}.png"
             write_photograph(file, image)
             if split == "test":
@@ -107,31 +160,35 @@ def write_nerf_synthetic(folder: Path) -> None:
         (folder / f"transforms_{split}.json").write_text(json.dumps(document, indent=1))
 
 
-def nerf_synthetic_cameras() -> dict[str, list[Camera]]:
+def nerf_synthetic_cameras(world: World) -> dict[str, list[Camera]]:
     """Return the cameras of the NeRF-Synthetic stub: all around, above the horizon; a circle for testing."""
     random = np.random.default_rng(3)
-    turns = {"train": random.uniform(0, 2 * np.pi, 12), "test": np.arange(4) * np.pi / 2 + 0.3}
-    heights = {"train": random.uniform(0.1, 0.9, 12), "test": np.full(4, 0.5)}
+    train, test = world.around["train"], world.around["test"]
+    turns = {"train": random.uniform(0, 2 * np.pi, train), "test": np.arange(test) * 2 * np.pi / test + 0.3}
+    heights = {"train": random.uniform(0.1, 0.9, train), "test": np.full(test, 0.5)}
+    width, height_in_pixels = world.sizes["nerf_synthetic"]
     found: dict[str, list[Camera]] = {}
     for split, angles in turns.items():
         found[split] = []
         for index, (angle, height) in enumerate(zip(angles, heights[split], strict=True)):
             flat = DISTANCE * np.sqrt(1 - height**2)
             eye = flat * np.cos(angle), flat * np.sin(angle), DISTANCE * height
-            camera = Camera.look_at(eye, (0, 0, 0), up=(0, 0, 1), width=144, height=144, fov_y=FOV_Y)
+            camera = Camera.look_at(
+                eye, (0, 0, 0), up=(0, 0, 1), width=width, height=height_in_pixels, fov_y=FOV_Y
+            )
             found[split].append(replace(camera, name=f"{split}/r_{index}"))
     return found
 
 
-def write_dtu(folder: Path) -> None:
+def write_dtu(world: World, folder: Path) -> None:
     """Write DTU as 2DGS packages it: RGBA, masks, cameras.npz, a COLMAP model, and the laser scan."""
-    surface, cameras = pebble(), dtu_cameras()
+    surface, cameras = world.alone(), dtu_cameras(world)
     scan = folder / "scan1"
     scale = np.diag([MILLIMETRES, MILLIMETRES, MILLIMETRES, 1.0])
     scale[:3, 3] = OFFSET
     matrices: dict[str, Any] = {}
     for index, camera in enumerate(cameras):
-        image = photograph(surface, camera)
+        image = world.photograph(surface, camera)
         image[..., :3] += 0.35 * (image[..., 3:] == 0)  # a grey table behind the mask
         write_photograph(scan / "images" / str(camera.name), image)
         mask = np.repeat(255 * (image[..., 3:] >= 0.5), 3, axis=2).astype(np.uint8)
@@ -141,19 +198,18 @@ def write_dtu(folder: Path) -> None:
         matrices[f"world_mat_{index}"] = (lens @ camera.world_to_camera @ np.linalg.inv(scale)).astype("<f4")
         matrices[f"scale_mat_{index}"] = scale.astype("<f4")
     np.savez(scan / "cameras.npz", **matrices)
-    write_colmap(scan / "sparse" / "0", cameras, *sfm_points(surface))
-    _write_laser_scan(folder, surface)
+    write_colmap(scan / "sparse" / "0", cameras, *sfm_points(surface, cameras, world.points))
+    _write_laser_scan(folder, surface, world.scanned)
 
 
-def dtu_cameras() -> list[Camera]:
+def dtu_cameras(world: World) -> list[Camera]:
     """Return the cameras of the DTU stub."""
-    return front_cameras(
-        4, (144, 108), [f"{index:04d}.png" for index in range(VIEWS)], y_down=False, spread=0.6
-    )
+    names = [f"{index:04d}.png" for index in range(world.views)]
+    return front_cameras(4, world.sizes["dtu"], names, y_down=False, spread=0.6)
 
 
-def _write_laser_scan(folder: Path, surface: Surface) -> None:
-    points, _ = on_surface(surface, SCAN_POINTS, 5)
+def _write_laser_scan(folder: Path, surface: Shown, count: int) -> None:
+    points, _ = on_surface(surface, count, 5)
     points = points * MILLIMETRES + OFFSET
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
     header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
@@ -179,36 +235,59 @@ def _write_mat(path: Path, values: dict[str, NDArray[Any]]) -> None:
     path.write_bytes(content)
 
 
-def on_surface(surface: Surface, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (count, 3) spread evenly over the surface, and their colours without sheen."""
+def on_surface(
+    surface: Shown, count: int, seed: int, density: NDArray[np.float64] | float = 1.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (count, 3) spread over the surface, and their colours without sheen.
+
+    They are spread evenly, or by a density of each face (F,).
+    """
     random = np.random.default_rng(seed)
     corners = surface.vertices[surface.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    face = random.choice(len(area), count, p=area / area.sum())
+    share = area * density
+    face = random.choice(len(area), count, p=share / share.sum())
     u, v = np.sqrt(random.random(count)), random.random(count)
     weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)[:, None]
     colors = surface.color[surface.faces]
     return (weights @ corners[face])[:, 0], (weights @ colors[face])[:, 0]
 
 
-def sfm_points(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Return points and colours as a reconstruction finds them."""
-    places, colors = on_surface(surface, POINTS, 6)
+def sfm_points(
+    surface: Shown, cameras: list[Camera], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Return points and colours as a reconstruction finds them: more where a place is large in images."""
+    middle = surface.vertices[surface.faces].mean(axis=1)
+    density = np.mean([((middle - camera.center) ** 2).sum(axis=1) ** -1.0 for camera in cameras], axis=0)
+    places, colors = on_surface(surface, count, 6, density)
     return places, to_bytes(colors)
 
 
-def write_photograph(path: Path, image: NDArray[Any]) -> None:
+def write_photograph(path: Path, image: NDArray[Any], quality: int = 92) -> None:
     """Write an image (H, W, 3 or 4), floats in [0, 1] or bytes, as the suffix says."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = image if image.dtype == np.uint8 else to_bytes(image)
-    options: dict[str, Any] = {"optimize": True} if path.suffix == ".png" else {"quality": 92}
+    options: dict[str, Any] = {"optimize": True} if path.suffix == ".png" else {"quality": quality}
     Image.fromarray(pixels).save(path, **options)
 
 
-WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
-    "mipnerf360": ("mipnerf360/pebble", write_mipnerf360),
-    "tanksandtemples": ("tanksandtemples/pebble", write_tanksandtemples),
-    "nerf_synthetic": ("nerf_synthetic/pebble", write_nerf_synthetic),
-    "dtu": ("dtu", write_dtu),
+def write_scenes(world: World, folder: Path) -> None:
+    """Write a scene in each layout below `folder`."""
+    for dataset, write in WRITERS.items():
+        place = folder / place_of(dataset, world)
+        place.mkdir(parents=True, exist_ok=True)
+        write(world, place)
+
+
+def place_of(dataset: str, world: World) -> str:
+    """Return the folder of a dataset's stub; DTU's scene has a name of its own in it."""
+    return dataset if dataset == "dtu" else f"{dataset}/{world.name}"
+
+
+WRITERS: dict[str, Callable[[World, Path], None]] = {
+    "mipnerf360": write_mipnerf360,
+    "tanksandtemples": write_tanksandtemples,
+    "nerf_synthetic": write_nerf_synthetic,
+    "dtu": write_dtu,
 }
-"""Dataset -> its folder below data_stubs/scenes, and the function that writes it."""
+"""Dataset -> the function that writes it."""

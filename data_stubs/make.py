@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from data_stubs import captures, trained
+from data_stubs import captures
+from data_stubs.photographs import photograph
 from data_stubs.splat_like import splat_like
-from data_stubs.surface import Y_DOWN, pebble, walled
+from data_stubs.still_life import pebbles, pebbles_before_a_wall
 from data_stubs.torch_file import write_torch
 from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.manifest import CoordinateFrame, StoredSetting
@@ -97,22 +98,29 @@ def cameras() -> list[Camera]:
     return turntable(center, 2.4, up=(0, 1, 0), count=8, width=640, height=480, fov_y=0.7, elevation=0.35)
 
 
-def write_models(folder: Path) -> None:
-    """Write a model of each method for the masked scenes, and one for those before a wall."""
-    trained.write_models(folder / "pebble", pebble(), white=True, layout="synthetic")
-    trained.write_models(folder / "walled", walled().turned(Y_DOWN), white=False, layout="colmap")
-
-
-def write_scenes(folder: Path) -> None:
-    """Write a scene in each layout."""
-    for place, write in captures.WRITERS.values():
-        (folder / place).mkdir(parents=True, exist_ok=True)
-        write(folder / place)
+WORLD = captures.World(
+    name="pebble",
+    alone=pebbles,
+    inside=pebbles_before_a_wall,
+    photograph=photograph,
+    views=57,
+    around={"train": 24, "test": 8},
+    sizes={
+        "mipnerf360": (960, 720),
+        "tanksandtemples": (240, 180),
+        "nerf_synthetic": (240, 240),
+        "dtu": (240, 180),
+    },
+    reduced={"images_4": 4, "images_8": 8},
+    quality=88,
+    points=2000,
+    scanned=3000,
+)
+"""What the shipped scenes show. Of Mip-NeRF 360's photographs those are left out that would be megabytes."""
 
 
 if __name__ == "__main__":
-    write_models(HERE / "models")
-    write_scenes(HERE / "scenes")
+    captures.write_scenes(WORLD, HERE / "scenes")
     write_cameras(cameras(), HERE / "views.json", background=(1, 1, 1))
     write_checkpoint(HERE / "checkpoint")
     write_asset(splat_like_asset(), HERE / "splat_like.triasset")

@@ -1,32 +1,32 @@
-"""Photographs of a surface: the float64 twin of the standard tier, sampled finely and averaged."""
+"""Photographs of a surface: our standard tier, sampled finely and averaged."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msb.reference.standard import render_standard
+from msb.meshes import Mesh
+from msb.meshes.assets import asset_from_mesh
+from msb.render import render
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from data_stubs.surface import Surface
+    from data_stubs.still_life import LitSurface
     from msb.scenes import Camera
 
 SAMPLES = 4
 """Number of samples along each side of a pixel."""
 
 
-def photograph(surface: Surface, camera: Camera) -> NDArray[np.float64]:
+def photograph(surface: LitSurface, camera: Camera) -> NDArray[np.float64]:
     """Return what `camera` sees, (H, W, 4) in [0, 1]: straight colour, and the share of covered samples."""
-    fine = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
-    frame = render_standard(
-        surface.vertices, surface.faces, surface.seen_from(camera.center), "vertex", replace(fine, name=None)
-    )
-    alpha = averaged(np.asarray(frame.alpha)[..., None], SAMPLES)
-    color = averaged(np.asarray(frame.image), SAMPLES)  # over black: times alpha
+    colors = to_bytes(surface.seen_from(camera.center))
+    asset = asset_from_mesh(Mesh(surface.vertices, surface.faces, colors, None))
+    fine = render(asset, camera.resized(SAMPLES * camera.width, SAMPLES * camera.height))
+    alpha = averaged(fine.alpha.astype(np.float64)[..., None], SAMPLES)
+    color = averaged(fine.image.astype(np.float64), SAMPLES)  # over black: times alpha
     straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
     return np.concatenate([straight, alpha], axis=2)
 

@@ -1,4 +1,4 @@
-"""The known surfaces the stub scenes show: a coloured pebble, alone and in front of a curved wall.
+"""The known surfaces that tiny scenes show: a coloured pebble, alone and in front of a curved wall.
 
 Colours have a part that depends on the view direction, so that only renderers that evaluate a model's
 appearance can come close to the photographs.
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from data_stubs.captures import FRONT
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -21,14 +23,9 @@ WALL_RADIUS = 9.0
 WALL_REACH = 0.2
 """Cosine of the angle from its middle to which the wall goes: past what any camera sees, and no farther,
 since Triangle-Splatting mirrors what is behind a camera into the image."""
-FRONT = np.array([0.0, -0.92, 0.39])
-"""The direction from the pebble to the middle of the cameras that see it before the wall; z is up."""
 LIGHT = np.array([0.6, -0.5, 0.62])
 """Direction of the sheen, a unit vector but for rounding: colours grow by `gloss` along it."""
 GLOSS = 0.16
-
-Y_DOWN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""The rotation from z up, as in NeRF-Synthetic, to y down, as in most COLMAP models."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from tests.scenes.bad_cameras import SMALL as CAMERAS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-STUBS = ROOT / "data_stubs"
+STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"
 MATLAB = ("ObsMask1_10.mat", "Plane1.mat")
 

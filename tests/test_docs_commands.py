@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 DOCUMENTS = sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))
-SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
-MODEL = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"
-TWO_DTS = ROOT / "data_stubs" / "models" / "walled" / "two_dts"
+SCENE = ROOT / "tests" / "tiny" / "scenes" / "mipnerf360" / "pebble"
+MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "mesh_splatting"
+TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 
 NOT_RUN = {
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",

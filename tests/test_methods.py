@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from data_stubs.trained import _WRITERS
+from data_stubs.made_models import _WRITERS
 from msb.adapters.exporter import adapters
 from msb.methods import BUILT_IN, METHODS, with_role
 from msb.scenes.datasets.rulebook import OURS, RULES

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
-DIFFSOUP = ROOT / "data_stubs" / "models" / "walled" / "diffsoup"
+DIFFSOUP = ROOT / "tests" / "tiny" / "models" / "walled" / "diffsoup"
 NEAR = [[1.0, 0, 0], [1 + 1e-12, 0, 0], [1, 1, 0], [1, 0, 1]]
 """Two points that float64 tells apart and float32 does not."""
 FACES = [[0, 1, 2], [0, 1, 3]]

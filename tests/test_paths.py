@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-SCENE = ROOT / "data_stubs" / "scenes" / "nerf_synthetic" / "pebble"
-COLMAP = ROOT / "data_stubs" / "scenes" / "tanksandtemples" / "pebble"
+SCENE = ROOT / "tests" / "tiny" / "scenes" / "nerf_synthetic" / "pebble"
+COLMAP = ROOT / "tests" / "tiny" / "scenes" / "tanksandtemples" / "pebble"
 COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "caf\u00e9") for form in ("NFC", "NFD"))
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-TWO_DTS = ROOT / "data_stubs" / "models" / "walled" / "two_dts"
+TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height=72, fov_y=0.9)
 
 

@@ -66,7 +66,7 @@ def test_a_converted_file_holds_no_colour_outside_of_0_to_1() -> None:
 
 
 def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
-    path = ROOT / "data_stubs" / "models" / "pebble" / "two_dts"
+    path = ROOT / "tests" / "tiny" / "models" / "pebble" / "two_dts"
     asset = export(path, settings={"ste_threshold": 0.5})
     opacity = np.linspace(-3, 3, asset.manifest.face_count, dtype=np.float32)
     opacity = opacity.reshape(asset.buffers["opacity"].shape)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from msb.bench.run import Report
 
-STUBS = ROOT / "data_stubs"
+STUBS = ROOT / "tests" / "tiny"
 PEBBLE = STUBS / "models" / "pebble"
 TIMES = {"seconds", "timing", "timings_ms", "stages_ms", *OF_THE_MOMENT}
 

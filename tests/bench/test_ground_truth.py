@@ -20,7 +20,7 @@ from tests.conftest import ROOT
 
 GOLDEN = ROOT / "tests/golden/metrics/scenes"
 LOADERS: dict[str, Any] = json.loads((GOLDEN / "cameras.json").read_text())
-STUBS = ROOT / "data_stubs" / "scenes"
+STUBS = ROOT / "tests" / "tiny" / "scenes"
 WITH_PIXELS = [
     (layout, key)
     for layout in ("colmap_bin", "colmap_txt")

@@ -33,8 +33,8 @@ ASSET = "data_stubs/splat_like.triasset"
         f"info {ASSET}",
         "methods",
         "report --paper --table mesh_connectivity",
-        "run --dry-run data_stubs/protocol.toml",
-        "scenes data_stubs/scenes/dtu/scan1",
+        "run --dry-run tests/tiny/protocol.toml",
+        "scenes tests/tiny/scenes/dtu/scan1",
         f"validate {ASSET}",
         "validate --explain USAGE",
     ],
@@ -111,8 +111,10 @@ def test_stopping_early_leaves_the_rest_alone(msb: Msb, tmp_path: Path) -> None:
     assert result.status == 3
     assert [("error" in json.loads(line)) for line in result.out.splitlines()] == [True, False]
     (tmp_path / "scan").mkdir()
-    both = msb("scenes", tmp_path / "scan", ROOT / "data_stubs" / "scenes" / "dtu" / "scan1")
-    one = msb("scenes", "--fail-fast", tmp_path / "scan", ROOT / "data_stubs" / "scenes" / "dtu" / "scan1")
+    both = msb("scenes", tmp_path / "scan", ROOT / "tests" / "tiny" / "scenes" / "dtu" / "scan1")
+    one = msb(
+        "scenes", "--fail-fast", tmp_path / "scan", ROOT / "tests" / "tiny" / "scenes" / "dtu" / "scan1"
+    )
     assert (both.status, one.status) == (3, 3)
     assert both.out
     assert one.out == ""

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 ASSET = "data_stubs/splat_like.triasset"
 CHECKPOINT = "data_stubs/checkpoint"
-SCENE = "data_stubs/scenes/nerf_synthetic/pebble"
+SCENE = "tests/tiny/scenes/nerf_synthetic/pebble"
 GOLDEN = "tests/golden/metrics"
-DRY = ("run", "--dry-run", "data_stubs/protocol.toml")
+DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
 SMALL = ("--turntable", "1", "--size", "32x24", "-o")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
 EXTRAS += ("dask", "distributed", "pynvml", "wgpu", "bpy")
@@ -112,7 +112,7 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         "bench": [
             ("render", "--format", "exr", *SMALL, "e", ASSET),
             ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
-            ("run", "-o", "r", "data_stubs/protocol.toml"),
+            ("run", "-o", "r", "tests/tiny/protocol.toml"),
             ("report", "--paper", "-o", "paper"),
             ("track", "-o", "track.json", "true"),
         ],
@@ -157,7 +157,7 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
         ("render", *SMALL, "r", ASSET),
         ("render", "--tier", "dedicated", *SMALL, "r", ASSET),
         ("bench", ASSET),
-        ("run", "-o", "res", "data_stubs/protocol.toml"),
+        ("run", "-o", "res", "tests/tiny/protocol.toml"),
         ("devices",),
         ("compare", "-q", *cameras, "--tiers", "standard", "--html", "c.html", ASSET),
     ]
@@ -336,9 +336,9 @@ def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
         ("audit", ASSET),
         ("info", ASSET),
         ("methods",),
-        ("scenes", "data_stubs/scenes"),
+        ("scenes", "tests/tiny/scenes"),
         ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
-        ("run", "--dry-run", "--only", "pebble", "data_stubs/protocol.toml"),
+        ("run", "--dry-run", "--only", "pebble", "tests/tiny/protocol.toml"),
     ]
     plain = {"NO_COLOR": None, "FORCE_COLOR": None, "TERM": "xterm"}
     wide = run_all(commands, work, COLUMNS="80", **plain)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tests.cli.conftest import Msb
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
-SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
+SCENE = ROOT / "tests" / "tiny" / "scenes" / "mipnerf360" / "pebble"
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +208,7 @@ def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_mo
     msb: Msb, tmp_path: Path
 ) -> None:
     model = tmp_path / "model"
-    shutil.copytree(ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting", model)
+    shutil.copytree(ROOT / "tests" / "tiny" / "models" / "walled" / "mesh_splatting", model)
     (model / "cfg_args").write_text("Namespace(white_background=True)")
     whole = read_scene(SCENE)
     for split, views in (("train", whole.train), ("all", (*whole.train, *whole.test))):

@@ -128,7 +128,7 @@ def test_a_vertex_that_is_not_finite_is_named(msb: Msb, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Path) -> None:
-    model = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting"
+    model = ROOT / "tests" / "tiny" / "models" / "walled" / "mesh_splatting"
     task = ("--task", "intersections")
     result = msb("repair", "--compare", *task, model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json")
     assert result.status == 0, result.err

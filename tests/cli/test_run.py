@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from tests.cli.conftest import Msb
 
-STUBS = ROOT / "data_stubs"
+STUBS = ROOT / "tests" / "tiny"
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 MODEL = STUBS / "models" / "pebble" / "two_dts"
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from tests.cli.conftest import Msb
 
-STUBS = ROOT / "data_stubs" / "scenes"
+STUBS = ROOT / "tests" / "tiny" / "scenes"
 
 
 @pytest.mark.slow

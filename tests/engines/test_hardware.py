@@ -259,7 +259,7 @@ def test_options_that_only_this_tier_has_are_refused_elsewhere() -> None:
 def garden(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Path:
     """Return models of a triangle for each point of a real capture."""
     from benchmarks.garden import surface_of
-    from data_stubs.trained import write_models
+    from data_stubs.made_models import write_models
 
     folder = tmp_path_factory.mktemp("garden")
     write_models(folder, surface_of(shared / "golden" / "garden"), white=False, layout="colmap")

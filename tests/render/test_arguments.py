@@ -129,7 +129,7 @@ def test_an_argument_of_another_type_is_refused_by_name(
 @pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_what_lies_at_a_path_is_drawn_as_the_asset_made_of_it(tier: Any, cpu: Device) -> None:
-    path = "data_stubs/models/walled/mesh_splatting"
+    path = "tests/tiny/models/walled/mesh_splatting"
     with msb.Renderer(path, tier, cpu) as renderer:
         frame = renderer.render(front_camera())
     assert np.array_equal(frame.image, msb.render(msb.export(path), front_camera(), tier, device=cpu).image)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from msb.repair import Repaired
 
-MODELS = ROOT / "data_stubs" / "models" / "pebble"
+MODELS = ROOT / "tests" / "tiny" / "models" / "pebble"
 
 
 @pytest.fixture(scope="module")

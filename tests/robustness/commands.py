@@ -10,6 +10,7 @@ from data_stubs.make import write_checkpoint
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
+from tests.tiny import MODELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -80,7 +81,7 @@ def _render(*more: object) -> Callable[[Path, Path], Sequence[object]]:
 
 
 def _export(method: str) -> Callable[[Path, Path], Sequence[object]]:
-    source = STUBS / "models" / "pebble" / method
+    source = MODELS / "pebble" / method
     return lambda _inputs, out: ["export", source, out / f"{method}.triasset"]
 
 

@@ -12,7 +12,7 @@ from tests.conftest import ROOT
 if TYPE_CHECKING:
     from pathlib import Path
 
-STUBS = ROOT / "data_stubs" / "scenes"
+STUBS = ROOT / "tests" / "tiny" / "scenes"
 SCENES = ("mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble", "dtu/scan1")
 
 
