@@ -22,8 +22,8 @@ import msb
 from benchmarks import engines_dedicated
 from benchmarks.measure import machine
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, pose, shell
-from data_stubs.make import splat_like_asset
 from data_stubs.made_models import TRAINED
+from data_stubs.make import splat_like_asset
 from msb import Camera
 from msb.asset import Description, build_asset
 from msb.engines.agreement import agreement

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_stubs.surface import Surface
 from data_stubs.made_models import TRAINED, write_models
+from data_stubs.surface import Surface
 from msb.bench.protocol import parse_protocol
 from msb.bench.run import Report, run_protocol
 from msb.scenes import read_points

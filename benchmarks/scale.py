@@ -26,8 +26,8 @@ import numpy as np
 
 from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, soup
 from benchmarks.measure import machine, peak
-from data_stubs.torch_file import write_torch
 from data_stubs.made_models import TRAINED
+from data_stubs.torch_file import write_torch
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -68,6 +68,8 @@ class World:
         Mip-NeRF 360's folders of photographs -> the factor by which they are smaller than `sizes`.
     quality : int
         Of JPEG photographs.
+    levels : int
+        Levels of a channel in PNG photographs: with fewer than 256 they are smaller.
     points, scanned : int
         Number of points of an SfM model, and of DTU's laser scan.
     """
@@ -81,6 +83,7 @@ class World:
     sizes: Mapping[str, tuple[int, int]]
     reduced: Mapping[str, int]
     quality: int
+    levels: int
     points: int
     scanned: int
 
@@ -149,7 +152,7 @@ def write_nerf_synthetic(world: World, folder: Path) -> None:
         for camera in cameras:
             image = world.photograph(surface, camera)
             file = folder / f"{camera.name}.png"
-            write_photograph(file, image)
+            write_photograph(file, coarse(image, world.levels))
             if split == "test":
                 for kind in ("depth_0000", "normal_0000"):
                     write_photograph(file.with_name(f"{file.stem}_{kind}.png"), image[::9, ::9])
@@ -190,7 +193,7 @@ def write_dtu(world: World, folder: Path) -> None:
     for index, camera in enumerate(cameras):
         image = world.photograph(surface, camera)
         image[..., :3] += 0.35 * (image[..., 3:] == 0)  # a grey table behind the mask
-        write_photograph(scan / "images" / str(camera.name), image)
+        write_photograph(scan / "images" / str(camera.name), coarse(image, world.levels))
         mask = np.repeat(255 * (image[..., 3:] >= 0.5), 3, axis=2).astype(np.uint8)
         write_photograph(scan / "mask" / f"{index:03d}.png", mask)
         lens = np.eye(4)
@@ -261,6 +264,11 @@ def sfm_points(
     density = np.mean([((middle - camera.center) ** 2).sum(axis=1) ** -1.0 for camera in cameras], axis=0)
     places, colors = on_surface(surface, count, 6, density)
     return places, to_bytes(colors)
+
+
+def coarse(image: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
+    """Return an image in [0, 1] rounded to so many levels."""
+    return np.round(np.clip(image, 0, 1) * (levels - 1)) / (levels - 1)
 
 
 def write_photograph(path: Path, image: NDArray[Any], quality: int = 92) -> None:

@@ -112,8 +112,9 @@ WORLD = captures.World(
         "dtu": (240, 180),
     },
     reduced={"images_4": 4, "images_8": 8},
-    quality=88,
-    points=2000,
+    quality=85,
+    levels=64,
+    points=3000,
     scanned=3000,
 )
 """What the shipped scenes show. Of Mip-NeRF 360's photographs those are left out that would be megabytes."""

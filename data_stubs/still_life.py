@@ -36,7 +36,7 @@ SKY = 0.42
 """Light from all around, where nothing hides it."""
 SHEEN_POWER = 10.0
 
-STONE = 0.27
+STONE = 0.42
 """Length of a stone of the mosaic along its radius."""
 
 CREAM, SLATE, COBALT, RUST, OCHRE, MOSS = (
@@ -215,7 +215,7 @@ def _stones(points: Reals) -> tuple[Reals, Reals]:
         np.abs(place - np.round(place)) / count * 2 * np.pi * radius,
     )
     shade = 1 - 0.25 * _step(0.014 - seam)
-    far = np.clip((radius - 2.2) / 2.5, 0, 1)[:, None]
+    far = np.clip((radius - 1.7) / 1.5, 0, 1)[:, None]
     return (STONES[kind] * shade[:, None]) * (1 - far) + STONES.mean(axis=0) * far, np.full(len(x), 0.06)
 
 

@@ -11,7 +11,15 @@ from msb.atomic import new_folder
 if TYPE_CHECKING:
     import os
 
-CONTENTS = ("checkpoint", "models", "protocol.toml", "scenes", "splat_like.triasset", "views.json")
+CONTENTS = (
+    "checkpoint",
+    "models",
+    "protocol.toml",
+    "protocol_all.toml",
+    "scenes",
+    "splat_like.triasset",
+    "views.json",
+)
 """The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel."""
 PROTOCOL, RESULTS = "protocol.toml", "results"
 _IN_WHEEL = Path(__file__).parent / "demo_data"

@@ -36,6 +36,7 @@ def _arguments() -> argparse.Namespace:
     add("--iterations", type=int, help="how long instead, which gives the same on machines of any speed")
     add("--faces", type=int, default=8000, help="how many triangles at most (8000)")
     add("--image-folder", help="folder of the photographs, such as images_2, instead of the rules' own")
+    add("--points", type=Path, help="folder of another scene whose SfM points to start from, for one without")
     add("--resolution", type=int, help="1, 2, 4 or 8 divide the photographs' size; any other is a width")
     add("--sh-degree", type=int, default=2, choices=range(4), help="degree of the colours (2)")
     add("--rasterizer", default="3D", choices=("2D", "3D"), help="2DTS' rasterizer (3D)")
@@ -58,7 +59,12 @@ def _train(options: argparse.Namespace) -> int:
     if not options.minutes > 0 or options.faces < 1 or not options.gamma >= 1:
         raise UsageError("USAGE", "--minutes and --faces must be positive, --gamma at least 1")
     capture = read_capture(
-        options.scene, options.method, options.image_folder, options.resolution, options.seed
+        options.scene,
+        options.method,
+        options.image_folder,
+        options.resolution,
+        options.seed,
+        points=options.points,
     )
     chosen = Options(
         faces=options.faces,

@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay, cKDTree
 from data_stubs.training import mesh_splatting
 from data_stubs.training.files import write_state_dict
 from data_stubs.training.model import Model, Options, Statistics, between, geometric, worst
-from data_stubs.training.start import chosen, color_coefficients, pixel_sizes
+from data_stubs.training.start import chosen, color_coefficients, pixel_sizes, spread_out
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,12 +24,16 @@ if TYPE_CHECKING:
     from data_stubs.training.scene import Capture
     from msb.scenes import Camera
 
-_START_VERTICES = 0.15
+_START_VERTICES = 0.35
 """Vertices to start from, per triangle in the end."""
 _START_FACES = 0.8
+_MOST_POINTS = 50_000
 _LONGEST = 4.0
 """Edges of a triangle to start from are at most so many times as long as those around it."""
 _GROWN, _LAST_CHANGE = 0.6, 0.75
+_OPAQUE = 0.5
+"""The time from which faces are opaque with hard edges. Derivatives by place miss what is behind, then."""
+_NEIGHBOURS = 14
 MIN_PEAK = 0.1
 MIN_EDGE = 2.5
 """In pixels: a shorter edge is not split."""
@@ -40,9 +44,9 @@ FINEST = 4
 class MeshSplatting(Model):
     """Places, opacity and SH of shared vertices.
 
-    Simplified from the official training: it starts from the small faces of a Delaunay tetrahedralisation of
-    the points, drops faces that show little, and splits the longest edges of faces that err, with all faces
-    at an edge, so that what was connected stays so.
+    Simplified from the official training: it starts from a surface through the points, drops faces that show
+    little, and splits the longest edges of faces that err, with all faces at an edge, so that what was
+    connected stays so.
     """
 
     method = "mesh_splatting"
@@ -57,7 +61,9 @@ class MeshSplatting(Model):
 
     def start(self) -> dict[str, torch.Tensor]:
         limit = max(int(_START_VERTICES * self.options.faces), 16)
-        points, colors = chosen(self.capture.points, self.capture.colors, limit, self.random)
+        points, colors = chosen(self.capture.points, self.capture.colors, _MOST_POINTS, self.random)
+        spread = spread_out(points, pixel_sizes(points, self.cameras), limit, self.random)
+        points, colors = points[spread], colors[spread]
         self.indices = surface_like(points, int(_START_FACES * self.options.faces))
         used, self.indices = _used(self.indices)
         points, colors = points[used], colors[used]
@@ -71,7 +77,7 @@ class MeshSplatting(Model):
         }
 
     def settings(self, progress: float) -> dict[str, Any]:
-        opaque = between(progress, 0.1, 0.7)
+        opaque = between(progress, 0.05, _OPAQUE)
         return {
             "sh_degree": self.options.sh_degree,
             "supersample": FINEST if progress >= 0.9 else 2,
@@ -85,7 +91,8 @@ class MeshSplatting(Model):
     def rates(self, progress: float) -> dict[str, Any]:
         slower = geometric(1, 0.1, between(progress, 0.7, 1))
         return {
-            "triangles_points": torch.from_numpy(self._pixel)[:, None] * geometric(0.25, 0.02, progress),
+            "triangles_points": torch.from_numpy(self._pixel)[:, None]
+            * geometric(0.25, 0.003, between(progress, 0, _OPAQUE)),
             "vertex_weight": 0.04 * slower,
             "features_dc": 0.015 * slower,
             "features_rest": 0.001 * slower,
@@ -142,15 +149,26 @@ class MeshSplatting(Model):
 
 
 def surface_like(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Return at most `count` of the Delaunay faces of points (N, 3), whose edges are short for the place."""
-    cells = Delaunay(points).simplices.astype(np.int64)
-    faces = np.concatenate([np.delete(cells, corner, axis=1) for corner in range(4)])
-    faces = np.unique(np.sort(faces, axis=1), axis=0)
-    spacing = cKDTree(points).query(points, 4)[0][:, 1:].mean(axis=1)
+    """Return at most `count` triangles that join points (N, 3) to a surface.
+
+    Around each point, those near it are triangulated in the plane they suggest (Delaunay). Triangles on which
+    two corners agree are taken first, those with the shortest edges for the place before others.
+    """
+    distances, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
+    around = points[near] - points[:, None]
+    centered = around - around.mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(centered.transpose(0, 2, 1) @ centered)
+    flat = around @ axes[:, :, 1:]
+    found = []
+    for members, places in zip(near, flat, strict=True):
+        fan = Delaunay(places, qhull_options="QJ").simplices
+        found.append(members[fan[(fan == 0).any(axis=1)]])
+    faces, votes = np.unique(np.sort(np.concatenate(found), axis=1), axis=0, return_counts=True)
     edges = np.linalg.norm(points[faces] - points[np.roll(faces, -1, axis=1)], axis=2)
-    ratio = edges.max(axis=1) / spacing[faces].mean(axis=1)
-    order = np.argsort(ratio, kind="stable")[:count]
-    return np.sort(faces[order[ratio[order] <= _LONGEST]], axis=1)
+    ratio = edges.max(axis=1) / distances[faces, 1:4].mean(axis=(1, 2))
+    likely = ratio * np.where(votes >= 2, 1, 2)
+    order = np.argsort(likely, kind="stable")[:count]
+    return np.sort(faces[order[likely[order] <= _LONGEST]], axis=1)
 
 
 def split_edges(

@@ -54,9 +54,17 @@ class Capture:
 
 
 def read_capture(
-    path: Path, method: str, image_folder: str | None, resolution: int | None, seed: int
+    path: Path,
+    method: str,
+    image_folder: str | None,
+    resolution: int | None,
+    seed: int,
+    *,
+    points: Path | None = None,
 ) -> Capture:
     """Read the scene at `path` as `msb run` evaluates `method` on it.
+
+    `points` is the folder of another scene in the same frame, whose SfM points are taken in place of its own.
 
     Raises
     ------
@@ -69,16 +77,18 @@ def read_capture(
         for cameras in (scene.train, scene.test)
     ]
     try:
-        points, colors = read_points(path)
+        places, colors = read_points(points or path)
         colors = colors / 255
     except MsbError:
-        points, colors = np.zeros((0, 3)), np.zeros((0, 3))
-    if len(points) < 16:
-        points = _anywhere([camera for camera, _ in views[0]], np.random.default_rng(seed))
-        colors = np.full(points.shape, 0.5)
+        if points is not None:
+            raise
+        places, colors = np.zeros((0, 3)), np.zeros((0, 3))
+    if len(places) < 16:
+        places = _anywhere([camera for camera, _ in views[0]], np.random.default_rng(seed))
+        colors = np.full(places.shape, 0.5)
     about = {"source_path": str(path), "images": scene.image_folder}
     synthetic = scene.layout == "blender"
-    return Capture(*views, np.array(scene.background), points, np.asarray(colors), about, synthetic)
+    return Capture(*views, np.array(scene.background), places, np.asarray(colors), about, synthetic)
 
 
 def _anywhere(cameras: list[Camera], random: np.random.Generator) -> NDArray[np.float64]:

@@ -30,6 +30,22 @@ def chosen(
     return points[first], colors[first]
 
 
+def spread_out(
+    points: NDArray[np.float64], spacing: NDArray[np.float32], count: int, random: np.random.Generator
+) -> NDArray[np.int64]:
+    """Return the numbers of at most `count` of points (N, 3) that lie far apart, in units of `spacing` (N,).
+
+    Each is the farthest from all before it (farthest-point sampling).
+    """
+    taken = [int(random.integers(len(points)))]
+    nearest = np.full(len(points), np.inf)
+    while len(taken) < min(count, len(points)):
+        away = np.square(points - points[taken[-1]]).sum(axis=1) / np.square(spacing)
+        nearest = np.minimum(nearest, away)
+        taken.append(int(nearest.argmax()))
+    return np.sort(np.array(taken))
+
+
 def triangles_at(
     points: NDArray[np.float64], scale: float, random: np.random.Generator
 ) -> NDArray[np.float64]:

@@ -55,6 +55,7 @@ PEBBLE = captures.World(
     },
     reduced={"images": 1, "images_2": 2, "images_4": 4},
     quality=92,
+    levels=256,
     points=400,
     scanned=3000,
 )

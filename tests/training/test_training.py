@@ -29,7 +29,7 @@ def training(folder: Path, method: str, layout: str = "colmap", iterations: int 
     from data_stubs.training.model import Options
     from data_stubs.training.scene import read_capture
 
-    capture = read_capture(ROOT / "data_stubs" / "scenes" / SCENES[layout], method, None, None, seed)
+    capture = read_capture(ROOT / "tests" / "tiny" / "scenes" / SCENES[layout], method, None, None, seed)
     model = MODELS[method](capture, Options(faces=300, sh_degree=1, seed=seed))
     return Training(model, Length(1, iterations), folder, {})
 
@@ -121,7 +121,7 @@ def test_training_makes_it_better(method: str, tmp_path: Path) -> None:
 
 def test_command(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "data_stubs.training", "--method", "triangle_splatting", "--faces", "200"]
-    scene = ["--scene", str(ROOT / "data_stubs" / "scenes" / SCENES["colmap"])]
+    scene = ["--scene", str(ROOT / "tests" / "tiny" / "scenes" / SCENES["colmap"])]
     done = subprocess.run(
         [*words, *scene, "--iterations", "5", "--output", str(tmp_path / "model")],
         capture_output=True,

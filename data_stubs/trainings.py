@@ -1,0 +1,134 @@
+"""Train the models in `data_stubs/models`: `python -m data_stubs.trainings`, an hour on two cores.
+
+`--garden SCENE` trains the four models of docs/trained.md instead, of Mip-NeRF 360's garden at 1/16 of its
+size. `--jobs` trainings run beside each other, each on one core; `--only` names some. All end up in
+`--output`, those of the stub scenes in `data_stubs/models` as well. A training that was interrupted goes on.
+`--table` trains nothing and prints the table of what is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from msb.methods import METHODS
+
+HERE = Path(__file__).parent
+_LEFT_OUT = "training.npz"
+"""The state of the training, many times as large as the model."""
+
+_STUBS = {
+    "walled": ("mipnerf360/pebble", "--image-folder", "images_4"),
+    "pebble": ("nerf_synthetic/pebble", "--points", "data_stubs/scenes/dtu/scan1"),
+}
+"""Model -> its scene with options: before a wall, and on its own, which is DTU's scene, too."""
+_STUB_OPTIONS = {
+    "two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
+    "triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
+    "mesh_splatting": "--faces 7000 --sh-degree 1 --iterations 2200",
+    "diffsoup": "--faces 1400 --level 1 --iterations 2000",
+}
+_GARDEN_OPTIONS = {
+    "two_dts": "--faces 20000 --sh-degree 2 --iterations 9000",
+    "triangle_splatting": "--faces 20000 --sh-degree 2 --iterations 9000",
+    "mesh_splatting": "--faces 30000 --sh-degree 2 --iterations 3500",
+    "diffsoup": "--faces 12000 --level 2 --iterations 3000",
+}
+_GARDEN = ("--image-folder", "images_8", "--resolution", "2")
+
+
+def trainings(garden: Path | None) -> dict[str, list[str]]:
+    """Return name -> arguments of `data_stubs.training`."""
+    found = {}
+    if garden is not None:
+        for method, options in _GARDEN_OPTIONS.items():
+            found[method] = ["--scene", str(garden), *_GARDEN, "--method", method, *options.split()]
+        return found
+    for world, (scene, *more) in _STUBS.items():
+        for method, options in _STUB_OPTIONS.items():
+            place = f"data_stubs/scenes/{scene}"
+            found[f"{world}/{method}"] = ["--scene", place, *more, "--method", method, *options.split()]
+    return found
+
+
+def train(output: Path, name: str, arguments: list[str]) -> int:
+    """Train one model, its progress in `output`/`name`.log, and return the exit status."""
+    folder = output / name
+    folder.mkdir(parents=True, exist_ok=True)
+    again = ["--resume"] if (folder / _LEFT_OUT).exists() else []
+    command = [sys.executable, "-m", "data_stubs.training", *arguments, "--output", str(folder), *again]
+    one_core = {**os.environ, "OMP_NUM_THREADS": "1"}
+    with (output / f"{name}.log").open("a") as log:
+        status = subprocess.run(command, stdout=log, stderr=log, env=one_core, check=False, cwd=HERE.parent)
+    print(f"{name}: exit status {status.returncode}", flush=True)
+    return status.returncode
+
+
+def ship(output: Path, name: str) -> None:
+    """Put the official files of a finished training, and its log, into `data_stubs/models`."""
+    target = HERE / "models" / name
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(output / name, target, ignore=shutil.ignore_patterns(_LEFT_OUT))
+
+
+def table(folders: dict[str, Path]) -> str:
+    """Return a Markdown table of trainings: name -> folder with `training.json`."""
+    shares = (0.1, 0.25, 0.5, 0.75, 1.0)
+    lines = [
+        "| method | scene | triangles | SH, or level | iterations | minutes | held-out PSNR in dB at "
+        + ", ".join(f"{share:.0%}" for share in shares).replace("%", " %")
+        + " of them |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, folder in folders.items():
+        about: dict[str, Any] = json.loads((folder / "training.json").read_text())
+        options, method = about["options"], about["method"]
+        detail = f"level {options['level']}" if method == "diffsoup" else f"SH {options['sh_degree']}"
+        course = [
+            min(about["psnr"], key=lambda entry: abs(entry["iteration"] - share * about["iterations"]))[
+                "psnr"
+            ]
+            for share in shares
+        ]
+        scene = about["command"]["scene"] + (f" ({name.split('/')[0]})" if "/" in name else "")
+        lines.append(
+            f"| {METHODS[method].title} | {scene} | {about['faces']:,} | {detail} | {about['iterations']:,} "
+            f"| {about['seconds'] / 60:.0f} | {', '.join(f'{value:.1f}' for value in course)} |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Train, and return the exit status: that of the worst training."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--garden", type=Path, metavar="SCENE")
+    parser.add_argument("--output", type=Path, default=Path("out/trainings"))
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", nargs="+", metavar="NAME")
+    parser.add_argument("--table", action="store_true")
+    options = parser.parse_args()
+    chosen = trainings(options.garden.resolve() if options.garden else None)
+    chosen = {name: value for name, value in chosen.items() if not options.only or name in options.only}
+    output: Path = options.output.resolve() / ("garden" if options.garden else "stubs")
+    if not options.table:
+        with ThreadPoolExecutor(options.jobs) as pool:
+            statuses = list(pool.map(partial(train, output), chosen, chosen.values()))
+        if any(statuses):
+            return max(statuses)
+        if options.garden is None:
+            for name in chosen:
+                ship(output, name)
+    print(table({name: output / name for name in chosen}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
