@@ -44,7 +44,7 @@ demo: $(FOR_DEMO)
 	@echo "== As any engine takes it: msb convert"
 	@$(BIN)/msb convert --force data_stubs/splat_like.triasset out/demo/splat_like.glb
 	@echo
-	@echo "== Four methods on four scenes, on every path: msb run"
+	@echo "== Four methods on two scenes, on every path: msb run"
 	@$(BIN)/msb run --jobs 2 -o out/demo/results data_stubs/protocol.toml
 	@echo
 	@echo "== What that says: msb report"

@@ -1,9 +1,13 @@
 """The whole protocol on a real capture: `python -m benchmarks.garden SCENE`.
 
-No trained model of a capture ships with this repository: one of each method is made from the capture's SfM
-points: a small triangle at every point, oriented by its neighbours and coloured as photographed. They are
-worth what such points are worth, a sparse and spotty picture; what is shown is that a capture in its official
-layout goes through export, rendering, comparison, timing and audit, and what that takes.
+`--models DIR` has a trained model in a folder of each method's name, such as `python -m data_stubs.trainings
+--garden SCENE` leaves in out/trainings/garden; docs/trained.md is made from that. It is also drawn as an
+engine would draw it (`VARIANTS`, `ENGINES`), and artists' tasks are tried on it and on its repairs.
+
+Without, one of each method is made from the capture's SfM points: a small triangle at every point, oriented
+by its neighbours and coloured as photographed. They are worth what such points are worth, a sparse and spotty
+picture; what is shown is that a capture in its official layout goes through export, rendering, comparison,
+timing and audit, and what that takes.
 """
 
 from __future__ import annotations
@@ -28,6 +32,15 @@ SIZE = 1.6
 """Distance from a triangle's middle to its corners, in mean distances to the nearest three neighbours."""
 LARGEST = 0.98
 """Quantile of sizes above which triangles grow no more: single points far away would cover the sky."""
+
+VARIANTS = {
+    "engine": {"order": "global", "sampling": "engine"},
+    "unsorted": {"order": "none", "sampling": "engine"},
+    "wgpu": {"renderer": "wgpu"},
+}
+"""Label -> what is different from the dedicated tier."""
+ENGINES = ["wgpu", "threejs"]
+"""Renderers of the plain mesh beside ours."""
 
 
 def surface_of(scene: Path) -> Surface:
@@ -56,17 +69,33 @@ def surface_of(scene: Path) -> Surface:
     )
 
 
-def protocol_text(scene: Path, image_folder: str | None, reference: bool) -> str:
-    """Return the protocol that evaluates the models in models/ on the scene."""
-    lines = [
+def protocol_text(
+    scene: Path,
+    models: str,
+    image_folder: str | None,
+    resolution: int | None,
+    *,
+    reference: bool,
+    all_of_it: bool,
+) -> str:
+    """Return the protocol that evaluates the models in a folder on the scene."""
+    lines = [f"engines = {json.dumps(ENGINES)}", "[trial]", "compare = true"] if all_of_it else []
+    for label, options in VARIANTS.items() if all_of_it else ():
+        lines += [
+            "[[variants]]",
+            f'label = "{label}"',
+            *(f'{name} = "{value}"' for name, value in options.items()),
+        ]
+    lines += [
         "[[datasets]]",
         'name = "mipnerf360"',
         f"path = {json.dumps(str(scene.parent.resolve()))}",
         f"scenes = [{json.dumps(scene.name)}]",
         *([f"image_folder = {json.dumps(image_folder)}"] if image_folder else []),
+        *([f"resolution = {resolution}"] if resolution else []),
     ]
     for method in TRAINED:
-        lines += ["[[methods]]", f'name = "{method}"', 'model = "models/{method}"']
+        lines += ["[[methods]]", f'name = "{method}"', f"model = {json.dumps(models + '/{method}')}"]
         lines += ['non_engine = "reference"'] if reference else []
     return "\n".join(lines) + "\n"
 
@@ -92,15 +121,26 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path, help="folder of a capture in Mip-NeRF 360's layout")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/garden"))
+    parser.add_argument("--models", type=Path, help="trained models, a folder for each method")
+    parser.add_argument("--resolution", type=int, help="1, 2, 4 or 8 divide the photographs' size")
     parser.add_argument("--image-folder", help="where the photographs are, if not in images_4 or images_2")
     parser.add_argument("--reference", action="store_true", help="our NumPy renderer as Non-Engine: slow")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    start = time.perf_counter()
-    surface = surface_of(given.scene)
-    write_models(given.out / "models", surface, white=False, layout="colmap")
-    print(f"{len(surface.faces):,} triangles of each method in {time.perf_counter() - start:.0f} s")
-    text = protocol_text(given.scene, given.image_folder, given.reference)
+    given.out.mkdir(parents=True, exist_ok=True)
+    if given.models is None:
+        start = time.perf_counter()
+        surface = surface_of(given.scene)
+        write_models(given.out / "models", surface, white=False, layout="colmap")
+        print(f"{len(surface.faces):,} triangles of each method in {time.perf_counter() - start:.0f} s")
+    text = protocol_text(
+        given.scene,
+        "models" if given.models is None else str(given.models.resolve()),
+        given.image_folder,
+        given.resolution,
+        reference=given.reference,
+        all_of_it=given.models is not None,
+    )
     (given.out / "protocol.toml").write_text(text)
     report = run_protocol(parse_protocol(text.encode(), given.out / "protocol.toml"), jobs=given.jobs)
     show(report)

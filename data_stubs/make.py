@@ -1,7 +1,7 @@
 """Make everything in this folder that is no script: `python -m data_stubs.make`. Same script, same bytes.
 
-An asset and a checkpoint with the structure of trained ones; a tiny scene in the layout of each dataset
-(`data_stubs.captures`), and a model of each method for it (`data_stubs.trained`). Photographs are compressed
+An asset and a checkpoint with the structure of trained ones; a small scene in the layout of each dataset
+(`data_stubs.captures`). The models of them are trained: `data_stubs.trainings`. Photographs are compressed
 by Pillow, so their bytes depend on its version; their pixels do not, or in JPEG by a level.
 """
 

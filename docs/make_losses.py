@@ -47,8 +47,8 @@ CAPTURE = 100_000
 SHOWN = ("orb_diffuse/0", "torus_sh0_white/0", "bumpy_sphere_sh3/0", "soup_l1_black_noview/0")
 
 STUBS = ROOT / "data_stubs"
-SCALE = 7
-"""Of the stub scene's cameras of 64 x 48 pixels, for the pictures of causes."""
+SIZE = 448, 336
+"""Pixels of the views in which causes are measured and shown."""
 GAP = 8
 """Pixels between the two halves of such a picture."""
 WIDTH = 900
@@ -167,7 +167,7 @@ def save(strips: list[NDArray[np.float32]], path: Path) -> None:
 
 def causes(folder: Path) -> str:
     """Write a picture of each cause on the stub models into `folder`, and return their table."""
-    cameras = [camera.scaled(SCALE) for camera in msb.read_cameras(STUBS / "scenes/mipnerf360/pebble")[:4]]
+    cameras = [camera.resized(*SIZE) for camera in msb.read_cameras(STUBS / "scenes/mipnerf360/pebble")[:4]]
     found = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in TRAINED}
     head = ["cause", *TITLES.values()]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]

@@ -13,7 +13,7 @@ from PIL import Image
 HERE = Path(__file__).parent
 PROTOCOL = HERE.parent / "data_stubs" / "protocol.toml"
 IMAGES = HERE / "images"
-VERDICT = "verdict-tanksandtemples-pebble-triangle_splatting.html"
+VERDICT = "verdict-mipnerf360-pebble-mesh_splatting.html"
 COLORS = 256
 """Of the palette: a third of the bytes, no text gets harder to read."""
 

@@ -21,10 +21,10 @@ def demo_data(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Write tiny scenes, trained models and a protocol to try every command on: 2 MB, no network.
+    """Write small scenes, trained models and protocols to try every command on: 8 MB, no network.
 
     There is a scene in the layout of each dataset, a model of each method for it, a checkpoint, an asset with
-    the faults of trained ones, cameras, and a protocol with all of them. --force replaces demo data in DIR,
+    the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces demo data in DIR,
     results in it included, and nothing else.
     """
     from msb.atomic import check_place
@@ -40,7 +40,7 @@ def demo_data(
             raise UsageError("OUTPUT_EXISTS", text, file=target)
     with output.progress(f"writing {target.name}"):
         size = write_demo(target)
-    echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, a protocol; {size / 1e6:.1f} MB")
+    echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, two protocols; {size / 1e6:.1f} MB")
     if not quiet:
         names = ("splat_like.triasset", PROTOCOL, RESULTS)
         asset, protocol, results = (shell_word(target / name) for name in names)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 EPILOG = epilog(
     "msb eval data_stubs/scenes/tanksandtemples/pebble/images/000001.jpg \\\n"
     "      data_stubs/scenes/tanksandtemples/pebble/images/000002.jpg",
-    "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_2 \\\n"
-    "      data_stubs/scenes/mipnerf360/pebble/images_2",
+    "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
+    "      data_stubs/scenes/mipnerf360/pebble/images_4",
 )
 SCHEMA = "msb.eval/1"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
