@@ -31,16 +31,20 @@ _STUBS = {
 }
 """Model -> its scene with options: before a wall, and on its own, which is DTU's scene, too."""
 _STUB_OPTIONS = {
-    "two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
-    "triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
-    "mesh_splatting": "--faces 7000 --sh-degree 1 --iterations 2200",
-    "diffsoup": "--faces 1400 --level 1 --iterations 2000",
+    "walled/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
+    "walled/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
+    "walled/mesh_splatting": "--faces 8000 --sh-degree 1 --iterations 2000",
+    "walled/diffsoup": "--faces 1400 --level 1 --iterations 2000",
+    "pebble/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
+    "pebble/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
+    "pebble/mesh_splatting": "--faces 6500 --sh-degree 1 --iterations 3000",
+    "pebble/diffsoup": "--faces 1400 --level 1 --iterations 2000",
 }
 _GARDEN_OPTIONS = {
-    "two_dts": "--faces 20000 --sh-degree 2 --iterations 9000",
-    "triangle_splatting": "--faces 20000 --sh-degree 2 --iterations 9000",
-    "mesh_splatting": "--faces 30000 --sh-degree 2 --iterations 3500",
-    "diffsoup": "--faces 12000 --level 2 --iterations 3000",
+    "two_dts": "--faces 20000 --sh-degree 2 --iterations 8000",
+    "triangle_splatting": "--faces 20000 --sh-degree 2 --iterations 8000",
+    "mesh_splatting": "--faces 30000 --sh-degree 2 --iterations 4000",
+    "diffsoup": "--faces 12000 --level 2 --iterations 3500",
 }
 _GARDEN = ("--image-folder", "images_8", "--resolution", "2")
 
@@ -52,10 +56,10 @@ def trainings(garden: Path | None) -> dict[str, list[str]]:
         for method, options in _GARDEN_OPTIONS.items():
             found[method] = ["--scene", str(garden), *_GARDEN, "--method", method, *options.split()]
         return found
-    for world, (scene, *more) in _STUBS.items():
-        for method, options in _STUB_OPTIONS.items():
-            place = f"data_stubs/scenes/{scene}"
-            found[f"{world}/{method}"] = ["--scene", place, *more, "--method", method, *options.split()]
+    for name, options in _STUB_OPTIONS.items():
+        world, method = name.split("/")
+        scene, *more = _STUBS[world]
+        found[name] = ["--scene", f"data_stubs/scenes/{scene}", *more, "--method", method, *options.split()]
     return found
 
 

@@ -31,8 +31,9 @@ _MOST_POINTS = 50_000
 _LONGEST = 4.0
 """Edges of a triangle to start from are at most so many times as long as those around it."""
 _GROWN, _LAST_CHANGE = 0.6, 0.75
-_OPAQUE = 0.5
-"""The time from which faces are opaque with hard edges. Derivatives by place miss what is behind, then."""
+_AT_REST, _OPAQUE = 0.4, 0.7
+"""The times from which places hardly change, and faces are opaque with hard edges: derivatives by place miss
+what is behind opaque faces, so places are at rest before."""
 _NEIGHBOURS = 14
 MIN_PEAK = 0.1
 MIN_EDGE = 2.5
@@ -92,7 +93,7 @@ class MeshSplatting(Model):
         slower = geometric(1, 0.1, between(progress, 0.7, 1))
         return {
             "triangles_points": torch.from_numpy(self._pixel)[:, None]
-            * geometric(0.25, 0.003, between(progress, 0, _OPAQUE)),
+            * geometric(0.25, 0.003, between(progress, 0, _AT_REST)),
             "vertex_weight": 0.04 * slower,
             "features_dc": 0.015 * slower,
             "features_rest": 0.001 * slower,
@@ -101,11 +102,12 @@ class MeshSplatting(Model):
     def restructure(self, progress: float, seen: Statistics) -> None:
         if progress > _LAST_CHANGE:
             return
-        kept = seen.peak > MIN_PEAK
-        faces, error = self.indices[kept], seen.error[kept]
         places = self.parameters["triangles_points"].detach().numpy()
-        edges = np.linalg.norm(places[faces] - places[np.roll(faces, -1, axis=1)], axis=2)
-        wide = edges.max(axis=1) > MIN_EDGE * self._pixel[faces].mean(axis=1)
+        edges = np.linalg.norm(places[self.indices] - places[np.roll(self.indices, -1, axis=1)], axis=2)
+        wide = edges.max(axis=1) > MIN_EDGE * self._pixel[self.indices].mean(axis=1)
+        # A small triangle lies between samples and is part of the surface all the same.
+        kept = (seen.peak > MIN_PEAK) | ~wide
+        faces, error, edges, wide = self.indices[kept], seen.error[kept], edges[kept], wide[kept]
         grown = between(progress, 0, _GROWN)
         target = self.options.faces * (_START_FACES + (1 - _START_FACES) * grown)
         wanted = max(int(target) - len(faces), 0)
