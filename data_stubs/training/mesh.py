@@ -31,9 +31,9 @@ _MOST_POINTS = 50_000
 _LONGEST = 4.0
 """Edges of a triangle to start from are at most so many times as long as those around it."""
 _GROWN, _LAST_CHANGE = 0.6, 0.75
-_AT_REST, _OPAQUE = 0.4, 0.7
-"""The times from which places hardly change, and faces are opaque with hard edges: derivatives by place miss
-what is behind opaque faces, so places are at rest before."""
+_AT_REST, _OPAQUE = 0.35, 0.7
+"""The times from which places change no more, and faces are opaque with hard edges. Derivatives by place miss
+what an edge uncovers, the more the harder it is: with them the loss grows."""
 _NEIGHBOURS = 14
 MIN_PEAK = 0.1
 MIN_EDGE = 2.5
@@ -91,9 +91,9 @@ class MeshSplatting(Model):
 
     def rates(self, progress: float) -> dict[str, Any]:
         slower = geometric(1, 0.1, between(progress, 0.7, 1))
+        moved = geometric(0.25, 0.003, progress / _AT_REST) if progress < _AT_REST else 0.0
         return {
-            "triangles_points": torch.from_numpy(self._pixel)[:, None]
-            * geometric(0.25, 0.003, between(progress, 0, _AT_REST)),
+            "triangles_points": torch.from_numpy(self._pixel)[:, None] * moved,
             "vertex_weight": 0.04 * slower,
             "features_dc": 0.015 * slower,
             "features_rest": 0.001 * slower,
