@@ -14,7 +14,7 @@ from msb._version import __version__
 if TYPE_CHECKING:
     from msb import metrics
     from msb.adapters import export
-    from msb.asset import Asset, load
+    from msb.asset import Asset, Validation, load
     from msb.auditing import audit
     from msb.errors import MsbError, Unsupported
     from msb.opening import open
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from msb.scenes import Camera, read_cameras
     from msb.topology import Audit
     from msb.trial import trial
+    from msb.validating import validate
 
 _HOME = {
     "Asset": "msb.asset",
+    "Validation": "msb.asset",
     "load": "msb.asset",
     "open": "msb.opening",
     "save": "msb.saving",
@@ -40,6 +42,7 @@ _HOME = {
     "Repaired": "msb.repair",
     "Audit": "msb.topology",
     "audit": "msb.auditing",
+    "validate": "msb.validating",
 }
 _PACKAGES = ("metrics", "render", "repair", "trial")
 """Packages of the public API. `render`, `repair` and `trial` can also be called as functions."""
@@ -53,6 +56,7 @@ __all__ = [
     "Renderer",
     "Repaired",
     "Unsupported",
+    "Validation",
     "__version__",
     "audit",
     "export",
@@ -64,6 +68,7 @@ __all__ = [
     "repair",
     "save",
     "trial",
+    "validate",
 ]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
-from msb.errors import CheckpointError
+from msb.errors import CheckpointError, about
 from msb.files import is_folder
 from msb.paths import PATH_TYPES, given_path
 
@@ -149,8 +149,12 @@ def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
         return StoredMesh(place, model.buffers, model.domains, description.method, up)
     from msb.meshes import read_mesh
     from msb.meshes.mesh import left_out_finding
+    from msb.meshes.writing import check_indices
 
     mesh = read_mesh(place)
+    if mesh.wrong_face is not None:  # whoever uses the faces would refuse them, and could not name the line
+        with about(place):
+            check_indices(mesh)
     buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
     for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
         if colors is not None and "color" not in buffers:

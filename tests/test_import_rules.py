@@ -26,6 +26,7 @@ GROUND = {
     "methods",
     "atomic",
     "bounded_parsing",
+    "callable_packages",
     "children",
     "files",
     "paths",
@@ -37,12 +38,14 @@ GROUND = {
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
     "__init__": GROUND
-    | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"},
+    | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"}
+    | {"validating"},
     "why": GROUND | {"adapters", "meshes", "metrics", "opening", "render"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},
     "saving": GROUND | {"meshes"},
     "auditing": GROUND | {"opening", "topology"},
+    "validating": GROUND | {"adapters", "topology"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
     "methods": {"errors", "scenes"},
@@ -51,6 +54,7 @@ ALLOWED: dict[str, set[str]] = {
     "demo": {"atomic"},
     "files": {"errors", "paths"},
     "bounded_parsing": set(),
+    "callable_packages": set(),
     "children": {"errors"},
     "paths": {"errors"},
     "_version": set(),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import pydoc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -190,3 +192,35 @@ def test_an_asset_without_static_colours_is_no_mesh_file(tmp_path: Path) -> None
         msb.save(msb.open(DIFFSOUP), tmp_path / "a.glb")
     assert caught.value.code == "UNSUPPORTED_STANDARD"
     assert not list(tmp_path.iterdir())
+
+
+def test_validate_says_of_any_path_what_the_command_says(tmp_path: Path, mesh_file: Path) -> None:
+    broken = tmp_path / "broken.obj"
+    broken.write_text(f"{mesh_file.read_text()}f 1 1 2\nf 9 1 2\n")
+    degenerate = tmp_path / "degenerate.obj"
+    degenerate.write_text(f"{mesh_file.read_text()}f 1 1 2\n")
+    for path, valid, codes in (
+        (CHECKPOINT, True, []),
+        (degenerate, True, ["TRIASSET_FACE_REPEATED_INDEX", "TRIASSET_FACE_ZERO_AREA"]),
+        (broken, False, ["MESH_INDEX_OUT_OF_RANGE"]),
+    ):
+        found = msb.validate(path)
+        assert found.valid is valid
+        assert [item.code for item in found.findings] == codes
+        done = run_msb(["validate", str(path)], ROOT, {})
+        assert done.stdout.decode().splitlines()[0] == found.title == str(found).splitlines()[0]
+        assert all(code in str(found) for code in codes)
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+        msb.validate(tmp_path / "nothing.ply")
+
+
+@pytest.mark.parametrize("name", ["render", "repair", "trial"])
+def test_help_of_a_callable_package_shows_how_it_is_called(name: str) -> None:
+    package: Any = getattr(msb, name)
+    function = getattr(package, name)
+    assert inspect.signature(package) == inspect.signature(function)
+    text = pydoc.render_doc(package, renderer=pydoc.plaintext)
+    summary = str(function.__doc__).splitlines()[0]
+    assert f"msb.{name} - {summary}" in text
+    assert f"Call it: msb.{name}(asset, " in text
+    assert text.index("Parameters\n") < text.index("PACKAGE CONTENTS")

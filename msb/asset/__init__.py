@@ -9,7 +9,7 @@ from msb.asset.build import Description, build_asset
 from msb.asset.container import is_asset
 from msb.asset.manifest import ASSET_SUFFIX, Manifest
 from msb.asset.reader import Asset, load
-from msb.asset.validation import validate
+from msb.asset.validation import Validation, validate
 from msb.asset.writer import write_asset
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "Asset",
     "Description",
     "Manifest",
+    "Validation",
     "build_asset",
     "is_asset",
     "load",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from msb.asset.container import Container, open_container
 from msb.asset.manifest import Manifest
 from msb.asset.reader import Asset, check_files, map_buffers
 from msb.asset.strict_json import parse_strict_json
-from msb.errors import AssetError, Finding, InputError, error_finding, finding
+from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
 
 if TYPE_CHECKING:
     import os
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 MAGNITUDE_LIMIT = 1e18
 """Coordinates up to this magnitude have cross products that fit into float32 (3.4e38)."""
+SHOWN = 50
+"""This many findings are printed."""
 BOUNDS_TOLERANCE = 1e-5
 """Tolerance of bounds, relative to the size of the box, because another writer may have rounded them to
 float32."""
@@ -33,16 +36,37 @@ float32."""
 
 @dataclass(frozen=True)
 class Validation:
-    """The findings about one asset, and the asset itself if it could be opened."""
+    """The findings about one asset, and the asset itself if it could be opened.
+
+    Attributes
+    ----------
+    path : Path
+    findings : tuple of Finding
+        Each has a `code`, a `severity` ("error", "warning" or "info") and a `message`.
+    asset : Asset, optional
+    """
 
     path: Path
     findings: tuple[Finding, ...]
-    asset: Asset | None
+    asset: Asset | None = field(repr=False)
 
     @property
     def valid(self) -> bool:
         """Whether no finding is an error."""
         return all(item.severity != "error" for item in self.findings)
+
+    @property
+    def title(self) -> str:
+        """The path, whether it is valid, and how many findings there are."""
+        counts = Counter(item.severity for item in self.findings)
+        parts = [f"{count} {name}{'s' if count != 1 else ''}" for name, count in counts.items()]
+        word = "valid" if self.valid else "not valid"
+        return f"{one_line(str(self.path))}: {word}, {', '.join(parts) or 'nothing to report'}"
+
+    def __str__(self) -> str:
+        lines = [f"  {item.severity} {item.code}: {item.message}" for item in self.findings[:SHOWN]]
+        more = len(self.findings) - SHOWN
+        return "\n".join([self.title, *lines, *([f"  ... and {more:,} more"] if more > 0 else [])])
 
 
 def validate(path: str | os.PathLike[str]) -> Validation:

@@ -18,6 +18,7 @@ from msb.bench.quality import image_measures
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
 from msb.files import file_sha256
+from msb.scenes.datasets import scaled_note
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from msb.bench.job import Inputs, Job, Part
     from msb.bench.protocol_tables import TrialTable
     from msb.bench.renders import Renders
-    from msb.scenes.datasets import SceneAt
+    from msb.scenes.datasets import Scene, SceneAt
 
 _SHORT = 16
 _CLOCK = "from the first start"
@@ -54,6 +55,7 @@ class Known:
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         self.device = device
         self.warnings: dict[str, None] = {}
+        self._scenes: dict[Path, Scene] = {}
         self.views = cache(self._views)
         self.renders = cache(_renders)
         self.hash = cache(_hash)
@@ -61,10 +63,25 @@ class Known:
         self.renderer = cache(_renderer)
 
     def _views(self, at: SceneAt) -> Views:
+        return views_of(self.scene(at))
+
+    def scene(self, at: SceneAt) -> Scene:
+        """Return a scene; remember what it warns of.
+
+        Raises
+        ------
+        InputError, SceneError
+        """
         scene = at.read()
         found = (f"{one.code}: {one.file or scene.root}: {one.message}" for one in scene.warnings)
         self.warnings |= dict.fromkeys(found)
-        return views_of(scene)
+        self._scenes[scene.root] = scene
+        return scene
+
+    def notes(self) -> list[str]:
+        """Return what the user should know of all that was read."""
+        note = scaled_note(self._scenes.values())
+        return [*self.warnings, *([] if note is None else [note])]
 
 
 def _hash(path: Path) -> str:

@@ -120,7 +120,7 @@ class _Search:
 
     def __init__(self, planner: Planner, wrong: Sequence[MsbError]) -> None:
         self.planner, self.file, self.wrong = planner, planner.file, wrong
-        self.scene = cache(_wrong_with_scene)
+        self.scene = cache(self._wrong_with_scene)
         self.model = cache(_wrong_with_model)
         self.renders = cache(self._wrong_with_renders)
         self.renderer = cache(_wrong_with_renderer)
@@ -166,6 +166,13 @@ class _Search:
         if not said and planned.reason is not None:  # what only the planner knows
             yield _Need(planned.reason.code, planned.reason.message, cell.model_name, True)
 
+    def _wrong_with_scene(self, at: SceneAt) -> MsbError | None:
+        try:
+            self.planner.known.scene(at)
+        except MsbError as error:
+            return error
+        return None
+
     def _wrong_with_renders(self, folder: Path, at: SceneAt) -> MsbError | None:
         """Return what a comparison with the photographs would refuse; pixels are not decoded for it."""
         try:
@@ -204,14 +211,6 @@ def _absent(path: Path, above: Path) -> MsbError | None:
     below = [place for place in path.parents if place.is_relative_to(above)]
     first = next((place for place in reversed(below) if not place.exists()), path)
     return InputError("FILE_NOT_FOUND", "there is no such file or folder", file=first)
-
-
-def _wrong_with_scene(at: SceneAt) -> MsbError | None:
-    try:
-        at.read()
-    except MsbError as error:
-        return error
-    return None
 
 
 def _wrong_with_model(path: Path) -> MsbError | None:

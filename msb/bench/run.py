@@ -206,6 +206,8 @@ def _dry(
             models[pair] = known
     planner = Planner(file, "", Known(device), only, redo=redo)
     planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], wrong)
+    for line in planner.known.notes():
+        watch.note(line)
     rows = tuple(_row(results, one, 0.0) for one in planned)
     missing += find_unknown(lost, pairs)
     return Report(rows, {}, time.perf_counter() - start, tuple(missing))
@@ -226,7 +228,7 @@ class _Run:
         known = Known(_device(self.workers, self.file.protocol.device))
         planned = Planner(self.file, self.run, known, only, redo=redo).plan(pairs, models)
         made = [model for model in models.values() if isinstance(model, Model)]
-        for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.warnings]):
+        for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.notes()]):
             self.watch.note(line)
         planned = self.photographs(planned)
         for one in planned:

@@ -118,8 +118,8 @@ def chosen_gates(
         return []
     from msb.cli.gates import PROFILES, VerdictGate, parse_gate
 
-    gates = [parse_gate(text) for text in (*fail_on, *(PROFILES[profile] if profile else ()))]
-    return [*gates, *([VerdictGate(level)] if level else [])]
+    of_profile = [replace(parse_gate(text), profile=profile) for text in PROFILES[profile]] if profile else []
+    return [*map(parse_gate, fail_on), *of_profile, *([VerdictGate(level)] if level else [])]
 
 
 def _explain(key: str, output: Output) -> None:
@@ -197,7 +197,8 @@ class _Task:
                 done.append((path, error))
                 continue
             if self.output.prints_text:
-                self.print_one(found, first=all(isinstance(one, MsbError) for _, one in done))
+                first = all(isinstance(one, MsbError) for _, one in done)
+                self.print_one(found, first=first, alone=len(inputs) == 1)
             done.append((path, found))
             failures = self.failures(found, path)
             failed_gates += any(failed.code == "GATE_FAILED" for failed in failures)
@@ -260,7 +261,7 @@ class _Task:
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(found, cross_check=check.to_rows())
 
-    def print_one(self, found: Audit, *, first: bool) -> None:
+    def print_one(self, found: Audit, *, first: bool, alone: bool) -> None:
         """Print the report of one mesh on standard output; with --quiet the verdict alone."""
         from msb.cli.audit_text import print_audit, print_verdict
 
@@ -270,7 +271,7 @@ class _Task:
             return
         if not first:
             console.print()
-        print_audit(found, console, paper=self.paper, verbose=self.output.verbose > 0)
+        print_audit(found, console, paper=self.paper, verbose=self.output.verbose > 0, hint=alone)
 
     def print_all(self, done: list[tuple[Path, Audit | MsbError]], failed_gates: int) -> None:
         """Print a row for each mesh and a line of totals; with --quiet the totals alone."""

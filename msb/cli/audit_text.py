@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.cli.output import plain_table
 from msb.errors import MsbError, one_line
+from msb.paths import shell_word
 from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
 
@@ -51,7 +52,9 @@ _LABELS = {
 }
 
 
-def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose: bool = False) -> None:
+def print_audit(
+    audit: Audit, console: Console, *, paper: bool = False, verbose: bool = False, hint: bool = True
+) -> None:
     """Print the report of one audit.
 
     Parameters
@@ -60,6 +63,8 @@ def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose:
         Whether the paper's mean row of MeshSplatting is printed under ours.
     verbose : bool
         Whether every quantity that the peers were asked for is shown, not only those on which they differ.
+    hint : bool
+        Whether `msb trial` is pointed to, which tries what the verdict can only say of the structure.
     """
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
@@ -82,6 +87,8 @@ def print_audit(audit: Audit, console: Console, *, paper: bool = False, verbose:
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, console, every=verbose)
     console.print()
+    if hint and audit.path is not None:
+        _print_line(f"[dim]What tools make of it: msb trial {_escape(shell_word(audit.path))}[/dim]", console)
     print_verdict(audit, console)
 
 
@@ -145,6 +152,7 @@ def _print_defects(audit: Audit, console: Console) -> None:
     counts = vars(audit.counts)
     table = plain_table("Found", "Count", "Share", "The first three, and where", right=(1, 2))
     shown = 0
+    above: list[str] = []
     soup = audit.topology == "triangle_soup"
     if soup and counts["boundary_edges"]:
         console.print("Every edge is a boundary edge: that is what a triangle soup means.")
@@ -153,8 +161,11 @@ def _print_defects(audit: Audit, console: Console) -> None:
         if count == 0 or (key == "boundary_edges" and soup):
             continue
         shown += 1
-        samples = "\n".join(_where(noun, sample) for sample in audit.samples.get(key, ()))
-        table.add_row(_LABELS.get(key, label), f"{count:,}", percent(count, counts[whole]), samples)
+        places = [_where(noun, sample) for sample in audit.samples.get(key, ())]
+        if key == "multifan_vertices":  # these are non-manifold vertices, too: each place is named once
+            places = [place for place in places if place not in above] or ["as above"]
+        above = places
+        table.add_row(_LABELS.get(key, label), f"{count:,}", percent(count, counts[whole]), "\n".join(places))
     if shown:
         console.print(table)
     elif not soup:

@@ -92,11 +92,10 @@ def bench(
     from msb.bench.machine import machine
     from msb.bench.nvml import driver_memory
     from msb.bench.profile import profile
-    from msb.cli.camera_options import around, choose_cameras, chosen_modes, parse_background
+    from msb.cli.camera_options import around, cameras_at, chosen_modes, parse_background
     from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import lean_options
-    from msb.scenes import read_cameras
 
     output = Output(json_file, quiet, verbose, force)
     output.check_free(json_file)
@@ -105,7 +104,7 @@ def bench(
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
     if cameras is not None:
-        views = choose_cameras(read_cameras(cameras), chosen, size, scale)
+        views = cameras_at(cameras, chosen, size, scale, output)
     elif chosen or scale is not None:
         raise UsageError("USAGE", "--camera and --scale need --cameras")
     else:

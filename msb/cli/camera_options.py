@@ -12,6 +12,7 @@ from msb.paths import normal_form
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.cli.output import Output
     from msb.scenes import Camera
 
 Tier = Literal["reference", "dedicated", "standard"]
@@ -51,6 +52,27 @@ SamplingName = Annotated[
     Literal["official", "engine"] | None,
     typer.Option("--sampling", help="Sample as officially, or as an engine's hardware does."),
 ]
+
+
+def cameras_at(
+    path: str, chosen: list[str] | None, size: str | None, scale: float | None, output: Output
+) -> list[Camera]:
+    """Return the cameras at `path` that the user asked for; note where they are far larger than photographs.
+
+    Raises
+    ------
+    InputError, SceneError
+        Those of `msb.read_cameras`.
+    UsageError
+        `USAGE`, `CAMERA_UNKNOWN`.
+    """
+    from msb.scenes import read_cameras
+    from msb.scenes.datasets import recorded_note
+
+    cameras = read_cameras(path)
+    if size is None and scale is None and (note := recorded_note(path, cameras)) is not None:
+        output.note(f"{path}: {note}")
+    return choose_cameras(cameras, chosen, size, scale)
 
 
 def choose_cameras(

@@ -76,6 +76,7 @@ class Gate:
     key: str
     sign: str
     limit: float
+    profile: Profile | None = None
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
         """Return the failure if the gate's condition holds for `audit`.
@@ -84,13 +85,14 @@ class Gate:
         because there was nothing to measure.
         """
         value = {**asdict(audit.counts), **asdict(audit.metrics)}[self.key]
-        condition = f"{self.key} {self.sign} {self.limit:g}"
+        of = f" of profile {self.profile}" if self.profile else ""
+        condition = f"gate{of}: {self.key} {self.sign} {self.limit:g}"
         if value is None:
-            text = f"{self.key} does not exist for this mesh (a ratio over nothing), gate: {condition}"
+            text = f"{self.key} does not exist for this mesh (a ratio over nothing), {condition}"
             return GateFailed("GATE_FAILED", text, file=path, limit=self.limit)
         if not _OPERATORS[self.sign](value, self.limit):
             return None
-        text = f"{self.key} is {value:g}, gate: {condition}"
+        text = f"{self.key} is {value:g}, {condition}"
         return GateFailed("GATE_FAILED", text, file=path, value=value, limit=self.limit)
 
 

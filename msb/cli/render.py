@@ -126,6 +126,7 @@ def render(
     """
     from msb.cli.camera_options import choose_cameras
     from msb.cli.inputs import open_asset
+    from msb.scenes.datasets import scaled_note
 
     output = Output(json_file, quiet, verbose, force)
     if out is None and film is None:
@@ -139,11 +140,13 @@ def render(
         place = scene_for(asset, scene, image_folder)
         for warning in place.warnings:
             output.note(f"{warning.code}: {warning.file or scene}: {warning.message}")
+        if (note := scaled_note([place])) is not None:
+            output.note(f"{scene}: {note}")
         views = choose_cameras(views_of(place, split), chosen, None, None)
     elif given := [name for name in ("split", "image_folder") if is_given(context, name)]:
         raise UsageError("USAGE", f"--{given[0].replace('_', '-')} goes with --scene DIR")
     else:
-        views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale)
+        views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale, output)
     tiers: tuple[Tier, ...] = ("dedicated", "standard") if tier == "both" else (tier,)
     task = _Task(output, out, form, depth, ids, film, fps, tiers, template)
     task.check(views)
@@ -200,12 +203,13 @@ def _views(
     flight: int | None,
     size: str | None,
     scale: float | None,
+    output: Output,
 ) -> list[Camera]:
     """Return the cameras that the options describe."""
     from dataclasses import replace
 
-    from msb.cli.camera_options import around, choose_cameras
-    from msb.scenes import interpolated, read_cameras
+    from msb.cli.camera_options import around, cameras_at
+    from msb.scenes import interpolated
 
     if (cameras is None) == (turntable is None):
         raise UsageError("USAGE", "give one of --cameras PATH, --scene DIR and --turntable N")
@@ -213,7 +217,7 @@ def _views(
         if chosen or flight or scale is not None:
             raise UsageError("USAGE", "--turntable goes without --camera, --flight and --scale")
         return around(asset, turntable, size, up, elevation)
-    found = choose_cameras(read_cameras(str(cameras)), chosen, size, scale)
+    found = cameras_at(str(cameras), chosen, size, scale, output)
     if flight is None:
         return found
     return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(interpolated(found, flight))]

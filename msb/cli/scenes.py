@@ -142,6 +142,8 @@ def _print(found: list[SceneReport], output: Output) -> None:
         return
     from rich.markup import escape
 
+    from msb.scenes.datasets import scaled_note
+
     table = plain_table("Scene", "Dataset", "Train", "Test", "Size", "Photographs", right=(2, 3, 4))
     for item in found:
         scene = item.scene
@@ -156,10 +158,14 @@ def _print(found: list[SceneReport], output: Output) -> None:
     for item in found:
         for warning in item.findings:
             output.note(f"{warning.code}: {warning.file or item.path}: {warning.message}")
+    if (note := scaled_note(item.scene for item in found if item.scene is not None)) is not None:
+        output.note(note)
 
 
 def _print_one(item: SceneReport, output: Output) -> None:
     from rich.markup import escape
+
+    from msb.scenes.datasets import scaled_note
 
     table = plain_table("", "")
     table.show_header = False
@@ -173,6 +179,8 @@ def _print_one(item: SceneReport, output: Output) -> None:
     rows += [("not used", text) for text in item.unused]
     if not output.quiet:
         rows += [("warning", f"{w.code}: {w.message}") for w in item.findings]
+        note = None if item.scene is None else scaled_note([item.scene])
+        rows += [] if note is None else [("note", note)]
         rows += _deviating(item)
     for label, text in rows:
         table.add_row(label, escape(shorten(text, 300)))

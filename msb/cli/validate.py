@@ -13,18 +13,12 @@ from msb.cli.output import Output, echo, failure, plain_table
 from msb.errors import (
     CODES,
     EXIT_STATUS,
-    Finding,
-    InputError,
     MsbError,
-    Unsupported,
     UsageError,
-    error_finding,
-    finding,
-    one_line,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from msb.asset import Validation
 
 EPILOG = epilog(
     "msb validate data_stubs/splat_like.triasset",
@@ -34,9 +28,6 @@ EPILOG = epilog(
 SCHEMA = "msb.validate/1"
 MAX_FINDINGS = 1000
 """JSON holds this many findings of an asset; a hostile manifest of 1 MiB can cause 90 000."""
-SHOWN = 50
-"""This many findings of an asset are printed."""
-_SEVERITIES = ("error", "warning", "info")
 
 
 def validate(
@@ -70,6 +61,7 @@ def validate(
 
 def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
     from msb.cli.inputs import expand
+    from msb.validating import validate as check
 
     status = 0
     inputs: list[Path] = []
@@ -90,102 +82,40 @@ def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
             status = max(status, report_error(error))
             reports.append(failure(SCHEMA, item, error))
             continue
-        errors = sum(f.severity == "error" for f in found)
-        status = max(status, 1 if errors else 0)
+        status = max(status, 0 if found.valid else 1)
         reports.append(
             {
                 "schema": SCHEMA,
                 "path": str(item),
-                "valid": errors == 0,
-                "findings": [f.to_dict() for f in found[:MAX_FINDINGS]],
-                "truncated": len(found) > MAX_FINDINGS,
+                "valid": found.valid,
+                "findings": [f.to_dict() for f in found.findings[:MAX_FINDINGS]],
+                "truncated": len(found.findings) > MAX_FINDINGS,
             }
         )
         if output.prints_text:
-            _print(item, found, output)
+            _print(found, output)
     if len(reports) > 1 or "error" not in reports[0]:  # the line on standard error says it all
         output.write_documents(reports)
     return status
 
 
-def check(path: Path) -> list[Finding]:
-    """Return all findings about the asset or mesh file at `path`.
-
-    Raises
-    ------
-    InputError
-        If it does not exist, cannot be read or is not recognised.
-    """
-    from msb.asset import is_asset
-    from msb.asset import validate as validate_asset
-
-    if not is_asset(path):
-        return _check_mesh(path)
-    result = validate_asset(path)
-    # Errors first: they must not drown in warnings.
-    found = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
-    if result.asset is not None and result.valid:
-        found += degenerate_findings(result.asset.buffers["positions"], result.asset.buffers["indices"])
-    return found
-
-
-def _check_mesh(path: Path) -> list[Finding]:
-    from msb.adapters import export
-
-    try:
-        asset = export(path)
-    except (InputError, Unsupported):
-        raise
-    except MsbError as error:
-        return [error_finding(error)]
-    return [*asset.warnings, *degenerate_findings(asset.buffers["positions"], asset.buffers["indices"])]
-
-
-def degenerate_findings(positions: Any, indices: Any) -> Iterator[Finding]:
-    """Yield infos about faces that draw nothing or twice, and vertices that nothing uses."""
-    import numpy as np
-
-    from msb.topology.arrays import mesh_arrays
-    from msb.topology.faces import extra_duplicates, face_areas, has_no_area, names_vertex_twice
-
-    points, faces = mesh_arrays(positions, indices)
-    repeated = names_vertex_twice(faces)
-    area, finite = face_areas(points, faces)
-    unused = np.ones(len(points), bool)
-    unused[faces[~repeated]] = False
-    for code, where, what in (
-        ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces name a vertex twice"),
-        ("TRIASSET_FACE_DUPLICATE", extra_duplicates(faces), "faces repeat an earlier one"),
-        ("TRIASSET_FACE_ZERO_AREA", has_no_area(area, finite, repeated), "faces have no area"),
-        ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are in no proper face"),
-    ):
-        if count := int(np.count_nonzero(where)):
-            text = f"{count:,} {what}, the first is {int(np.argmax(where))}"
-            yield finding(code, text, severity="info", pointer="indices", value=count)
-
-
-def _print(path: Path, found: list[Finding], output: Output) -> None:
+def _print(found: Validation, output: Output) -> None:
     from rich.markup import escape
 
+    from msb.asset.validation import SHOWN
+
     console = output.console()
-    counts = {s: sum(f.severity == s for f in found) for s in _SEVERITIES}
-    word = "not valid" if counts["error"] else "valid"
-    console.print(f"{escape(one_line(str(path)))}: [bold]{word}[/bold], {_summary(counts)}", soft_wrap=True)
-    if not found or output.quiet:
+    console.print(escape(found.title), soft_wrap=True)
+    if not found.findings or output.quiet:
         return
     table = plain_table("Severity", "Code", "Finding")
     styles = {"error": "red", "warning": "yellow", "info": "dim"}
-    for item in found[:SHOWN]:
+    for item in found.findings[:SHOWN]:
         where = f" (at {item.pointer})" if item.pointer else ""
         table.add_row(f"[{styles[item.severity]}]{item.severity}[/]", item.code, escape(item.message + where))
     console.print(table)
-    if len(found) > SHOWN:
-        console.print(f"... and {len(found) - SHOWN:,} more; --json lists up to {MAX_FINDINGS:,}")
-
-
-def _summary(counts: dict[str, int]) -> str:
-    parts = [f"{n} {name}{'s' if n != 1 else ''}" for name, n in counts.items() if n]
-    return ", ".join(parts) or "nothing to report"
+    if (more := len(found.findings) - SHOWN) > 0:
+        console.print(f"... and {more:,} more; --json lists up to {MAX_FINDINGS:,}")
 
 
 def _explain(name: str, output: Output) -> None:

@@ -122,14 +122,13 @@ def web(
         return
     from msb.asset.look import up_axis
     from msb.asset.settings import parse_overrides
-    from msb.cli.camera_options import choose_cameras, parse_background
+    from msb.cli.camera_options import cameras_at, parse_background
     from msb.cli.inputs import open_asset
-    from msb.scenes import read_cameras
 
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
     settings = parse_overrides(asset.manifest.method, assignments or [])
-    views = choose_cameras(read_cameras(cameras), chosen, None, scale) if cameras is not None else []
+    views = cameras_at(cameras, chosen, None, scale, output) if cameras is not None else []
     color, axis = parse_background(background, asset), up or up_axis(asset)
     if tier == "standard":
         _write_mesh(asset, target, output, path.name, settings, views, axis, color)

@@ -48,10 +48,9 @@ def why(
     plain to see, above 40 dB it is not. Without --cameras eight views around the asset are drawn.
     """
     from msb.asset.settings import parse_overrides
-    from msb.cli.camera_options import choose_cameras, parse_background, parse_size
+    from msb.cli.camera_options import cameras_at, parse_background, parse_size
     from msb.cli.inputs import open_asset
     from msb.errors import about
-    from msb.scenes import read_cameras
     from msb.scenes.around import around
     from msb.why import CAUSES, TURNTABLE
     from msb.why import why as find
@@ -69,7 +68,7 @@ def why(
         count, width, height = TURNTABLE
         views = around(asset, count, *(parse_size(size) if size else (width, height)))
     else:
-        views = choose_cameras(read_cameras(cameras), chosen, size, scale)
+        views = cameras_at(cameras, chosen, size, scale, output)
     with output.counted("drawing", len(CAUSES)) as step, about(path):
         causes = find(
             asset,

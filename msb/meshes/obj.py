@@ -10,7 +10,7 @@ import numpy as np
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import fan_triangulate
+from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.text import Words, first_not_whole, word_blocks
 from msb.meshes.writing import write_rows
@@ -77,12 +77,15 @@ def read(source: Source) -> Mesh:
         }
     if not parts.vertex_count:
         raise source.not_a("OBJ", "it has no 'v x y z' line")
-    faces, _ = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
+    faces, polygon = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
+    found = wrong_polygon(faces, polygon, parts.vertex_count)
+    wrong_face = None if found is None else _wrong_face(text, *found, parts.vertex_count)
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
     left_out = tuple(what for word, what in _LEFT_OUT.items() if word in parts.left_out)
-    return Mesh(np.concatenate(parts.vertices), faces, colors, left_out=left_out)
+    vertices = np.concatenate(parts.vertices)
+    return Mesh(vertices, faces, colors, left_out=left_out, wrong_face=wrong_face)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
@@ -135,7 +138,7 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
     """Append the polygons of the `f` and `fo` lines; `is_vertex` (L,) says where vertices come between."""
-    is_face = words.lines_beginning(b"f") | words.lines_beginning(b"fo")
+    is_face = _face_lines(words)
     counts = words.count[is_face] - 1
     values = words.without_suffix(b"/").numbers(words.arguments(is_face))
     bad = first_not_whole(values)
@@ -155,6 +158,21 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
         raise words.line_error("MESH_FILE_INDEX", line, text, value=value)
     parts.corners.append(corners)
     parts.counts.append(counts)
+
+
+def _face_lines(words: Words) -> NDArray[np.bool_]:
+    return words.lines_beginning(b"f") | words.lines_beginning(b"fo")
+
+
+def _wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
+    """Return where the polygon stands that names no vertex; the file is gone through again for it."""
+    for words in word_blocks(text, comments=True):
+        lines = np.flatnonzero(_face_lines(words))
+        if polygon < len(lines):
+            byte = words.base + int(words.start[words.first[lines[polygon]]])
+            return text.wrong_index(byte, index, vertices, first=1)
+        polygon -= len(lines)
+    raise AssertionError
 
 
 def _line_of(is_face: NDArray[np.bool_], counts: NDArray[np.int64], corner: int) -> int:

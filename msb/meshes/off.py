@@ -12,7 +12,7 @@ from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import fan_triangulate, steps
+from msb.meshes.polygons import fan_triangulate, steps, wrong_polygon
 from msb.meshes.text import Table, read_table
 from msb.meshes.writing import write_rows
 
@@ -80,9 +80,14 @@ def read(source: Source) -> Mesh:
     if rows > wanted:
         raise table.row_error("MESH_FILE_TRAILING", wanted, "there is more after the last face")
     vertices, vertex_colors = _vertices(table, header)
-    faces, face_colors = _faces(table, header)
+    faces, polygon, face_colors = _faces(table, header)
+    found = wrong_polygon(faces, polygon, header.vertices)
+    wrong_face = None
+    if found is not None:
+        byte = int(table.byte[header.vertices + found[0]])
+        wrong_face = text.wrong_index(byte, found[1], header.vertices)
     left_out = [what for prefix, what in _LEFT_OUT.items() if prefix in header.prefixes]
-    return Mesh(vertices, faces, vertex_colors, face_colors, left_out=tuple(left_out))
+    return Mesh(vertices, faces, vertex_colors, face_colors, left_out=tuple(left_out), wrong_face=wrong_face)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
@@ -169,8 +174,8 @@ def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArr
     return vertices, _colors(table, color_begin[:, None] + np.arange(width - plain))
 
 
-def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[Any] | None]:
-    """Return the triangles (F, 3) and their colours, from lines `n i1 ... in [colour]`."""
+def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any] | None]:
+    """Return the triangles (F, 3), the line of each and their colours, from lines `n i1 ... in [colour]`."""
     begin = table.row[header.vertices : -1]
     counts = table.integers(begin, "the number of corners")
     extra = np.diff(table.row[header.vertices :]) - 1 - counts
@@ -187,9 +192,9 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[An
     drawn = counts >= 3
     width = int(extra[drawn][0]) if drawn.any() else 0
     if width < 3 or (extra[drawn] != width).any():
-        return faces, None
+        return faces, polygon, None
     places = (begin + 1 + counts)[polygon]
-    return faces, _colors(table, places[:, None] + np.arange(width))
+    return faces, polygon, _colors(table, places[:, None] + np.arange(width))
 
 
 def _colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:

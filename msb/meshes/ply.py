@@ -13,7 +13,7 @@ from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
-from msb.meshes.polygons import fan_triangulate
+from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.writing import ROWS_AT_A_TIME
 
 if TYPE_CHECKING:
@@ -66,10 +66,13 @@ def read(source: Source) -> Mesh:
     faces = rows["face"]
     counts, corners = body.indices(faces, _index_name(faces.element))
     triangles, polygon = fan_triangulate(corners, counts)
+    found = wrong_polygon(triangles, polygon, vertices.element.count)
+    wrong_face = None if found is None else body.wrong_face(faces, *found, vertices.element.count)
     face_colors = _colors(faces, body)
     if face_colors is not None:
         face_colors = face_colors[polygon]
-    return Mesh(_positions(vertices, body), triangles, vertex_colors, face_colors, left_out=left_out)
+    positions = _positions(vertices, body)
+    return Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:

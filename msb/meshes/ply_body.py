@@ -48,6 +48,9 @@ class Body(Protocol):
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the lengths (N,) and the integers (C,) of a list property."""
 
+    def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
+        """Return on which line of text the row is that names vertex `index`, which is not there."""
+
 
 def open_body(source: Source, header: Header) -> Body:
     """Return the body behind `header`."""
@@ -101,6 +104,9 @@ class _BinaryBody:
         else:
             corners = np.repeat(place, counts) + width * steps(counts)
         return counts, self._take(corners, wanted.type).astype(np.int64)
+
+    def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> None:
+        del rows, row, index, vertices  # bytes have no lines
 
     def _find(self, rows: Rows, name: str) -> tuple[Property, NDArray[np.int64]]:
         """Return property `name` and its place (N,) in every row."""
@@ -221,6 +227,10 @@ class _TextBody:
         place = self._find(rows, name)
         counts = self._table.integers(place, "the length of a list")
         return counts, self._table.integers(np.repeat(place + 1, counts) + steps(counts), "an index")
+
+    def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str:
+        line = int(np.searchsorted(self._table.row, rows.place[row], side="right")) - 1
+        return self._table.source.wrong_index(int(self._table.byte[line]), index, vertices)
 
     def _find(self, rows: Rows, name: str) -> NDArray[np.int64]:
         """Return the place (N,) of property `name` in every row."""

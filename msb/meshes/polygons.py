@@ -41,6 +41,25 @@ def fan_triangulate(
     return faces, polygon
 
 
+def wrong_polygon(
+    faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
+) -> tuple[int, int] | None:
+    """Return the first polygon a triangle of which uses no vertex of 0 to `vertices` - 1, and that index.
+
+    Parameters
+    ----------
+    faces : (F, 3) int64
+    polygon : (F,) int64
+        What `fan_triangulate` gave.
+    vertices : int
+    """
+    if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
+        return None
+    wrong = (faces < 0) | (faces >= vertices)
+    face = int(np.argmax(wrong.any(axis=1)))
+    return int(polygon[face]), int(faces[face][wrong[face]][0])
+
+
 def steps(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return 0, 1, ..., n - 1 for each n of `counts` (N,), one after the other."""
     total = int(counts.sum())

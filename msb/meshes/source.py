@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from msb.meshes.formats import Format
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_LINE_FEED = b"\n"
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,27 @@ class Source:
         self, code: str, byte: int, message: str, *, value: Any = None, limit: Any = None
     ) -> MeshFileError:
         """Return the error about the line that holds byte number `byte`."""
+        return self.error(code, message, pointer=self.line(byte), value=value, limit=limit)
+
+    def line(self, byte: int) -> str:
+        """Return "line N" for the line that holds byte number `byte`."""
         lines = self.data if self.lines is None else self.lines
-        line = lines.count(b"\n", 0, byte) + 1
-        return self.error(code, message, pointer=f"line {line}", value=value, limit=limit)
+        return f"line {lines.count(_LINE_FEED, 0, byte) + 1}"
+
+    def wrong_index(self, byte: int, index: int, vertices: int, *, first: int = 0) -> str:
+        """Return what `Mesh.wrong_face` says of the face in the line of byte number `byte`.
+
+        Parameters
+        ----------
+        byte : int
+        index : int
+            The index that names no vertex, counted from 0.
+        vertices : int
+        first : int
+            The file's number of the first vertex.
+        """
+        there = f"those of this file are {first} to {vertices - 1 + first}" if vertices else "there is none"
+        return f"{self.line(byte)}: the face names vertex {index + first}; {there}"
 
     def looks_like(self) -> Format | None:
         """Return the format whose files begin so, or None."""

@@ -42,13 +42,13 @@ def check_indices(mesh: Mesh) -> None:
     Raises
     ------
     MeshError
-        MESH_INDEX_OUT_OF_RANGE, naming the first such face.
+        MESH_INDEX_OUT_OF_RANGE, naming the first such face; of a text file, its line.
     """
     wrong = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
     if wrong.any():
         face = int(np.argmax(wrong))
         row = mesh.faces[face].tolist()
-        text = f"face {face} is {row}; there are {len(mesh.vertices)} vertices"
+        text = mesh.wrong_face or f"face {face} is {row}; there are {len(mesh.vertices)} vertices"
         raise MeshError("MESH_INDEX_OUT_OF_RANGE", text, pointer=f"faces[{face}]", value=row)
 
 

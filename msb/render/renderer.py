@@ -188,6 +188,43 @@ def render(
     device: Any = None,
     **options: Any,
 ) -> Frame:
-    """Return one frame. Parameters and errors are those of `Renderer`, which is faster for several frames."""
+    """Draw an asset once, as one camera sees it.
+
+    For several frames `Renderer`, which does the drawing, is faster: it keeps the asset on the device.
+
+    Parameters
+    ----------
+    asset : Asset or path-like
+        Or the path of anything that `msb.open` takes.
+    camera : Camera
+    tier : {"standard", "dedicated", "reference"}
+        The plain mesh as any engine shows it, the method's own look, or that look in NumPy.
+    background : (3,) array_like of float, or str
+        Red, green and blue, or a text such as "white" or "official", as `Renderer.render` takes it.
+    settings : mapping, optional
+        Overrides of the asset's settings.
+    device : str, optional
+        The OpenCL device, such as "cpu" or "gpu".
+    **options
+        The further options of `Renderer`: `name`, and what the renderer itself takes.
+
+    Returns
+    -------
+    Frame
+        `image`, `alpha`, `depth` and more.
+
+    Raises
+    ------
+    Unsupported, UsageError, AssetError, InputError, CheckpointError, MeshFileError, MeshError, DeviceError
+        As `Renderer` does.
+
+    Examples
+    --------
+    >>> import msb
+    >>> camera = msb.Camera.look_at((0.5, 0.5, -1.5), (0.5, 0.5, 0.5), width=64, height=48, fov_y=0.9)
+    >>> frame = msb.render("data_stubs/splat_like.triasset", camera, tier="standard", background="white")
+    >>> frame.image.shape
+    (48, 64, 3)
+    """
     with Renderer(asset, tier, device, settings, **options) as renderer:
         return renderer.render(camera, background)

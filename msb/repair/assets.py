@@ -12,6 +12,7 @@ from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.errors import Unsupported, about
 from msb.meshes import Mesh
+from msb.meshes.writing import check_indices
 from msb.opening import as_asset
 from msb.repair.plan import DEFAULT, Options, Outcome, Step, check_peer, parse_plan, run_plan, what_is_left
 from msb.topology.steps.change import with_faces
@@ -170,6 +171,7 @@ def repair_asset(
 
 def repair_mesh(mesh: Mesh, plan: tuple[str, ...], options: Options) -> tuple[Mesh, Outcome]:
     """Return a repaired mesh in the precision of its file, and what was done."""
+    check_indices(mesh)
     buffers: dict[str, NDArray[Any]] = {"positions": mesh.vertices, "indices": mesh.faces}
     domains = {}
     for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):

@@ -138,7 +138,7 @@ class Camera:
         eye: ArrayLike,
         target: ArrayLike,
         *,
-        up: ArrayLike,
+        up: ArrayLike = (0.0, -1.0, 0.0),
         width: int,
         height: int,
         fov_y: float,
@@ -151,8 +151,8 @@ class Camera:
         eye, target : (3,) array_like
             Points in the world.
         up : (3,) array_like
-            Direction in the world that is up in the image: (0, 0, 1) in NeRF-Synthetic and Blender,
-            about (0, -1, 0) in most COLMAP scenes.
+            Direction in the world that is up in the image. Default: -y, as in most COLMAP scenes and so for
+            models trained on them. It is (0, 1, 0) for mesh files, (0, 0, 1) in NeRF-Synthetic and Blender.
         fov_y : float
             Full vertical angle in radians.
 

@@ -99,9 +99,10 @@ def judge(audit: Audit) -> Verdict:
             f"open: {edges}{merged}",
         )
     what = "closed, manifold and consistently wound"
-    if metrics.components > 1:
-        return Verdict("ok", f"usable throughout: {what}, in {metrics.components:,} separate bodies")
-    return Verdict("ok", f"usable throughout: {what}")
+    bodies = f", in {metrics.components:,} separate bodies" if metrics.components > 1 else ""
+    unused = counts.unreferenced_vertices
+    apart = f"; {unused:,} {'vertex is' if unused == 1 else 'vertices are'} in no face" if unused else ""
+    return Verdict("ok", f"structurally usable throughout: {what}{bodies}{apart}")
 
 
 def _uses_of_open(audit: Audit) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-import msb.cli.validate
+import msb
 from msb.asset import load, validate
 from msb.errors import CODES, AssetError, InputError
 from tests.corpus.bad_assets import CASES, write_case
@@ -97,7 +97,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
         findings = list(report.findings)
         if case.found_by == "command":
             assert not findings
-            findings = msb.cli.validate.check(path)
+            findings = msb.validate(path).findings
     errors = {item.code for item in findings if item.severity == "error"}
     assert (case.code, case.severity) in {(item.code, item.severity) for item in findings}
     assert errors == {*case.also, *([case.code] if case.severity == "error" else [])}

@@ -71,6 +71,12 @@ def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> No
     assert lines[-1].startswith(f"{demo_asset}: {verdict}")
     assert "\x1b" not in result.out
     assert result.err == ""
+    assert f"msb trial {demo_asset}" in lines[-2]
+    bow_ties, others = (
+        next(line for line in lines if name in line) for name in ("(bow-ties)", "non-manifold v")
+    )
+    assert "vertex 0 at" in others
+    assert "vertex 0 at" not in bow_ties  # a place is named once
 
 
 def test_paper_row_is_printed_beside_ours(msb: Msb, demo_asset: Path) -> None:
@@ -179,7 +185,7 @@ def test_index_error_names_file_and_row_and_leaves_stdout_empty(msb: Msb, tmp_pa
     assert result.status == 3
     assert result.out == ""
     assert result.err == (
-        f"MESH_INDEX_OUT_OF_RANGE: {path}: face 1 is (0, 1, 3): index 3 is not between 0 and 2\n"
+        f"MESH_INDEX_OUT_OF_RANGE: {path}: line 7: the face names vertex 3; those of this file are 0 to 2\n"
     )
 
 
@@ -225,6 +231,7 @@ def test_profiles_gate_for_a_purpose(
     lines = result.err.splitlines()
     assert all(line.startswith(f"GATE_FAILED: {book}: ") for line in lines)  # the closed one passes
     assert {line.removeprefix(f"GATE_FAILED: {book}: ").split()[0] for line in lines} == failing
+    assert all(f"gate of profile {profile}: " in line for line in lines)
 
 
 def test_profiles_hold_known_keys_and_the_papers_numbers() -> None:

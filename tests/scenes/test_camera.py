@@ -43,6 +43,12 @@ def test_look_at_from_the_side() -> None:
     np.testing.assert_allclose(camera.center, [2, 0, 0], atol=1e-15)
 
 
+def test_up_is_minus_y_unless_it_is_said() -> None:
+    camera = Camera.look_at((0, 0, -2), (0, 0, 0), width=100, height=100, fov_y=1)
+    pixels, _ = camera.project([[0, -0.5, 0], [0.5, 0, 0]])
+    assert pixels[0, 1] < 50 < pixels[1, 0]  # -y is above the middle, +x to its right
+
+
 def test_points_behind_are_nowhere() -> None:
     pixels, depth = FRONT.project([[[0, 0, -1], [1, 1, 0]], [[0, 0, 1], [0, 0, 1e-300]]])
     assert pixels.shape == (2, 2, 2)

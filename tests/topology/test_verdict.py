@@ -34,6 +34,7 @@ def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
         ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 % of them repeat another"),
         (TETRAHEDRON, "ok", "closed, manifold and consistently wound"),
         (TWO_TETRAHEDRA, "ok", "in 2 separate bodies"),
+        ((np.vstack([TETRAHEDRON[0], POINTS]), TETRAHEDRON[1]), "ok", "; 5 vertices are in no face"),
     ],
 )
 def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, reason: str) -> None:

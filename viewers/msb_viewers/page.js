@@ -1,7 +1,7 @@
 // The topology viewer's page.
 const canvas = byId("view");
 const state = { coloring: meta.colored ? "own" : "grey", visible: new Set(meta.visible), active: meta.active,
-  cursor: {}, chosen: null, legend: true };
+  cursor: {}, chosen: null, legend: innerWidth > 640 };
 
 async function unpack() {
   const element = byId("data");
@@ -33,7 +33,7 @@ const times = (a, b) => {
 };
 
 const camera = { direction: meta.direction, up: meta.up, target: [0, 0, 0], distance: 1, near: 0 };
-const free = () => (state.legend && canvas.clientWidth > 480 ? byId("legend").offsetWidth + 12 : 0);
+const free = () => (state.legend && canvas.clientWidth > 640 ? byId("legend").offsetWidth + 12 : 0);
 function home() {
   const aspect = Math.max((canvas.clientWidth - free()) / canvas.clientHeight, 0.1);
   const narrow = Math.min(meta.fov, 2 * Math.atan(Math.tan(meta.fov / 2) * aspect));
@@ -245,9 +245,14 @@ function symbol(layer) {
 }
 function legend() {
   const box = byId("legend");
-  box.hidden = !state.legend;
-  box.replaceChildren(make("h1", meta.name), make("p", meta.subtitle, "faint"), make("p", meta.verdict),
-    ...meta.notes.map((text) => make("p", text, "note")));
+  const head = make("div", undefined, "head"), fold = make("button", state.legend ? "Hide (L)" : "Legend (L)");
+  fold.setAttribute("aria-expanded", state.legend);
+  fold.onclick = () => { state.legend = !state.legend; legend(); redraw(); };
+  head.append(make("h1", meta.name), fold);
+  box.classList.toggle("folded", !state.legend);
+  box.replaceChildren(head);
+  if (!state.legend) return;
+  box.append(make("p", meta.subtitle, "faint"), make("p", meta.verdict), ...meta.notes.map((text) => make("p", text, "note")));
   for (const layer of meta.layers) {
     const row = make("label", undefined, "row" + (layer.kind === state.active && layer.count ? " active" : "") + (layer.count ? "" : " empty"));
     const check = make("input");

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings
 from msb.asset import Description
+from msb.errors import about
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.meshes.mesh import left_out_finding
@@ -32,6 +33,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     """
     Settings("mesh", options.settings)  # it has none: any name is an error
     mesh = read_mesh(place.file)
-    buffers, domains, kind = mesh_buffers(mesh)
+    with about(place.file):
+        buffers, domains, kind = mesh_buffers(mesh)
     description = Description(appearance={"kind": kind})
     return Model(buffers, domains, description, place.root, (place.file,), left_out_finding(mesh))

@@ -18,7 +18,7 @@ from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args
 from msb.asset import Description
 from msb.asset.sh import SH_C0
-from msb.errors import CheckpointError
+from msb.errors import CheckpointError, about
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
@@ -85,7 +85,8 @@ def _read_mesh(place: Place, options: Options) -> Model:
     """
     settings = Settings("mesh_splatting", options.settings)
     mesh = read_mesh(place.file)
-    buffers, _, _ = mesh_buffers(mesh)
+    with about(place.file):
+        buffers, _, _ = mesh_buffers(mesh)
     if mesh.vertex_colors is None:
         text = "it has no vertex colours; the PLY of the official exporter has red, green, blue, alpha"
         raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=place.file, pointer="red")

@@ -14,6 +14,7 @@ from msb.scenes.datasets.neus import read_matrices
 from msb.scenes.datasets.read import dataset_of, read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
 from msb.scenes.datasets.rules import Photographs, Rules
+from msb.scenes.datasets.scaled import recorded_note, scaled_note
 from msb.scenes.datasets.scene import Scene
 
 __all__ = [
@@ -35,5 +36,7 @@ __all__ = [
     "find_scenes",
     "read_matrices",
     "read_scene",
+    "recorded_note",
+    "scaled_note",
     "scene_at",
 ]
