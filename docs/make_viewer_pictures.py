@@ -105,7 +105,9 @@ def tutorial_picture() -> Image.Image:
         options = ["--camera", "DSC07950", "--screenshot", str(picture), "--size", "1000x760"]
         command = [sys.executable, "-m", "msb", "compare", *options]
         scene = STUBS / "scenes" / "mipnerf360" / "pebble"
-        subprocess.run([*command, "--cameras", str(scene), str(asset)], check=True)
+        subprocess.run(
+            [*command, "--cameras", str(scene), "--images", str(scene / "images_4"), str(asset)], check=True
+        )
         return Image.open(picture).convert("RGB")
 
 
