@@ -24,8 +24,8 @@ def demo_data(
     """Write small scenes, trained models and protocols to try every command on: 8 MB, no network.
 
     There is a scene in the layout of each dataset, a model of each method for it, a checkpoint, an asset with
-    the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces demo data in DIR,
-    results in it included, and nothing else.
+    the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces demo
+    data in DIR, results in it included, and nothing else.
     """
     from msb.atomic import check_place
     from msb.demo import PROTOCOL, RESULTS, is_demo, write_demo
