@@ -100,7 +100,7 @@ def render(
         typer.Option(
             "--name",
             metavar="TEMPLATE",
-            help="Names of the files: {camera}, {tier}, {index}. Default: {camera}; of two tiers {camera}_{tier}.",
+            help="Names of the files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
         ),
     ] = None,
     depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,
