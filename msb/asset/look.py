@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 GREY = 0.8
 """The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""
-_AMBIENT = 0.35
+AMBIENT = 0.35
 """The part of the light on it that comes from everywhere."""
 _LIGHT = (0.36, 0.8, 0.48)
 """Where the rest comes from: above, a little from the front and right; along (right, up, front)."""
@@ -74,8 +74,15 @@ def drawn_colors(asset: Asset) -> StaticColors:
     found = colors_of(asset)
     if found is not None:
         return found
-    shade = GREY * daylight(asset.buffers["positions"], asset.buffers["indices"], up_axis(asset))
-    return StaticColors(np.repeat(shade.astype(np.float32)[:, None], 3, axis=1), "face")
+    return StaticColors(
+        lit_grey(asset.buffers["positions"], asset.buffers["indices"], up_axis(asset)), "face"
+    )
+
+
+def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float32]:
+    """Return the colours (F, 3) of a mesh that brings none: `GREY` in `daylight`."""
+    shade = GREY * daylight(vertices, faces, axis)
+    return np.repeat(shade.astype(np.float32)[:, None], 3, axis=1)
 
 
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
@@ -94,14 +101,21 @@ def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
     points = np.asarray(vertices, np.float64)
     corners = [points[column] for column in np.asarray(faces, np.int64).T]
     normals = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    length = np.linalg.norm(normals, axis=1)
+    facing = np.divide(
+        np.abs(normals @ light_toward(axis)), length, out=np.zeros(len(normals)), where=length > 0
+    )
+    return np.asarray(AMBIENT + (1 - AMBIENT) * facing)
+
+
+def light_toward(axis: str) -> NDArray[np.float64]:
+    """Return the unit vector (3,) towards the light of `daylight`, for what is up."""
     front, right = _AXES[axis[1]]
     up = "xyz".index(axis[1])
     sign = -1.0 if axis[0] == "-" else 1.0
     light = np.zeros(3)
     light[[right, up, front]] = (_LIGHT[0], sign * _LIGHT[1], sign * _LIGHT[2])
-    length = np.linalg.norm(normals, axis=1) * np.linalg.norm(light)
-    facing = np.divide(np.abs(normals @ light), length, out=np.zeros(len(normals)), where=length > 0)
-    return np.asarray(_AMBIENT + (1 - _AMBIENT) * facing)
+    return np.asarray(light / np.linalg.norm(light))
 
 
 def up_axis(asset: Asset) -> str:

@@ -13,13 +13,20 @@ EPILOG = epilog("msb completion bash", "msb completion zsh", "msb completion pow
 
 
 def completion(
-    shell: Annotated[Literal["bash", "zsh", "fish", "powershell"], typer.Argument(help="The shell.")],
+    shell: Annotated[
+        Literal["bash", "zsh", "fish", "powershell"],
+        typer.Argument(metavar="SHELL", help="The shell."),
+    ],
 ) -> None:
     """Print a completion script for msb and msb-audit.
 
-    It belongs where the shell looks for completions. bash: msb completion bash >
-    ~/.local/share/bash-completion/completions/msb; zsh: a file _msb in a folder of $fpath; fish:
-    ~/.config/fish/completions/msb.fish; PowerShell: msb completion powershell >> $PROFILE
+    It belongs where the shell looks for completions:
+
+    \b
+    bash        ~/.local/share/bash-completion/completions/msb
+    zsh         a file _msb in a folder of $fpath
+    fish        ~/.config/fish/completions/msb.fish
+    PowerShell  msb completion powershell >> $PROFILE
     """
     # Not exported by name, but the documented way to it (--show-completion) guesses the shell.
     from typer.completion import get_completion_script  # type: ignore[attr-defined]

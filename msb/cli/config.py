@@ -22,7 +22,7 @@ def show(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Show what the environment and files set, and where each value comes from.
+    """Show what files and the environment set, and where.
 
     The strongest comes first: the option, the variable MSB_COMMAND_OPTION or MSB_OPTION, msb.toml or
     [tool.msb] in pyproject.toml in this folder or the nearest above, the user's msb.toml, the default.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.output import Output, plain_table, setting_text
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
@@ -120,6 +120,5 @@ def _print(asset: Asset, target: Path, output: Output) -> None:
         return
     table = plain_table("Setting", "Value", "From")
     for name, stored in m.settings.items():
-        value = "none" if stored.value is None else str(stored.value)
-        table.add_row(name, escape(value), stored.source)
+        table.add_row(name, escape(setting_text(stored.value)), stored.source)
     console.print(table)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.output import Output, plain_table, setting_text
 from msb.errors import shorten
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         ("compositing", _parameters(m.compositing)),
         ("frame", f"{frame.handedness}-handed, up {frame.up}, {frame.units} units"),
         *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
-        *(("setting", f"{name} = {s.value} ({s.source})") for name, s in m.settings.items()),
+        *(("setting", f"{name} = {setting_text(s.value)} ({s.source})") for name, s in m.settings.items()),
         *(
             ("source", f"{f.path}, {f.byte_length:,} bytes, sha256 {f.sha256[:12]}...")
             for f in m.source.files

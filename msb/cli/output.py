@@ -345,6 +345,13 @@ def csv_text(file: IO[bytes]) -> Iterator[io.TextIOWrapper]:
         text.detach()
 
 
+def setting_text(value: object) -> str:
+    """Return a setting's value as a person reads it: a float32 without the digits it does not have."""
+    if value is None:
+        return "none"
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
 def plain_table(*headers: str, right: tuple[int, ...] = (), gap: int = 2) -> Table:
     """Return a table without a frame, `right` naming the right-aligned columns, `gap` blanks between them."""
     from rich.table import Table

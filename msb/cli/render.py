@@ -80,7 +80,9 @@ def render(
     turntable: Annotated[
         int | None, typer.Option(metavar="N", help="N cameras around the asset instead of --cameras.")
     ] = None,
-    up: Annotated[Up | None, typer.Option(help="Axis of the turntable; the asset's, or -y.")] = None,
+    up: Annotated[
+        Up | None, typer.Option(help="Axis of the turntable that points up. Default: the asset's.")
+    ] = None,
     elevation: Annotated[
         float, typer.Option(metavar="DEGREES", help="Angle of the turntable's cameras above the horizon.")
     ] = 20.0,
@@ -98,7 +100,7 @@ def render(
         typer.Option(
             "--name",
             metavar="TEMPLATE",
-            help="Names of the files: {camera}, or {camera}_{tier} for both; {index}.",
+            help="Names of the files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
         ),
     ] = None,
     depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,

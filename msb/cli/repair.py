@@ -64,24 +64,35 @@ def repair(
         bool, typer.Option("--compare", help="Write nothing; try ways to repair and show what each costs.")
     ] = False,
     weld: Annotated[
-        str | None, typer.Option(metavar="exact|EPS", help="How near vertices are that weld merges.")
+        str | None,
+        typer.Option(
+            metavar="exact|EPS",
+            help="Vertices that weld merges: equal ones, or those within EPS. Default: exact.",
+        ),
     ] = None,
     pair_color: Annotated[
-        float | None, typer.Option(metavar="W", help="What colour counts to pair beside the angle; 0.25.")
+        float | None,
+        typer.Option(metavar="W", help="How much colour counts to pair, beside the angle. Default: 0.25."),
     ] = None,
     debris_faces: Annotated[
-        int | None, typer.Option(metavar="N", help="debris removes components of fewer faces; 10.")
+        int | None, typer.Option(metavar="N", help="debris removes components of fewer faces. Default: 10.")
     ] = None,
     debris_share: Annotated[
         float | None,
-        typer.Option(metavar="SHARE", help="debris removes components of less area, or pixels; 0."),
+        typer.Option(
+            metavar="SHARE",
+            help="debris also removes components of less of the area, or of the pixels. Default: 0.",
+        ),
     ] = None,
     close_edges: Annotated[
-        int | None, typer.Option(metavar="N", help="close closes holes of at most N edges; 8.")
+        int | None, typer.Option(metavar="N", help="close closes holes of at most N edges. Default: 8.")
     ] = None,
     close_share: Annotated[
         float | None,
-        typer.Option(metavar="SHARE", help="close adds no cap of more of a component's area; 0.25."),
+        typer.Option(
+            metavar="SHARE",
+            help="close adds no cap of more than this share of a component's area. Default: 0.25.",
+        ),
     ] = None,
     peer: Annotated[
         Literal["igl", "pymeshlab"] | None,

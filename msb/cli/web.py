@@ -71,7 +71,7 @@ def web(
     ] = False,
     at_least: Annotated[
         float | None,
-        typer.Option("--at-least", metavar="DB", help="With --verify: the bar. Default: 45."),
+        typer.Option("--at-least", metavar="DB", help="With --verify: fail below so many dB. Default: 45."),
     ] = None,
     device: Annotated[
         Literal["cpu", "gpu"] | None,
@@ -170,7 +170,6 @@ def _write_mesh(
     up: str,
     background: tuple[float, float, float],
 ) -> None:
-    from msb.asset.look import colors_of
     from msb.engines.mesh import engine_mesh
     from msb.engines.webpage import LARGE, write_web_page
 
@@ -185,7 +184,6 @@ def _write_mesh(
             cameras=views,
             up=up,
             background=background,
-            lit=colors_of(asset) is None,
         )
     _say(output, target)
 

@@ -13,6 +13,7 @@ import tomllib
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.atomic import new_file
 
 if TYPE_CHECKING:
@@ -34,7 +35,6 @@ def write_web_page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    lit: bool = False,
 ) -> None:
     """Write the page.
 
@@ -50,15 +50,13 @@ def write_web_page(
     up : str
         The axis about which the mesh is turned, such as "+y".
     background : 3 floats
-    lit : bool
-        Whether the mesh is lit in grey, because it brings no colours.
 
     Raises
     ------
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
-    data = page(glb, name=name, cameras=cameras, up=up, background=background, lit=lit)
+    data = page(glb, name=name, cameras=cameras, up=up, background=background)
     with new_file(path) as file:
         file.write(data)
 
@@ -70,11 +68,10 @@ def page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    lit: bool = False,
     served: bool = False,
 ) -> bytes:
     """Return the page, UTF-8. `served`: it asks its server what to draw (`browser.py`)."""
-    scene = {**scene_data(name, cameras, up, background), "lit": lit}
+    scene = scene_data(name, cameras, up, background)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
     return filled(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
 
@@ -84,7 +81,9 @@ def scene_data(
 ) -> dict[str, Any]:
     """Return what every page is told of its scene."""
     listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
-    return {"name": name, "cameras": listed, "up": up, "background": list(background)}
+    # How a file that is dropped on the page is lit if it has no colours; what we write has them.
+    daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
+    return {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
 
 
 def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = "") -> bytes:

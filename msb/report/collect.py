@@ -24,6 +24,7 @@ from msb.report.numbers import (
     condition_order,
     gap_tiers,
     in_place_of,
+    scene_title,
 )
 from msb.report.results import Place
 from msb.report.setups import with_setups
@@ -241,6 +242,10 @@ def _mean(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
+        if mean.partial:
+            over = sorted(scene for scene, number in numbers.items() if number.value is not None)
+            named = ", ".join(map(scene_title, over))
+            notes[f"({mean.present}/{mean.expected}) is the mean over {named} alone"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
     absent = NOT_SUPPORTED if all(n.absent == NOT_SUPPORTED for n in numbers.values()) else NOT_THERE
     reasons = Counter(number.reason for number in numbers.values() if number.absent == absent)

@@ -106,7 +106,7 @@ def test_a_real_capture(msb: Msb, shared: Path) -> None:
     garden = shared / "golden" / "garden"
     refused = msb("scenes", garden)
     assert refused.status == 3
-    assert "there is images_8: name one of these as the image folder" in refused.err
+    assert "there is images_8: name one of these (--image-folder, " in refused.err
     result = msb("scenes", "--image-folder", "images_8", garden)
     assert result.status == 0
     assert "28 training, 4 test" in result.out

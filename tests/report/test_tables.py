@@ -116,6 +116,7 @@ def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
     table = tables.renderer_comparison(numbers, "mipnerf360")
     cell = row_of(table, "Standard", "PSNR ↑").cells[0]
     assert cell.text.endswith(" (7/9)")
+    assert any(note.startswith("(7/9) is the mean over bicycle, ") for note in cell.notes)
     assert cell.to_dict()["partial"] is True
     values = [
         numbers.value(Key("mipnerf360", s, "two_dts", "standard", "psnr")) for s in SCENES["mipnerf360"]

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 STUBS = ROOT / "data_stubs"
+DEMO = "demo"
+"""The folder of demo data: copies of files of every kind, which are compared and not read."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,36 @@ COMMANDS = {
             ],
             _nothing,
         ),
+        Command(
+            "why",
+            lambda _at, out: [
+                *("why", "--size", "64x48", STUBS / "checkpoint"),
+                *("--save", out / "pictures", "--json", out / "why.json"),
+            ],
+            _nothing,
+        ),
+        Command(
+            "audit",
+            lambda at, out: [
+                *("audit", at / "mesh.triasset", "--json", out / "a.json"),
+                *("--csv", out / "a.csv", "--elements", out / "elements.csv"),
+            ],
+            _asset,
+        ),
+        Command("view", lambda at, out: ["view", at / "mesh.triasset", "--html", out / "a.html"], _asset),
+        Command(
+            "compare", lambda _at, out: ["compare", STUBS / "checkpoint", "--html", out / "a.html"], _nothing
+        ),
+        Command("web", lambda at, out: ["web", at / "mesh.triasset", "-o", out / "a.html"], _asset),
+        Command(
+            "web-dedicated",
+            lambda _at, out: [
+                *("web", "--tier", "dedicated", "--no-verify", STUBS / "checkpoint"),
+                *("-o", out / "a.html"),
+            ],
+            _nothing,
+        ),
+        Command("demo-data", lambda _at, out: ["demo-data", out / DEMO], _nothing),
         Command("render", _render(), _nothing),
         Command("render-npy", _render("--format", "npy", "--depth"), _nothing),
         Command(

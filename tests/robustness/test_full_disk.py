@@ -13,6 +13,7 @@ import pytest
 
 from msb.atomic import new_file
 from msb.bench.run import run_protocol
+from msb.demo import CONTENTS
 from msb.errors import OutputError
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
@@ -45,6 +46,9 @@ FILES: dict[str, tuple[str, Callable[[Path], list[Any]]]] = {
         "a.json",
         lambda out: ["trial", "-f", "--task", "intersections", "--json", out, CHECKPOINT],
     ),
+    "why --json": ("a.json", lambda out: ["why", "-f", "--size", "64x48", "--json", out, CHECKPOINT]),
+    "view --html": ("a.html", lambda out: ["view", "-f", "--html", out, ASSET]),
+    "compare --html": ("a.html", lambda out: ["compare", "-f", "--html", out, CHECKPOINT]),
     "web": ("a.html", lambda out: ["web", "-f", "--out", out]),
     "track": ("a.json", lambda out: ["track", "-f", "-o", out, "--", sys.executable, "--version"]),
 }
@@ -77,8 +81,9 @@ def test_what_was_there_stays(disk: Disk, here: Here, command: str) -> None:
         ("kept", lambda out: ["trial", "-q", "-f", "--task", "intersections", "--save", out, CHECKPOINT]),
         ("costs", lambda out: ["repair", "-q", "-f", "--compare", "--task", "none", CHECKPOINT, "-o", out]),
         ("report", lambda out: ["report", "-f", "--paper", "--format", "csv", "-o", out]),
+        ("demo", lambda out: ["demo-data", "-f", out]),
     ],
-    ids=["export", "trial", "compare", "report"],
+    ids=["export", "trial", "compare", "report", "demo-data"],
 )
 def test_a_folder_that_was_there_stays(
     disk: Disk, here: Here, name: str, line: Callable[[Path], list[Any]]
@@ -88,13 +93,17 @@ def test_a_folder_that_was_there_stays(
     (target / "report.md").write_bytes(b"the old one")
     if name == "report":  # by which msb report knows what it may replace
         (target / "report.json").write_bytes(b'{\n  "schema": "msb.report/1"}')
+    if name == "demo":  # by which msb demo-data does
+        (target / "report.md").rename(target.parent / "report.md")
+        for each in CONTENTS:
+            (target / each).write_bytes(b"the old one")
     disk.fill()
     before = sorted(disk.folder.rglob("*"))
     result = here(*line(target))
     assert (result.status, result.err.count("\n")) == (3, 1)
     where = rf"{re.escape(str(target))}[^.]*(\.png)?"
     assert re.match(rf"OUTPUT_UNWRITABLE: {where}: .* No space left", result.err)
-    assert (target / "report.md").read_bytes() == b"the old one"
+    assert (target / ("views.json" if name == "demo" else "report.md")).read_bytes() == b"the old one"
     assert sorted(disk.folder.rglob("*")) == before
 
 

@@ -60,10 +60,10 @@ const SURFACE = [`#version 300 es
   in vec3 position; in vec4 color; uniform mat4 matrix; out vec4 shade; out vec3 place;
   void main() { gl_Position = matrix * vec4(position, 1.0); shade = color; place = position; }`,
 `#version 300 es
-  precision highp float; in vec4 shade; in vec3 place; uniform float dark; uniform vec3 eye; out vec4 result;
+  precision highp float; in vec4 shade; in vec3 place; uniform float dark; uniform vec3 eye, light; out vec4 result;
   void main() {
     vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-    float facing = dark > 0.0 ? abs(dot(normal, normalize(eye - place))) : 1.0;
+    float facing = dark > 0.0 ? abs(dot(normal, light == vec3(0.0) ? normalize(eye - place) : light)) : 1.0;
     result = vec4(shade.rgb * (1.0 - dark * (1.0 - facing)), 1.0);
   }`];
 // A line is a quad of two triangles around its two ends, wide in pixels.
@@ -134,7 +134,7 @@ function cornerColors() {
   } else if (state.coloring === "own") {
     const of = { vertex: (i) => faces[i], face: (i) => Math.floor(i / 3), corner: (i) => i }[meta.domain];
     for (let i = 0; i < faces.length; i++) put(i, data.colors, of(i));
-  } else for (let i = 0; i < faces.length; i++) put(i, meta.neutral, 0);
+  } else for (let i = 0; i < faces.length; i++) put(i, meta.grey, 0);
   return out;
 }
 function segmentsOf(vertices, each) {
@@ -212,7 +212,8 @@ function draw() {
   });
   gl.uniformMatrix4fv(to("matrix"), false, matrix);
   gl.uniform3fv(to("eye"), add(camera.target, unit(camera.direction), camera.distance));
-  gl.uniform1f(to("dark"), { own: 0, grey: 0.55, components: 0.25 }[state.coloring]);
+  gl.uniform1f(to("dark"), { own: 0, grey: meta.daylight.dark, components: 0.25 }[state.coloring]);
+  gl.uniform3fv(to("light"), state.coloring === "grey" ? meta.daylight.light : [0, 0, 0]);
   gl.drawArrays(gl.TRIANGLES, 0, data.faces.length);
   gl.disableVertexAttribArray(at("position"));
   gl.disableVertexAttribArray(at("color"));

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.look import AMBIENT, GREY, light_toward
 from msb_viewers.camera import FOV_Y, default_pose
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
 from msb_viewers.state import ViewState
@@ -124,7 +125,8 @@ def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
         ],
         "components": len(model.sizes),
         "classes": classes,
-        "neutral": NEUTRAL,
+        "grey": [round(255 * GREY)] * 3,
+        "daylight": {"dark": 1 - AMBIENT, "light": light_toward(model.up).tolist()},
         "background": BACKGROUND,
         "highlight": HIGHLIGHT,
         "direction": (pose.eye / np.linalg.norm(pose.eye)).tolist(),

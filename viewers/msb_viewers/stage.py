@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.look import lit_grey
 from msb_viewers import drawing
 from msb_viewers.detail import MOST_FACES, budget, cluster
-from msb_viewers.palette import NEUTRAL
+from msb_viewers.viewed_mesh import color_bytes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,8 +23,8 @@ _MARKS = 5
 _FULL_SIZE = 40.0
 """Lines and markers have their full size where a mean edge takes at least this many pixels."""
 _LEAST = 0.2
-_SHADE_GREY, _SHADE_COMPONENTS = 0.55, 0.25
-"""How much grey, and components, are shaded for shape: the lightness of components means their size."""
+_SHADE_COMPONENTS = 0.25
+"""How much components are shaded for shape; their lightness means their size."""
 
 
 class Stage:
@@ -175,7 +176,8 @@ class Stage:
     def _meaningful(self, state: ViewState, faces: NDArray[Any], origin: NDArray[Any]) -> Any:
         """Return faces in grey, or in the colour of the component of the face each came from."""
         if state.coloring != "components":
-            return drawing.surface(self.model.points, faces, None, "vertex", shade=_SHADE_GREY, color=NEUTRAL)
+            points = self.model.points
+            return drawing.surface(points, faces, color_bytes(lit_grey(points, faces, self.model.up)), "face")
         colors = self.model.component_colors()[origin]
         return drawing.surface(self.model.points, faces, colors, "face", shade=_SHADE_COMPONENTS)
 

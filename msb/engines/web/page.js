@@ -1,6 +1,6 @@
 "use strict";
 // Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face, colours as stored. A
-// mesh that brings no colours is lit from the camera, in grey.
+// mesh that brings no colours is grey in daylight, as ours are before they are written into a page.
 const NEAR = 0.01;
 const FOV_Y = 40 * Math.PI / 180;
 const byId = (id) => document.getElementById(id);
@@ -115,21 +115,23 @@ function showMesh(view) {
 
 // ---- the mesh
 
-// Grey, by how a face is turned towards the camera, whichever of its sides that is.
+// Grey, by how a face is turned towards the light, whichever of its sides that is.
 const lit = () => new THREE.ShaderMaterial({
   side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
+  uniforms: { grey: { value: start.daylight.grey }, ambient: { value: start.daylight.ambient },
+    light: { value: new THREE.Vector3(...start.daylight.light) } },
   vertexShader: `varying vec3 place;
-    void main() { vec4 seen = modelViewMatrix * vec4(position, 1.0); place = seen.xyz; gl_Position = projectionMatrix * seen; }`,
-  fragmentShader: `varying vec3 place;
+    void main() { place = (modelMatrix * vec4(position, 1.0)).xyz; gl_Position = projectionMatrix * viewMatrix * vec4(place, 1.0); }`,
+  fragmentShader: `varying vec3 place; uniform float grey, ambient; uniform vec3 light;
     void main() {
       vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-      gl_FragColor = vec4(vec3(0.22 + 0.56 * abs(dot(normal, normalize(place)))), 1.0);
+      gl_FragColor = vec4(vec3(grey * (ambient + (1.0 - ambient) * abs(dot(normal, light)))), 1.0);
     }`,
 });
 
 function materialOf(geometry, old) {
   const colored = geometry.attributes.color !== undefined;
-  if (start.lit || (!colored && !old?.map)) return lit();
+  if (!colored && !old?.map) return lit();
   return new THREE.MeshBasicMaterial({
     vertexColors: colored, color: old ? old.color : 0xffffff, map: old?.map || null, side: THREE.DoubleSide,
     // At equal depths the first face stays.

@@ -82,7 +82,8 @@ def _no_folder(root: Path, folder: str) -> SceneError:
     there = [child.name for child in folders(root) if images_in(child)]
     text = f"the photographs are to be taken from {shorten(folder, 60)}, which is not there"
     if there:
-        text += f"; there is {', '.join(map(shorten, there[:8]))}: name one of these as the image folder"
+        text += f"; there is {', '.join(map(shorten, there[:8]))}: name one of these "
+        text += "(--image-folder, or image_folder in Python and protocols)"
     return SceneError("SCENE_IMAGE_FOLDER", text, file=root, value=folder)
 
 

@@ -19,6 +19,7 @@ from data_stubs.captures import (
 from msb.scenes import Camera, sorted_by_stem, stem
 from msb.scenes.datasets import Scene, find_scenes, read_scene
 from tests.conftest import ROOT
+from tests.tiny.make import PEBBLE
 
 from .conftest import SCENES, STUBS, Copy, text_model
 
@@ -66,10 +67,10 @@ def test_a_scene_in_each_layout(
 @pytest.mark.parametrize(
     ("place", "made"),
     [
-        ("mipnerf360/pebble", mipnerf360_cameras()),
-        ("tanksandtemples/pebble", tanksandtemples_cameras()),
-        ("nerf_synthetic/pebble", [c for part in nerf_synthetic_cameras().values() for c in part]),
-        ("dtu/scan1", dtu_cameras()),
+        ("mipnerf360/pebble", mipnerf360_cameras(PEBBLE)),
+        ("tanksandtemples/pebble", tanksandtemples_cameras(PEBBLE)),
+        ("nerf_synthetic/pebble", [c for part in nerf_synthetic_cameras(PEBBLE).values() for c in part]),
+        ("dtu/scan1", dtu_cameras(PEBBLE)),
     ],
 )
 def test_cameras_are_those_the_photographs_were_taken_with(place: str, made: list[Camera]) -> None:
