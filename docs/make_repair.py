@@ -41,14 +41,14 @@ BEGIN, END = "<!-- Made by `python -m docs.make_repair`: change that, not this. 
 TITLES = {
     "torus": "torus, closed",
     "pebble_mesh_splatting": "`pebble/mesh_splatting`",
-    "walled_mesh_splatting": "`walled/mesh_splatting`, open",
+    "walled_mesh_splatting": "`walled/mesh_splatting`",
     "pebble_two_dts": "`pebble/two_dts`, soup",
     "pebble_triangle_splatting": "`pebble/triangle_splatting`, soup",
     "splat_like": "`splat_like`",
     "vase": "a vase trained by a user of leonhardrobin/triangle-splatting2",
 }
 """Name -> title, in the order of the tables. A new model is a line here, also one of data_stubs/models."""
-COMPARED = ("torus", "splat_like", "vase")
+COMPARED = ("torus", "walled_mesh_splatting", "splat_like", "vase")
 """Of these the repairs are compared."""
 PICTURED = {
     "torus": ("uv", "decimate_25", "collision", "solid"),

@@ -107,7 +107,7 @@ def test_each_step_keeps_its_promises_on_random_meshes(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STEPS)
 def test_each_step_keeps_its_promises_on_many_random_meshes(name: str) -> None:
-    for seed in range(1000, 2500):
+    for seed in range(1000, 1200):
         check_is_sound(name, *finite_mesh(seed))
 
 
