@@ -87,7 +87,7 @@ def print_audit(
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, console, every=verbose)
     console.print()
-    if hint and audit.path is not None:
+    if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
         _print_line(f"[dim]What tools make of it: msb trial {_escape(shell_word(audit.path))}[/dim]", console)
     print_verdict(audit, console)
 

@@ -105,7 +105,9 @@ def _print(found: Validation, output: Output) -> None:
     from msb.asset.validation import SHOWN
 
     console = output.console()
-    console.print(escape(found.title), soft_wrap=True)
+    path, _, said = found.title.rpartition(": ")
+    word, _, counts = said.partition(",")
+    console.print(f"{escape(path)}: [bold]{word}[/bold],{counts}", soft_wrap=True)
     if not found.findings or output.quiet:
         return
     table = plain_table("Severity", "Code", "Finding")
