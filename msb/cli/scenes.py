@@ -21,7 +21,7 @@ EPILOG = epilog(
     "msb scenes data_stubs/scenes",
     "msb scenes data_stubs/scenes/dtu/scan1",
     "msb scenes --image-folder images_8 data_stubs/scenes/mipnerf360",
-    "msb scenes --json - --rules two_dts data_stubs/scenes/mipnerf360/pebble",
+    "msb scenes --json - --rules two_dts data_stubs/scenes/nerf_synthetic/pebble",
 )
 SCHEMA = "msb.scenes/1"
 
