@@ -36,7 +36,6 @@ EPILOG = epilog(
     "msb-audit data_stubs/splat_like.triasset",
     "msb-audit --json - data_stubs/splat_like.triasset",
     'msb-audit --cross-check --fail-on "components>999" data_stubs/checkpoint',
-    "msb-audit -q --fail-on-verdict bad data_stubs/models/pebble/mesh_splatting",
     "msb-audit --explain nonmanifold_vertex_ratio",
 )
 
