@@ -73,7 +73,7 @@ TARGETS: dict[str, Target] = {
     "web_texture": web_target("lut0.png"),
     "web_weights": web_target("mlp_weights.json"),
     "web_meta": web_target("meta.json"),
-    "cfg_args": Target(readers.cfg_args, seeds.stub("checkpoint/cfg_args"), "cfg_args"),
+    "cfg_args": Target(readers.cfg_args, seeds.stub("models/pebble/mesh_splatting/cfg_args"), "cfg_args"),
     "two_dts_yaml": Target(readers.two_dts_config, seeds.configs, "config.yaml"),
     "two_dts_log": Target(readers.two_dts_config, seeds.configs, "a.log", wrap=seeds.log),
     **{suffix[1:]: mesh_target(suffix) for suffix in MESH_SUFFIXES},
