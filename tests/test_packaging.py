@@ -134,6 +134,6 @@ COMMANDS = [
     ["view", "--html", "v.html", "a.triasset"],  # pages of the viewers
     ["web", "--out", "w.html", "a.triasset"],
     ["compare", *VIEW, "--tiers", "standard,dedicated", "--html", "c.html", "a.triasset"],
-    ["report", "--paper", "-o", "r"],  # the paper's tables, templates
+    ["report", "--paper", "--format", "html", "-o", "r"],  # the paper's tables, templates
 ]
 """Each needs files of the packages that are not code."""

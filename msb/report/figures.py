@@ -12,7 +12,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -54,15 +54,24 @@ _SIZE = (4.6, 3.3)
 
 @dataclass(frozen=True)
 class Figure:
-    """One chart. `name` names its file and anchor; `caption` says in words what it shows.
+    """One chart, drawn when it is asked for: `drawn` returns the file of a format.
 
-    `pdf` returns the chart as a PDF for LaTeX, drawn anew, with the fonts it needs and without a background.
+    `name` names its file and anchor; `caption` says in words what it shows.
     """
 
     name: str
     caption: str
-    svg: str
-    pdf: Callable[[], bytes] = field(compare=False, repr=False)
+    drawn: Callable[[Literal["svg", "pdf"]], bytes] = field(compare=False, repr=False)
+
+    @cached_property
+    def svg(self) -> str:
+        """The SVG, with placeholders for the colours of text and page."""
+        # Identifiers would clash with those of the next figure in the same page.
+        return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", self.drawn("svg").decode())
+
+    def pdf(self) -> bytes:
+        """Return the chart as a PDF for LaTeX, with the fonts it needs and without a background."""
+        return self.drawn("pdf")
 
     @property
     def inline(self) -> str:
@@ -269,10 +278,7 @@ def _legend(axes: Axes, entries: int, handles: Any = None) -> None:
 
 
 def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
-    svg = _drawn(title, draw, "svg").decode()
-    # Identifiers would clash with those of the next figure in the same page.
-    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", svg)
-    return Figure(name, caption, svg, partial(_drawn, title, draw, "pdf"))
+    return Figure(name, caption, partial(_drawn, title, draw))
 
 
 def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
