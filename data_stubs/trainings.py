@@ -41,10 +41,10 @@ _STUB_OPTIONS = {
     "pebble/diffsoup": "--faces 1400 --level 1 --iterations 2000",
 }
 _GARDEN_OPTIONS = {
-    "two_dts": "--faces 20000 --sh-degree 2 --iterations 2200",
-    "triangle_splatting": "--faces 20000 --sh-degree 2 --iterations 3500",
+    "two_dts": "--faces 20000 --sh-degree 2 --iterations 4500",
+    "triangle_splatting": "--faces 20000 --sh-degree 2 --iterations 8000",
     "mesh_splatting": "--faces 30000 --sh-degree 2 --iterations 4000",
-    "diffsoup": "--faces 12000 --level 2 --iterations 4000",
+    "diffsoup": "--faces 12000 --level 2 --iterations 4500",
 }
 _GARDEN = ("--image-folder", "images_8", "--resolution", "2")
 
