@@ -1,8 +1,9 @@
 """The whole protocol on a real capture: `python -m benchmarks.garden SCENE`.
 
 `--models DIR` has a trained model in a folder of each method's name, such as `python -m data_stubs.trainings
---garden SCENE` leaves in out/trainings/garden; docs/trained.md is made from that. It is also drawn as an
-engine would draw it (`VARIANTS`, `ENGINES`), and artists' tasks are tried on it and on its repairs.
+--garden SCENE` leaves in out/trainings/garden; docs/trained.md is made from that, and with `--picture` its
+picture. It is also drawn as an engine would draw it (`VARIANTS`, `ENGINES`), and artists' tasks are tried on
+it and on its repairs.
 
 Without, one of each method is made from the capture's SfM points: a small triangle at every point, oriented
 by its neighbours and coloured as photographed. They are worth what such points are worth, a sparse and spotty
@@ -19,6 +20,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from data_stubs.made_models import TRAINED, write_models
@@ -30,6 +32,8 @@ from msb.scenes import read_points
 NEIGHBOURS = 8
 SIZE = 1.6
 """Distance from a triangle's middle to its corners, in mean distances to the nearest three neighbours."""
+GAP = 4
+"""Pixels between the images of the picture."""
 LARGEST = 0.98
 """Quantile of sizes above which triangles grow no more: single points far away would cover the sky."""
 
@@ -41,6 +45,8 @@ VARIANTS = {
 """Label -> what is different from the dedicated tier."""
 ENGINES = ["wgpu", "threejs"]
 """Renderers of the plain mesh beside ours."""
+PICTURED = ("dedicated", "standard")
+"""Conditions of the picture's rows."""
 
 
 def surface_of(scene: Path) -> Surface:
@@ -100,6 +106,22 @@ def protocol_text(
     return "\n".join(lines) + "\n"
 
 
+def montage(results: Path, scene: str) -> Image.Image:
+    """Return the first held-out view by every method, a row for each of `PICTURED`; white is N/A."""
+    found = {}
+    for row, condition in enumerate(PICTURED):
+        for column, method in enumerate(TRAINED):
+            images = results / "cells" / "mipnerf360" / scene / method / condition / "images"
+            if images.is_dir():
+                found[column, row] = Image.open(sorted(images.glob("*.png"))[0]).convert("RGB")
+    width, height = next(iter(found.values())).size
+    size = (len(TRAINED) * (width + GAP) - GAP, len(PICTURED) * (height + GAP) - GAP)
+    picture = Image.new("RGB", size, "white")
+    for (column, row), image in found.items():
+        picture.paste(image, (column * (width + GAP), row * (height + GAP)))
+    return picture
+
+
 def show(report: Report) -> None:
     """Print what was measured."""
     for row in report.rows:
@@ -125,6 +147,7 @@ def main() -> int:
     parser.add_argument("--resolution", type=int, help="1, 2, 4 or 8 divide the photographs' size")
     parser.add_argument("--image-folder", help="where the photographs are, if not in images_4 or images_2")
     parser.add_argument("--reference", action="store_true", help="our NumPy renderer as Non-Engine: slow")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="show a held-out view by every method")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -142,8 +165,11 @@ def main() -> int:
         all_of_it=given.models is not None,
     )
     (given.out / "protocol.toml").write_text(text)
-    report = run_protocol(parse_protocol(text.encode(), given.out / "protocol.toml"), jobs=given.jobs)
+    protocol = parse_protocol(text.encode(), given.out / "protocol.toml")
+    report = run_protocol(protocol, jobs=given.jobs)
     show(report)
+    if given.picture:
+        montage(protocol.results, given.scene.name).save(given.picture, optimize=True)
     return report.exit_status
 
 
