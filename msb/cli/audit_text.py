@@ -64,7 +64,8 @@ def print_audit(
     verbose : bool
         Whether every quantity that the peers were asked for is shown, not only those on which they differ.
     hint : bool
-        Whether `msb trial` is pointed to, which tries what the verdict can only say of the structure.
+        Whether `msb trial` is pointed to, which tries what the verdict can only say of the structure, and
+        `msb repair` where merging vertices is all that lacks.
     """
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
@@ -88,7 +89,11 @@ def print_audit(
         _print_cross_check(audit.cross_check, console, every=verbose)
     console.print()
     if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
-        _print_line(f"[dim]What tools make of it: msb trial {_escape(shell_word(audit.path))}[/dim]", console)
+        path = _escape(shell_word(audit.path))
+        if audit.closed_once_merged:
+            line = f"Merge the vertices: msb repair --plan weld,orient,pair -o merged.glb {path}"
+            _print_line(f"[dim]{line}[/dim]", console)
+        _print_line(f"[dim]What tools make of it: msb trial {path}[/dim]", console)
     print_verdict(audit, console)
 
 

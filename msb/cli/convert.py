@@ -13,7 +13,6 @@ from msb.cli.output import Output, echo
 from msb.errors import EXIT_OK, MsbError, UsageError, about
 
 if TYPE_CHECKING:
-    from msb.asset import Asset
     from msb.meshes import Mesh
 
 EPILOG = epilog(
@@ -23,8 +22,6 @@ EPILOG = epilog(
     "msb convert --to triasset data_stubs/models/pebble out/assets",
 )
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-_UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
-"""Buffer of an asset that a mesh file has no place for -> what it is."""
 
 
 @dataclass(frozen=True)
@@ -170,9 +167,9 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
     from msb.atomic import new_file
     from msb.cli.inputs import open_asset
+    from msb.cli.mesh_files import beyond_a_mesh, note_losses
     from msb.meshes import read_mesh, write_mesh
     from msb.meshes.assets import mesh_from_asset, with_colors_for
-    from msb.meshes.formats import FORMATS
     from msb.meshes.transform import turned_upright, with_linear_colors
     from msb.opening import is_mesh_file
     from msb.saving import output_suffix
@@ -184,20 +181,15 @@ def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None
             left_out = list(mesh.left_out)
         else:
             asset = open_asset(source, output)
-            mesh, left_out = mesh_from_asset(asset), _left_out(asset)
+            mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
     fitting = with_colors_for(mesh, suffix)
-    if fitting is not mesh:
-        output.note(f"{target}: {suffix} has no face colours, so every face gets vertices of its own")
-    if fitting.vertex_colors is not None and "vertex_colors" not in FORMATS[suffix].keeps:
-        left_out.append(f"colours, which {suffix} has no place for")
     fitting = turned_upright(fitting, wish.up) if wish.up else fitting
     fitting = with_linear_colors(fitting) if wish.color == "linear" else fitting
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
         write_mesh(fitting, file, suffix=suffix)
     _say(target, _holds(fitting, suffix), output)
-    if left_out:
-        output.note(f"{target}: left out: {', '.join(left_out)}")
+    note_losses(mesh, fitting, target, suffix, left_out, output)
 
 
 def _holds(mesh: Mesh, suffix: str) -> list[str]:
@@ -209,20 +201,6 @@ def _holds(mesh: Mesh, suffix: str) -> list[str]:
     ]
     vertices = 3 * len(mesh.faces) if suffix == ".stl" else len(mesh.vertices)  # STL shares none
     return [f"{vertices:,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
-
-
-def _left_out(asset: Asset) -> list[str]:
-    """Return what the standard-tier mesh of `asset` does not have."""
-    from msb.asset.look import shown_faces, stored_threshold
-
-    manifest, found = asset.manifest, []
-    if manifest.sh_degree:
-        found.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
-    found += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
-    shown = shown_faces(asset, stored_threshold(asset))
-    if shown is not None:
-        found.append(f"{manifest.face_count - len(shown):,} faces that the STE threshold hides")
-    return found
 
 
 def _say(target: Path, parts: list[str], output: Output) -> None:

@@ -234,7 +234,9 @@ class _Task:
 
     def repair_asset(self) -> Repaired:
         """Repair what an asset holds, and write it as one or as its standard-tier mesh."""
+        from msb.asset import ASSET_SUFFIX
         from msb.cli.inputs import open_asset
+        from msb.cli.mesh_files import beyond_a_mesh
         from msb.repair.assets import repair_asset
         from msb.saving import save
 
@@ -246,6 +248,8 @@ class _Task:
         _note_turned(done.asset, done, self.output)
         with self.output.progress(f"writing {self.target.name}"):
             save(done.asset, self.target, overwrite=True, form=self.form or "packed")
+        if self.suffix != ASSET_SUFFIX and (lost := beyond_a_mesh(done.asset)):
+            self.output.note(f"{self.target}: left out: {', '.join(lost)}")
         return done
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
@@ -260,6 +264,7 @@ class _Task:
     def repair_mesh(self) -> Outcome:
         """Repair a mesh file in its own precision."""
         from msb.atomic import new_file
+        from msb.cli.mesh_files import note_losses
         from msb.meshes import read_mesh, write_mesh
         from msb.meshes.assets import with_colors_for
         from msb.repair.assets import repair_mesh
@@ -269,15 +274,13 @@ class _Task:
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             made, done = repair_mesh(mesh, self.plan, self.options)
         fitting: Mesh = with_colors_for(made, self.suffix)
-        if fitting is not made:
-            text = f"{self.suffix} has no face colours, so every face gets vertices of its own: a soup again"
-            self.output.note(f"{self.target}: {text}")
         with (
             self.output.progress(f"writing {self.target.name}"),
             about(self.source),
             new_file(self.target) as file,
         ):
             write_mesh(fitting, file, suffix=self.suffix)
+        note_losses(made, fitting, self.target, self.suffix, mesh.left_out, self.output)
         return done
 
 

@@ -42,6 +42,7 @@ STORED = "as stored"
 STRATEGIES: dict[str, tuple[tuple[str, ...], str | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
+    "weld,orient,pair": (("weld", "orient", "pair"), None),
     "drop,orient": (("drop", "orient"), None),
     "orient,pair,close": (("orient", "pair", "close"), None),
     "orient,pair,debris": (("orient", "pair", "debris"), None),

@@ -63,6 +63,21 @@ def test_json_holds_the_contract_and_nothing_else_is_on_stdout(msb: Msb, demo_as
     assert "half_edges" in result.err  # -v: timings, on the other stream
 
 
+def test_a_mesh_that_is_closed_once_vertices_are_merged_is_pointed_to_what_merges_them(
+    msb: Msb, tmp_path: Path
+) -> None:
+    path = tmp_path / "tetrahedron.stl"
+    points, faces = np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    with path.open("wb") as file:
+        write_mesh(Mesh(points, faces.astype(np.int64)), file, suffix=".stl")
+    hint = f"msb repair --plan weld,orient,pair -o merged.glb {path}"
+    assert f"\nMerge the vertices: {hint}\n" in msb("audit", path).out
+    made = tmp_path / "merged.glb"
+    assert msb(*hint.split()[1:-3], "-o", made, path).status == 0
+    assert msb("audit", "-q", made).out.startswith(f"{made}: OK ")
+    assert "Merge the vertices" not in msb("audit", made).out
+
+
 def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> None:
     result = msb("audit", demo_asset)
     lines = result.out.strip().splitlines()

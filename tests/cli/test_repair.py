@@ -51,6 +51,15 @@ def test_a_checkpoint_becomes_a_repaired_asset_with_its_maps(msb: Msb, tmp_path:
         assert len(found["face"]) == len(found["turned"]) == made.manifest.face_count
 
 
+def test_what_a_repaired_mesh_file_does_not_have_of_its_source_is_said(msb: Msb, tmp_path: Path) -> None:
+    source = tmp_path / "one.obj"
+    source.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    of_mesh = msb("repair", source, "-o", tmp_path / "b.glb")
+    assert of_mesh.err == f"{tmp_path / 'b.glb'}: left out: UVs\n"
+    of_model = msb("repair", CHECKPOINT, "-o", tmp_path / "c.glb")
+    assert "c.glb: left out: colours that change with the view (SH degree 1), opacity\n" in of_model.err
+
+
 def test_a_mesh_file_keeps_its_precision_and_the_original_stays(msb: Msb, book: Path) -> None:
     before = book.read_bytes()
     target = book.with_name("fixed.ply")

@@ -130,7 +130,7 @@ def test_what_is_made_is_kept_with_its_uvs(msb: Msb, tmp_path: Path) -> None:
         ("trial --task uv --fail-on solid data_stubs/checkpoint", "--fail-on names solid"),
         ("trial --seconds 0 data_stubs/checkpoint", "the limit of seconds is 0"),
         ("trial --camera 3 data_stubs/checkpoint", "--camera goes with --cameras"),
-        ("trial --save out tests/tiny/models", "--save takes one mesh"),
+        ("trial --save no_such_folder/out tests/tiny/models", "--save takes one mesh"),
     ],
 )
 def test_wrong_usage_is_said_before_anything_is_tried(refused: Refused, line: str, said: str) -> None:

@@ -1,0 +1,46 @@
+"""Say what a mesh file that was written does not have of its source."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from msb.asset import Asset
+    from msb.cli.output import Output
+    from msb.meshes import Mesh
+
+_UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
+"""Buffer of an asset that a mesh file has no place for -> what it is."""
+
+
+def beyond_a_mesh(asset: Asset) -> list[str]:
+    """Return what the standard-tier mesh of `asset` does not have."""
+    from msb.asset.look import shown_faces, stored_threshold
+
+    manifest, found = asset.manifest, []
+    if manifest.sh_degree:
+        found.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
+    found += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
+    shown = shown_faces(asset, stored_threshold(asset))
+    if shown is not None:
+        found.append(f"{manifest.face_count - len(shown):,} faces that the STE threshold hides")
+    return found
+
+
+def note_losses(
+    mesh: Mesh, written: Mesh, target: Path, suffix: str, left_out: Sequence[str], output: Output
+) -> None:
+    """Print what is lost between `mesh` and `written`, and what of the source was `left_out` before."""
+    from msb.meshes.formats import FORMATS
+
+    keeps = FORMATS[suffix].keeps
+    if mesh.face_colors is not None and written.face_colors is None:
+        text = f"{suffix} has no face colours, so every face gets vertices of its own: a soup"
+        output.note(f"{target}: {text}")
+    no_place = written.vertex_colors is not None and "vertex_colors" not in keeps
+    lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]
+    if lost:
+        output.note(f"{target}: left out: {', '.join(lost)}")
