@@ -10,11 +10,20 @@ from msb.cli.output import Output, plain_table
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from rich.console import Console
+
     from msb.repair.compare import Look, Row
     from msb.repair.plan import Options
     from msb.trial.run import Trial
 
-_TITLES = ("Tasks", "Standard", "Dedicated", "MB", "Seconds")
+_NAMES = (
+    *("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict"),
+    *("Tasks", "Standard", "Dedicated", "MB", "Seconds"),
+)
+_WORDS = ("Strategy", "Verdict", "Tasks")
+"""Columns that are aligned to the left."""
+_LEAST_WANTED = ("MB", "Added", "Bound.", "Seconds", "Cut")
+"""Columns that a terminal does without if it is not as wide as the table, the first one first."""
 NO_TASK = "none"
 """What --task takes for no task at all."""
 
@@ -73,27 +82,28 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # no table is as wide
-    names = ("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict", *_TITLES)
-    table = plain_table(*names, right=(1, 2, 3, 4, 5, 8, 9, 10, 11))
+    cells = []
     for row in rows:
         if row.before is None or row.after is None or row.looks is None:
-            table.add_row(row.strategy, "-", "-", "-", "-", "-", "not done")
+            cells.append([row.strategy, *[""] * (_NAMES.index("Verdict") - 1), "not done"])
             continue
         ratio = row.after.metrics.boundary_edge_ratio
-        table.add_row(
-            row.strategy,
-            f"{100 * row.faces_kept / max(row.before.counts.faces, 1):.1f} %",
-            f"{row.faces_added:,}",
-            f"{row.edges_cut:,}",
-            f"{row.after.counts.components:,}",
-            "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
-            judge(row.after).word,
-            _passed_text(row.tried),
-            *(_look_text(look) for look in row.looks.values()),
-            f"{row.size / 1e6:.2f}",
-            f"{row.seconds:.1f}",
+        cells.append(
+            [
+                row.strategy,
+                f"{100 * row.faces_kept / max(row.before.counts.faces, 1):.1f} %",
+                f"{row.faces_added:,}",
+                f"{row.edges_cut:,}",
+                f"{row.after.counts.components:,}",
+                "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
+                judge(row.after).word,
+                _passed_text(row.tried),
+                *(_look_text(look) for look in row.looks.values()),
+                f"{row.size / 1e6:.2f}",
+                f"{row.seconds:.1f}",
+            ]
         )
-    console.print(table)
+    print_table(cells, console)
     if output.quiet:
         return
     for row in rows:
@@ -110,6 +120,24 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     for why in sorted(reasons):
         console.print(escape(f"not drawn: {why}"), soft_wrap=True)
     console.print(f"PSNR in dB against the asset as stored, the mean over {escape(which)}.", soft_wrap=True)
+
+
+def print_table(rows: list[list[str]], console: Console) -> None:
+    """Print as much of the table as the terminal is wide; what says nothing is left out first."""
+    full = [[*row, *[""] * (len(_NAMES) - len(row))] for row in rows]
+    silent = [name for name, *cells in zip(_NAMES, *full, strict=True) if not {*cells} - {"", "-"}]
+    boundless = console.options.update(width=10_000)
+    order = [*silent, *(name for name in _LEAST_WANTED if name not in silent)]
+    for count in range(len(order) + 1):
+        names = [name for name in _NAMES if name not in order[:count]]
+        table = plain_table(*names, right=tuple(i for i, name in enumerate(names) if name not in _WORDS))
+        for row in full:
+            table.add_row(*(cell for name, cell in zip(_NAMES, row, strict=True) if name in names))
+        if console.measure(table, options=boundless).maximum <= console.width:
+            break
+    console.print(table)
+    if lost := order[len(silent) : count]:
+        console.print(f"[dim]A wider terminal and --json also show: {', '.join(lost)}[/dim]")
 
 
 def _passed_text(trials: tuple[Trial, ...]) -> str:

@@ -61,7 +61,7 @@ def _fit(table: Table, console: Console) -> int:
     for column in table.columns:
         sizes = [Measurement.get(console, wide, cell) for cell in (column.header, *column.cells)]
         ranges.append((max(size.minimum for size in sizes), max(size.maximum for size in sizes)))
-    gaps = table.padding[1] * len(ranges)
+    gaps = table.padding[1] * (len(ranges) - 1)
     left = max(0, console.width - gaps - sum(least for least, _ in ranges))
     hungry = sorted(range(len(ranges)), key=lambda number: ranges[number][1] - ranges[number][0])
     for waiting, number in zip(range(len(hungry), 0, -1), hungry, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 import msb as library
+from msb.cli.repair_compare import print_table
+from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import Mesh, read_mesh, write_mesh
 from tests.conftest import BOOK, ROOT
 
@@ -151,3 +154,19 @@ def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Pat
     assert (rows["drop,orient"]["trials_passed_before"], rows["drop,orient"]["trials_passed_after"]) == (1, 1)
     done = [row for row in rows.values() if row["why"] is None]
     assert len(list((tmp_path / "costs").glob("*.png"))) == len(done) - 1
+
+
+@pytest.mark.parametrize(
+    ("width", "lost"), [(108, []), (101, []), (90, []), (85, ["MB"]), (80, ["MB", "Added"])]
+)
+def test_a_terminal_gets_as_much_of_the_comparison_as_it_is_wide(width: int, lost: list[str]) -> None:
+    row = "orient,pair,debris|100.0 %|0|0|852|0.65|LIMITED|-|same|-|0.10|0.0".split("|")
+    console = WholeWordConsole(file=io.StringIO(), width=width)
+    print_table([row, ["cut by igl", *[""] * 5, "not done"]], console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+    names = text.splitlines()[0].split()
+    assert ("Tasks" in names, "Dedicated" in names) == (width >= 108, width >= 101)
+    assert set(lost).isdisjoint(names)
+    assert ("also show" in text) == bool(lost)
+    assert text.splitlines()[1].split()[:3] == ["orient,pair,debris", "100.0", "%"]
