@@ -160,7 +160,8 @@ def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Pat
     ("width", "lost"), [(108, []), (101, []), (90, []), (85, ["MB"]), (80, ["MB", "Added"])]
 )
 def test_a_terminal_gets_as_much_of_the_comparison_as_it_is_wide(width: int, lost: list[str]) -> None:
-    row = "orient,pair,debris|100.0 %|0|0|852|0.65|LIMITED|-|same|-|0.10|0.0".split("|")
+    row = ["orient,pair,debris", "100.0 %", "0", "0", "852", "0.65"]
+    row += ["LIMITED", "-", "same", "-", "0.10", "0.0"]
     console = WholeWordConsole(file=io.StringIO(), width=width)
     print_table([row, ["cut by igl", *[""] * 5, "not done"]], console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
