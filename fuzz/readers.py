@@ -176,8 +176,10 @@ def report(path: Path) -> None:
     """Read a results folder of one record and make every table, page and finding of it, without figures."""
     from msb.report.collect import collect
     from msb.report.findings import find
+    from msb.report.repairs import repairs
     from msb.report.results import load, result_set
     from msb.report.tables.asset import asset_tables, provenance
+    from msb.report.trials import tried_tasks
 
     results = result_set([load(path, path.parents[5])])
     numbers = collect(results)
@@ -187,6 +189,8 @@ def report(path: Path) -> None:
         asset_tables(place, records, numbers)
         provenance(records)
         for loaded in conditions.values():
+            tried_tasks(loaded)
+            repairs(loaded)
             for image in () if loaded.result.quality is None else loaded.result.quality.images:
                 loaded.file(image.file)
 
@@ -195,6 +199,30 @@ def track(path: Path) -> None:
     from msb.bench.track import read_track as read
 
     read(path)
+
+
+def renderer_timing(path: Path) -> None:
+    from msb.bench.renderer_timing import read_renderer_timing as read
+
+    assert read(path).fps > 0
+
+
+def page(path: Path) -> None:
+    """Read a page of the dedicated tier, and see that its images are those of its test views."""
+    from msb.engines.dedicated_page.page import read_page as read
+
+    _, scene, images = read(path)
+    for test, image in zip(scene["dedicated"]["tests"], images, strict=True):
+        assert image.shape == (test["view"]["height"], test["view"]["width"], 3)
+        assert image.dtype == np.uint8
+
+
+def training(path: Path) -> None:
+    """Read the state of a training, whose arrays are no larger than its file."""
+    from data_stubs.training.state import read_state as read
+
+    arrays, _ = read(path)
+    assert sum(array.nbytes for array in arrays.values()) <= path.stat().st_size
 
 
 def published(path: Path) -> None:

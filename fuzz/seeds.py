@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import struct
@@ -14,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from data_stubs.torch_file import write_torch
+from data_stubs.training.state import write_state
+from msb.bench.records import RendererTiming
+from msb.engines.dedicated_page.stored import store
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import written_suffixes
 from tests.adapters import assemble, models
@@ -217,10 +221,52 @@ def gates() -> list[bytes]:
 
 def results() -> list[bytes]:
     from msb.bench.records import CONDITIONS
+    from msb.report.repairs import STORED
     from tests.report.factory import make_result
+    from tests.report.test_repairs import document as repairs_document
+    from tests.report.test_repairs import way
+    from tests.report.test_trials import TASK
+    from tests.report.test_trials import document as trial_document
 
     made = [make_result("capture", "desk", "two_dts", condition) for condition in CONDITIONS]
-    return [result.to_json() for result in (*made, make_result("dtu", "scan24", "two_dts", "non_engine"))]
+    mesh = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
+    variant = made[CONDITIONS.index("dedicated")]
+    made += [
+        make_result("dtu", "scan24", "two_dts", "non_engine", renderer_timing=timing()),
+        mesh.model_copy(update={"trial": trial_document(TASK), "repairs": repairs_document(way(STORED))}),
+        variant.model_copy(update={"cell": variant.cell.model_copy(update={"variant": "a", "label": "b"})}),
+    ]
+    return [result.to_json() for result in made]
+
+
+def timing() -> RendererTiming:
+    return RendererTiming(frames=300, seconds=2.5, device="GPU", timed="render()")
+
+
+def renderer_timings() -> list[bytes]:
+    return [timing().to_json()]
+
+
+@cache
+def pages() -> list[bytes]:
+    """Return what of a page is read again: its scene and its test views, of each way to store an array."""
+    view = {"width": 5, "height": 3}
+    image = np.arange(45, dtype=np.uint8).reshape(15, 3)
+    stored = store(image)
+    tests = [{"name": "0", "view": view, "image": "test 0"}]
+    scene = {"dedicated": {"tests": tests, "arrays": {"test 0": stored.head}}}
+    return [
+        b'<script type="application/json" id="scene">%b</script>'
+        b'<script type="text/plain" data-array="test 0">%b</script></body>'
+        % (json.dumps(scene).encode(), base64.b64encode(stored.data))
+    ]
+
+
+def trainings() -> list[bytes]:
+    with TemporaryDirectory() as name:
+        path = Path(name) / "training.npz"
+        write_state(path, {"pixel": np.ones(3), "adam/steps": np.array(1)}, {"method": "two_dts"})
+        return [path.read_bytes()]
 
 
 def tracks() -> list[bytes]:

@@ -69,12 +69,18 @@ class Training:
             if about.get(name) != self._about[name]:
                 text = f"{self.folder / FILE} is of another training: its {name} is {about.get(name)}"
                 raise UsageError("USAGE", text)
-        self.model.restore(arrays)
-        self.model.random.bit_generator.state = about["random"]
-        self.iteration, self.seconds, self.log = about["iteration"], about["seconds"], about["log"]
-        self._left = about["left"]
-        self._seen = Statistics(self.model.faces)
-        self._seen.peak, self._seen.error = arrays["seen/peak"], arrays["seen/error"]
+        try:
+            self.model.restore(arrays)
+            self.model.random.bit_generator.state = about["random"]
+            self.iteration, self.seconds, self.log = about["iteration"], about["seconds"], about["log"]
+            self._left = about["left"]
+            self._seen = Statistics(self.model.faces)
+            self._seen.peak, self._seen.error = arrays["seen/peak"], arrays["seen/error"]
+        except (KeyError, TypeError, ValueError) as error:
+            text = (
+                f"{self.folder / FILE} lacks what a training goes on with ({type(error).__name__}: {error})"
+            )
+            raise UsageError("USAGE", text) from None
 
     @property
     def progress(self) -> float:

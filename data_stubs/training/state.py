@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,9 +36,14 @@ def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """
     try:
         with np.load(path, allow_pickle=False) as file:
+            # Nothing is compressed, so what is larger than its file was not written here.
+            if sum(member.file_size for member in file.zip.infolist()) > path.stat().st_size:
+                raise ValueError("its arrays are larger than the file")
             arrays = {name: file[name] for name in file.files}
-        about: dict[str, Any] = json.loads(bytes(arrays.pop(_ABOUT)))
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        text = f"{path} is no state of a training that can be resumed ({type(error).__name__})"
+        about = json.loads(bytes(arrays.pop(_ABOUT)))
+        if not isinstance(about, dict) or not all(isinstance(one, np.ndarray) for one in arrays.values()):
+            raise TypeError("it holds something else")
+    except Exception as error:  # zipfile and NumPy raise many kinds
+        text = f"{path}: it is no state of a training that can be resumed ({type(error).__name__})"
         raise UsageError("USAGE", text) from None
     return arrays, about

@@ -219,7 +219,7 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
         if metric == "lpips":
             yield LPIPS
             for one in () if result.quality is None else result.quality.metrics:
-                if one["name"] == "lpips_vgg" and one.get("weights"):
+                if one.get("name") == "lpips_vgg" and one.get("weights"):
                     yield weights_source(one["weights"])
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"

@@ -62,20 +62,21 @@ def _wrong(row: Any) -> str | None:
     """Return the key of a strategy that is wrong."""
     if not isinstance(row, dict) or not isinstance(row.get("strategy"), str):
         return "strategy"
-    if not isinstance(row.get("why"), str | None):
+    if not isinstance(row.get("why", 0), str | None):
         return "why"
     plan = row.get("plan")
     if not isinstance(plan, list) or not all(isinstance(step, str) for step in plan):
         return "plan"
-    if not isinstance(row.get("peer"), str | None) or not isinstance(row.get("picture"), str | None):
-        return "peer"
+    for key in ("peer", "picture"):
+        if not isinstance(row.get(key, 0), str | None):
+            return key
     if row["why"] is not None:
         return None
     for key in (*_NUMBERS, *_PASSED):
         if not isinstance(row.get(key), int | float) or isinstance(row[key], bool):
             return key
     for key in ("verdict_before", "verdict_after"):
-        if row.get(key) not in _LEVELS:
+        if str(row.get(key)) not in _LEVELS:
             return key
     trials, looks = row.get("trials"), row.get("looks")
     if not isinstance(trials, dict) or not all(isinstance(one, str) for one in trials.values()):
@@ -88,9 +89,9 @@ def _wrong(row: Any) -> str | None:
 def _is_look(look: Any) -> bool:
     return (
         isinstance(look, dict)
-        and isinstance(look.get("psnr"), int | float | None)
+        and isinstance(look.get("psnr", ""), int | float | None)
         and isinstance(look.get("same"), bool)
-        and isinstance(look.get("why"), str | None)
+        and isinstance(look.get("why", 0), str | None)
     )
 
 

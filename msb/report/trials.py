@@ -47,10 +47,10 @@ def problem(document: Any) -> str | None:
     if not isinstance(trials, list):
         return "/trial/trials"
     for number, one in enumerate(trials):
-        if not isinstance(one, dict) or one.get("outcome") not in _MARKS:
+        if not isinstance(one, dict) or str(one.get("outcome")) not in _MARKS:
             return f"/trial/trials/{number}/outcome"
         for key in ("task", "title", "says", "why", "picture"):
-            if not isinstance(one.get(key), str | (type(None) if key in ("why", "picture") else str)):
+            if not isinstance(one.get(key, 0), str | (type(None) if key in ("why", "picture") else str)):
                 return f"/trial/trials/{number}/{key}"
         if not isinstance(one.get("seconds"), int | float):
             return f"/trial/trials/{number}/seconds"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import struct
@@ -179,6 +180,49 @@ _NEUS: dict[str, tuple[bytes, str]] = {
     ),
 }
 
+
+def page(scene: Any, array: bytes = zlib.compress(bytes(45))) -> bytes:
+    """Return a page of a scene and one array."""
+    text = scene if isinstance(scene, bytes) else json.dumps({"dedicated": scene}).encode()
+    return b'<script type="application/json" id="scene">%b</script>' % text + (
+        b'<script type="text/plain" data-array="a">%b</script>' % base64.b64encode(array)
+    )
+
+
+def one_view(width: int = 5, height: int = 3, tests: int = 1, **head: Any) -> dict[str, Any]:
+    """Return the scene of a page with test views."""
+    test = {"image": "a", "view": {"width": width, "height": height}}
+    whole = {"type": "uint8", "shape": [15, 3], "how": "plain", "bytes": 45}
+    return {"tests": [test] * tests, "arrays": {"a": {**whole, **head}}}
+
+
+_PAGE: dict[str, tuple[bytes, str]] = {
+    name: (content, "it is no page that msb web --tier dedicated wrote")
+    for name, content in {
+        "no scene": b"<html></html>",
+        "nested": page(b"[" * 5000 + b"]" * 5000),
+        "no tests": page({}),
+        "image without an array": page({**one_view(), "arrays": {}}),
+        "bomb": page(one_view(bytes=1 << 30), zlib.compress(bytes(1 << 24))),
+        "many views of one bomb": page(one_view(10_000, 10_000, tests=9)),
+        "negative size": page(one_view(-5, -3)),
+        "rows of one row": page(one_view(how="rows", codes="uint8", shape=[45, 1 << 40])),
+        "short stream": page(one_view(), zlib.compress(bytes(44))),
+        "no stream": page(one_view(), b"x"),
+    }.items()
+}
+
+ABOUT = npy(shape("2,", "|u1"), b"{}")
+_TRAINING: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "EOFError"),
+    "no archive": (ABOUT, "it is no state of a training"),
+    "objects": (archive(about=npy(shape("1,", "|O"), b"\x80\x04N.")), "ValueError"),
+    "bomb": (archive(zipfile.ZIP_DEFLATED, about=ABOUT, a=npy(shape("4194304,"), bytes(1 << 24))), "Value"),
+    "more than there is": (archive(about=ABOUT, a=npy(shape("99999999999999,"))), "Error"),
+    "nothing about it": (archive(a=ABOUT), "KeyError"),
+    "no object": (archive(about=npy(shape("2,", "|u1"), b"[]")), "TypeError"),
+    "a text": (archive(about=ABOUT, a=b"text"), "TypeError"),
+}
 BAD: dict[str, Bad] = {
     f"{target}: {name}": (target, content, code, message)
     for target, code, table in (
@@ -188,6 +232,8 @@ BAD: dict[str, Bad] = {
         ("vgg_npz", "METRIC_VGG_WEIGHTS", _WEIGHTS),
         ("vgg_safetensors", "METRIC_VGG_WEIGHTS", _TENSORS),
         ("neus_npz", "SCENE_MATRICES", _NEUS),
+        ("page", "FILE_NOT_RECOGNISED", _PAGE),
+        ("training", "USAGE", _TRAINING),
     )
     for name, (content, message) in table.items()
 }

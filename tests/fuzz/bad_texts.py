@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from msb.report.repairs import STORED
 from tests.bench.test_protocol import MINIMAL
 from tests.report.factory import make_result
+from tests.report.test_repairs import document as repairs
+from tests.report.test_repairs import way
+from tests.report.test_trials import TASK
+from tests.report.test_trials import document as trial
 
 Bad = tuple[str, bytes, str, str]
 DIGITS = b"1" * 5000
@@ -26,6 +31,10 @@ def result(**changes: Any) -> bytes:
     """Return a good record with some of its keys replaced."""
     made = json.loads(make_result("capture", "desk", "two_dts", "dedicated").to_json())
     return json.dumps({**made, **changes}).encode()
+
+
+def without(held: dict[str, Any], key: str) -> dict[str, Any]:
+    return {name: value for name, value in held.items() if name != key}
 
 
 def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
@@ -85,6 +94,17 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "PSNR that is not there": (measured({"psnr": None}), "/quality/images/0/psnr: it must be there"),
     "other mean of PSNR": (measured(psnr=99.0), "/quality/psnr: it is 99.0, and the mean of its images is"),
     "other mean of SSIM": (measured({"ssim": 0.25}), "/quality/ssim: it is "),
+    "trial of no outcome": (result(trial=trial({**TASK, "outcome": []})), "/trial/trials/0/outcome"),
+    "trial without a reason": (result(trial=trial(without(TASK, "why"))), "/trial/trials/0/why"),
+    "repair of no verdict": (
+        result(repairs=repairs(way(STORED, verdict_after=[]))),
+        "/repairs/strategies/0/verdict_after",
+    ),
+    "repair without a reason": (result(repairs=repairs(without(way(STORED), "why"))), "/strategies/0/why"),
+    "repair without a picture": (
+        result(repairs=repairs(without(way(STORED), "picture"))),
+        "/strategies/0/picture",
+    ),
     "image without width": (
         result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
         "/quality",
@@ -96,6 +116,7 @@ _RECORDS: dict[str, Bad] = {
         f"{target}: {name}": (target, content, code, message)
         for target, code in (
             ("track", "RECORD_INVALID"),
+            ("renderer_timing", "RECORD_INVALID"),
             ("published", "RECORD_INVALID"),
             ("benchmark", "FILE_NOT_RECOGNISED"),
         )

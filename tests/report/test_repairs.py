@@ -43,10 +43,13 @@ def way(strategy: str, /, **changes: Any) -> dict[str, Any]:
     return {**found, **changes}
 
 
+def document(*ways: dict[str, Any]) -> dict[str, Any]:
+    return {"schema": "msb.repair_compare/1", "path": None, "views": "3 test views", "strategies": ways}
+
+
 def written(folder: Path, *ways: dict[str, Any]) -> Path:
     made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    document = {"schema": "msb.repair_compare/1", "path": None, "views": "3 test views", "strategies": ways}
-    return write(folder, made.model_copy(update={"repairs": document}))
+    return write(folder, made.model_copy(update={"repairs": document(*ways)}))
 
 
 def page(folder: Path) -> str:

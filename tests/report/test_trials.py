@@ -27,10 +27,13 @@ TASK: dict[str, Any] = {
 }
 
 
+def document(*tasks: dict[str, Any]) -> dict[str, Any]:
+    return {"schema": "msb.trial/1", "trials": tasks}
+
+
 def written(folder: Path, **changes: Any) -> Path:
     made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    trial = {"schema": "msb.trial/1", "trials": [{**TASK, **changes}]}
-    return write(folder, made.model_copy(update={"trial": trial}))
+    return write(folder, made.model_copy(update={"trial": document({**TASK, **changes})}))
 
 
 def page(folder: Path) -> str:

@@ -140,3 +140,13 @@ def test_command(tmp_path: Path) -> None:
     assert wrong.stderr == (
         "error: USAGE: --method is nerf; it must be two_dts, triangle_splatting, mesh_splatting, diffsoup\n"
     )
+
+
+def test_a_state_that_lacks_something_is_refused_in_one_line(tmp_path: Path) -> None:
+    from data_stubs.training.state import FILE, read_state, write_state
+
+    training(tmp_path, "two_dts").save()
+    arrays, about = read_state(tmp_path / FILE)
+    write_state(tmp_path / FILE, {name: one for name, one in arrays.items() if name != "seen/peak"}, about)
+    with pytest.raises(UsageError, match=r"lacks what a training goes on with \(KeyError: 'seen/peak'\)"):
+        training(tmp_path, "two_dts").resume()

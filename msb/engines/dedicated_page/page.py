@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import json
+import math
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ import numpy as np
 
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
+from msb.asset.strict_json import parse_strict_json
 from msb.engines.dedicated_page.stored import restore, store
 from msb.engines.dedicated_page.view_json import live_settings, view_json
 from msb.engines.hardware.packing import pack
@@ -54,6 +55,9 @@ MODES: tuple[tuple[Order, Sampling], ...] = (
 """Orders and samplings that a page offers."""
 _LETTERS = 1 << 23
 """Base64 letters of an element."""
+_MOST_OF_TESTS = 1 << 30
+"""Bytes of all images of test views together that are read."""
+_ARRAY = re.compile(rb'<script type="text/plain" data-array="([^"]*)">([^<]*)</script>')
 _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
 
@@ -342,19 +346,29 @@ def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]
     data = read_file(path)
     try:
         found = _SCENE.search(data)
-        scene = json.loads(found[1]) if found else {}
-        about = scene["dedicated"]
-        images = []
-        for test in about["tests"]:
-            view = test["view"]
-            array = restore(about["arrays"][test["image"]], _array_bytes(data, test["image"]))
-            images.append(array.reshape(view["height"], view["width"], 3))
+        text = found[1] if found else b""
+        scene = parse_strict_json(text, file=path, name="the scene", max_bytes=len(text))
+        images = _test_images(data, scene["dedicated"])
     except Exception as error:
         text = "it is no page that msb web --tier dedicated wrote"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
     return data, scene, images
 
 
-def _array_bytes(page: bytes, name: str) -> bytes:
-    mark = re.escape(f'<script type="text/plain" data-array="{name}">'.encode())
-    return b"".join(base64.b64decode(part) for part in re.findall(mark + rb"([^<]*)</script>", page))
+def _test_images(page: bytes, about: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
+    shapes = [(test["view"]["height"], test["view"]["width"], 3) for test in about["tests"]]
+    sizes = [math.prod(shape) for shape in shapes]
+    if sum(sizes) > _MOST_OF_TESTS:  # a few bytes of zlib can stand for a thousand times as many
+        raise ValueError(f"test views of {sum(sizes)} bytes")
+    streams = {test["image"]: b"" for test in about["tests"]}
+    for part in _ARRAY.finditer(page):
+        name = part[1].decode()
+        if name in streams:
+            streams[name] += base64.b64decode(part[2])
+    images = []
+    for test, shape, size in zip(about["tests"], shapes, sizes, strict=True):
+        head = about["arrays"][test["image"]]
+        if (head["how"], head["type"], head["bytes"]) != ("plain", "uint8", size):
+            raise ValueError(f"an image of {size} bytes is {head}")
+        images.append(restore(head, streams[test["image"]]).reshape(shape))
+    return images
