@@ -67,11 +67,12 @@ def _wrong(row: Any) -> str | None:
     plan = row.get("plan")
     if not isinstance(plan, list) or not all(isinstance(step, str) for step in plan):
         return "plan"
-    for key in ("peer", "picture"):
-        if not isinstance(row.get(key, 0), str | None):
-            return key
+    if not isinstance(row.get("peer", 0), str | None):
+        return "peer"
     if row["why"] is not None:
         return None
+    if not isinstance(row.get("picture", 0), str | None):
+        return "picture"
     for key in (*_NUMBERS, *_PASSED):
         if not isinstance(row.get(key), int | float) or isinstance(row[key], bool):
             return key

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from msb.errors import InputError
+from msb.repair.compare import Row
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
@@ -62,8 +63,7 @@ def test_the_page_names_the_free_way_first_and_then_what_a_better_one_costs(tmp_
     free = way("orient,pair", verdict_after="limited", edges_cut=7, picture="orient-pair.png")
     looks = {"standard": {"psnr": 34.56, "same": False, "why": None}, "dedicated": SAME}
     costly = way("drop", verdict_after="ok", faces_kept=75, looks=looks, trials_passed_after=3)
-    failed = {"strategy": "cut by igl", "plan": ["cut"], "peer": "igl", "why": "PEER_FAILED: it <died>",
-              "picture": None}  # fmt: skip
+    failed = Row("cut by igl", ("cut",), "igl", why="PEER_FAILED: it <died>").to_dict()
     place = written(tmp_path, way("as stored"), free, costly, failed).parent / "repairs"
     place.mkdir()
     (place / "orient-pair.png").write_bytes(b"\x89PNG\r\n\x1a\nwhatever")
