@@ -40,7 +40,7 @@ LARGEST = 0.98
 VARIANTS = {
     "engine": {"order": "global", "sampling": "engine"},
     "unsorted": {"order": "none", "sampling": "engine"},
-    "wgpu": {"renderer": "wgpu"},
+    "hardware": {"renderer": "wgpu"},
 }
 """Label -> what is different from the dedicated tier."""
 ENGINES = ["wgpu", "threejs"]
