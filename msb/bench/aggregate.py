@@ -153,19 +153,3 @@ def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean
     wanted = tuple(scenes)
     found = [value for scene in wanted if (value := values.get(scene)) is not None]
     return Mean(math.fsum(found) / len(found) if found else None, len(found), len(wanted))
-
-
-def dataset_mean(metric: str, results: Mapping[str, Result], scenes: Iterable[str]) -> Mean:
-    """Return the mean of `metric` (a key of `METRICS`) over the records of scenes (scene -> record)."""
-    get = METRICS[metric].get
-    return mean_over({scene: get(result) for scene, result in results.items()}, scenes)
-
-
-def pooled_fps(results: Iterable[Result]) -> float | None:
-    """Return frames per second: all timed frames of the records over the time that they took.
-
-    The tables print another number, the mean of the scenes' rates; in this one a slow scene weighs more.
-    """
-    timed = [result.timing for result in results if result.timing is not None]
-    seconds = math.fsum(timing.seconds for timing in timed)
-    return sum(timing.frames for timing in timed) / seconds if seconds else None

@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.adapters.locate import locate
-from msb.asset import ASSET_SUFFIX
+from msb.asset import is_asset
 from msb.bench.inputs import scan_files
 from msb.bench.models import method_of
 from msb.bench.protocol_tables import AUTO, PLACE, REFERENCE
@@ -215,7 +215,7 @@ def _absent(path: Path, above: Path) -> MsbError | None:
 
 def _wrong_with_model(path: Path) -> MsbError | None:
     try:
-        if path.suffix.lower() != ASSET_SUFFIX:
+        if not is_asset(path):
             locate(path)
     except MsbError as error:
         return error

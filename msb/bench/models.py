@@ -9,7 +9,7 @@ from pathlib import Path
 
 from msb.adapters.exporter import detect, finish, read_model
 from msb.adapters.locate import locate
-from msb.asset import ASSET_SUFFIX, Asset, load, write_asset
+from msb.asset import Asset, is_asset, load, write_asset
 from msb.asset.manifest import MANIFEST_NAME
 from msb.atomic import new_file
 from msb.bench.checked import checked, read_json
@@ -111,7 +111,7 @@ def prepare_model(task: ModelTask) -> Model:
     if known is not None:
         return known
     source = task.source
-    if source.suffix.lower() == ASSET_SUFFIX:
+    if is_asset(source):
         asset, path, files = load(source), source, []
         if task.method not in (AUTO, asset.manifest.method):
             text = f"it holds a {asset.manifest.method} model; the protocol says {task.method}"
@@ -144,7 +144,7 @@ def method_of(source: Path) -> str:
     ------
     InputError, AssetError, CheckpointError, MeshFileError
     """
-    return load(source).manifest.method if source.suffix.lower() == ASSET_SUFFIX else detect(source)
+    return load(source).manifest.method if is_asset(source) else detect(source)
 
 
 def _record(results: Results, task: ModelTask) -> Path:
@@ -158,7 +158,7 @@ def _asked(task: ModelTask) -> str:
 
 def _source_file(task: ModelTask) -> str:
     """Return the file that decides what the model is."""
-    if task.source.suffix.lower() == ASSET_SUFFIX:
+    if is_asset(task.source):
         return str(_files(task.source)[0])
     return str(locate(task.source).file)
 

@@ -16,6 +16,7 @@ from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
+from msb.bench.records import CONDITION_TITLES
 from msb.errors import MsbError
 from msb.render.images import image_names, to_bytes, write_film
 from msb.scenes import interpolated
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"
-_TITLES = {"non_engine": "Non-Engine", "dedicated": "Dedicated", "standard": "Standard"}
 _LABEL = 1 / 20
 """Height of a title, as a share of the image's height."""
 _SMALLEST = 240
@@ -115,7 +115,7 @@ def write_video(task: VideoTask) -> None:
     first = task.jobs[0]
     check_run(first.root, first.run)
     scene = checked_scene(first.scene, first.views)
-    titles = [_TITLES.get(job.cell.condition_name, job.cell.condition_name) for job in task.jobs]
+    titles = [CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name) for job in task.jobs]
     with contextlib.ExitStack() as stack:
         if task.options.path == "test":
             titles = [PHOTOGRAPH.capitalize(), *titles]

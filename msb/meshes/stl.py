@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _HEADER_BYTES = 84
 _FACE_BYTES = 50
-_MAX_FACES = 2**32 - 1
 
 _LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
 """How the lines of one face begin, in this order."""

@@ -30,7 +30,7 @@ BUILT_IN = {
     "dedicated": "msb.render.dedicated:DedicatedRenderer",
     "reference": "msb.reference.renderer:ReferenceRenderer",
 }
-"""Tier -> our renderer of it. pyproject.toml repeats them for who lists entry points."""
+"""Tier -> our renderer of it."""
 ON_OPENCL = ("standard", "dedicated")
 """The tiers whose renderer needs an OpenCL device."""
 ENGINES = {
@@ -39,7 +39,7 @@ ENGINES = {
     "blender_cycles": "msb.engines.blender:CyclesRenderer",
     "blender_workbench": "msb.engines.blender:WorkbenchRenderer",
 }
-"""Name -> the renderer that drives a foreign engine. pyproject.toml repeats these, too."""
+"""Name -> the renderer that drives a foreign engine."""
 
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 """The use of device memory: the mesh, its colours, intermediate results of a frame, or its images."""

@@ -17,10 +17,10 @@ from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.aggregate import expected_scenes
+from msb.bench.records import CONDITION_TITLES
 from msb.extras import need_extra
 from msb.methods import METHODS
 from msb.report.numbers import (
-    CONDITION_TITLES,
     DRAWN_CONDITIONS,
     MEAN,
     Key,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.bench.aggregate import TITLES
-from msb.bench.records import CONDITIONS, TIER_OF
+from msb.bench.records import CONDITION_TITLES, CONDITIONS, TIER_OF
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.report.safe_names import plain_text
@@ -25,13 +25,6 @@ MEAN = "mean"
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
 """Names that stand for means over scenes -> the headings of their rows."""
 
-CONDITION_TITLES = {
-    "non_engine": "Non-Engine",
-    "dedicated": "Dedicated",
-    "standard": "Standard",
-    "exported_mesh": "Exported mesh",
-}
-"""Condition -> its heading."""
 CONDITION_PLACES: dict[str, int] = {name: place for place, name in enumerate(CONDITIONS)}
 DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""

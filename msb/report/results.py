@@ -117,22 +117,18 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
 def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultSet:
     """Return records together; raises UsageError as `read_results`."""
     found = list(found)
-    problems = list(dict.fromkeys(_problems(found)))
     apart = _apart(found)
-    if (problems or apart) and not allow_mixed:
-        first = next(iter(apart.values()), problems[0] if problems else "")
-        count = len(problems) + len(apart)
-        more = f" (and {count - 1} more)" if count > 1 else ""
+    named = _folder_names(found)
+    found = [
+        replace(one, folder=named[one.root]) if one.place._replace(scene="") in apart else one
+        for one in found
+    ]
+    problems = [*apart.values(), *dict.fromkeys(_problems(found))]
+    if problems and not allow_mixed:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         way = ' label one of the models in its protocol (label = "ours"),' if apart else ""
-        text = f"{first}{more};{way} report them apart, or give --allow-mixed"
+        text = f"{problems[0]}{more};{way} report them apart, or give --allow-mixed"
         raise UsageError("RESULTS_MIXED", text)
-    if apart:
-        named = _folder_names(found)
-        found = [
-            replace(one, folder=named[one.root]) if one.place._replace(scene="") in apart else one
-            for one in found
-        ]
-        problems = [*apart.values(), *dict.fromkeys(_problems(found))]
     places: dict[Place, dict[str, Loaded]] = {}
     for loaded in sorted(found, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded

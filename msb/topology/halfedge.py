@@ -22,7 +22,6 @@ from msb.topology.faces import names_vertex_twice
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Ints = "NDArray[np.int32 | np.int64]"
 NONE = -1
 """Stands for "there is none" in arrays of element numbers."""
 

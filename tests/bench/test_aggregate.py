@@ -12,10 +12,8 @@ import pytest
 from msb.bench.aggregate import (
     METRICS,
     SCENES,
-    dataset_mean,
     expected_scenes,
     mean_over,
-    pooled_fps,
     scene_groups,
 )
 from msb.bench.records import Memory, Training
@@ -67,26 +65,15 @@ def test_percentiles_are_averaged_never_pooled() -> None:
     scenes = {"a": [1, 1, 1, 9], "b": [2, 2, 2, 2]}
     each = {name: float(np.percentile(times, 95)) for name, times in scenes.items()}
     assert each == {"a": pytest.approx(7.8), "b": 2}
-    records = {
-        name: result(scene=name, timing=timing().model_copy(update={"p95_ms": value}))
-        for name, value in each.items()
-    }
-    assert dataset_mean("p95_ms", records, scenes).value == pytest.approx(4.9)
+    assert mean_over(each, scenes).value == pytest.approx(4.9)
     assert np.percentile(np.concatenate(list(scenes.values())), 95) == pytest.approx(6.55)
-
-
-def test_rates_are_averaged_and_pooled_on_demand() -> None:
-    records = {"a": result(timing=timing(100, frames=100)), "b": result(timing=timing(300, frames=100))}
-    assert dataset_mean("fps", records, records).value == 200
-    assert pooled_fps(records.values()) == pytest.approx(150)
-    assert pooled_fps([result()]) is None
 
 
 def test_missing_values_make_a_mean_partial_and_never_zero() -> None:
     records = {"a": result(quality=quality(20, None)), "b": result(quality=quality(30, 0.5))}
-    mean = dataset_mean("lpips", records, ["a", "b", "c"])
+    mean = mean_over({name: METRICS["lpips"].get(one) for name, one in records.items()}, ["a", "b", "c"])
     assert (mean.value, mean.present, mean.expected, mean.partial) == (0.5, 1, 3, True)
-    assert dataset_mean("chamfer", records, ["a", "b"]).value is None
+    assert METRICS["chamfer"].get(records["a"]) is None
     assert mean_over({"a": 1.0, "other": 5.0}, ["a"]).value == 1
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from typing import TYPE_CHECKING
@@ -9,6 +10,9 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
+from msb.adapters import export
+from msb.asset import write_asset
+from msb.bench.models import method_of
 from msb.bench.protocol import example, parse_protocol
 from msb.bench.run import run_protocol
 from msb.errors import UsageError
@@ -96,6 +100,16 @@ def test_a_model_whose_method_cannot_be_told_is_missing(tmp_path: Path) -> None:
     report = run_protocol(parse_protocol(broken, tmp_path / "p.toml"), dry=True)
     assert (report.exit_status, report.rows) == (3, ())
     assert report.missing[0].code == "FILE_NOT_FOUND"
+
+
+def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Path) -> None:
+    write_asset(export(PEBBLE / "two_dts"), tmp_path / "model", "folder")
+    assert method_of(tmp_path / "model") == "two_dts"
+    model = json.dumps(str(tmp_path / "model"))
+    text = protocol(tmp_path, ("two_dts",)).text.decode()
+    text = text.replace(json.dumps(str(PEBBLE / "{method}")), model).replace('"two_dts"', '"auto"')
+    report = run_protocol(parse_protocol(text.encode(), tmp_path / "p.toml"), dry=True)
+    assert (report.exit_status, report.missing) == (0, ())
 
 
 def test_where_all_is_there_nothing_is_missing(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from msb import metrics
 from msb.engines.dedicated_page.measure import Measured, byte_psnr
 from msb.engines.dedicated_page.page import CheckView, Cost, make_page, read_page
 from msb.engines.dedicated_page.smaller import quantised, with_faces
@@ -225,6 +226,8 @@ def test_levels_of_bytes_and_the_worst_view() -> None:
     black = np.zeros((2, 2, 3), np.uint8)
     assert byte_psnr(black, black) is None
     assert byte_psnr(black, black + np.uint8(1)) == pytest.approx(48.13, abs=0.01)
+    one, other = np.random.default_rng(0).integers(0, 256, (2, 9, 7, 3), dtype=np.uint8)
+    assert byte_psnr(one, other) == pytest.approx(metrics.psnr(one, other))
     assert Measured("b", "d", "rgba32float", [None, 50.0, 60.0], []).worst == 50
     assert Measured("b", "d", "rgba16float", [None], []).worst is None
     assert "half floats" in Measured("b", "d", "rgba16float", [None], []).by

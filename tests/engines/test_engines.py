@@ -12,7 +12,7 @@ import msb
 from msb.engines.agreement import agreement
 from msb.engines.engine import DRAW, WALL_CLOCK
 from msb.errors import MsbError
-from msb.render.backend import BUILT_IN, ENGINES, find_renderer
+from msb.render.backend import ENGINES, find_renderer
 from tests.conftest import ROOT
 from tests.engines.conftest import need
 from tests.reference.golden import exported, golden_views
@@ -189,10 +189,3 @@ def test_an_opencl_device_and_another_tier_are_refused(name: str) -> None:
             msb.Renderer(msb.load(ROOT / "data_stubs" / "splat_like.triasset"), name=name, **options)
         assert info.value.code == code
         assert name in info.value.message
-
-
-def test_entry_points_are_those_we_know() -> None:
-    import tomllib
-
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["msb.renderers"] == {**BUILT_IN, **ENGINES}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections import Counter
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -35,6 +37,30 @@ def test_a_cut_is_found_without_its_maps(splat: Asset) -> None:
     edges = build_half_edges(faces, len(points)).edge_vertices[found.cut]
     assert np.array_equal(edges, cut_edges(change.faces, change.vertex_map))
     assert len(found.deleted) == len(found.added) == 0
+
+
+def counted(mesh: Any) -> tuple[Counter[Any], Counter[Any]]:
+    """Return how often faces and edges lie at each set of places."""
+    points, faces = mesh
+    place = {v: tuple(float(x) for x in np.float32(row)) for v, row in enumerate(points.tolist())}
+    rows = [tuple(row) for row in faces.tolist()]
+    edges = {tuple(sorted(pair)) for row in rows if len(set(row)) == 3 for pair in combinations(row, 2)}
+    return (
+        Counter(tuple(sorted(place[v] for v in row)) for row in rows),
+        Counter(tuple(sorted(place[v] for v in edge)) for edge in edges),
+    )
+
+
+def test_numbers_are_those_of_counting_places() -> None:
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        points = rng.integers(0, 2, (7, 3)).astype(np.float64)  # many vertices in one place
+        old, new = (mesh_arrays(points, rng.integers(0, 7, (rng.integers(0, 9), 3))) for _ in range(2))
+        found = find_difference(old, new)
+        (faces, edges), (faces_after, edges_after) = counted(old), counted(new)
+        assert len(found.deleted) == (faces - faces_after).total(), seed
+        assert len(found.added) == (faces_after - faces).total(), seed
+        assert len(found.cut) == sum(edges_after[edge] > count for edge, count in edges.items()), seed
 
 
 def test_deleted_and_added_faces_are_those_of_other_places() -> None:

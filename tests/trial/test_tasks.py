@@ -11,6 +11,7 @@ import pytest
 from msb.topology.steps import orient
 from msb.trial.mesh import TriedMesh
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
+from msb.trial.tasks.collision import TASKS as COLLISION
 from msb.trial.tasks.collision import points_inside
 from msb.trial.tasks.solid import section
 from msb.trial.tasks.subdivide import cut_apart
@@ -146,6 +147,35 @@ def test_convex_bodies_are_a_part_each(name: str, parts: int) -> None:
     assert len(inside) > 1000
     nearest = np.round(inside.mean(axis=0), 1)
     np.testing.assert_allclose(nearest, 0.5 if parts == 1 else 2.0, atol=0.15)
+
+
+def distance(point: Any, corners: Any) -> float:
+    """Return how far a point is from a triangle: from its plane above it, else from the nearest edge."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    edges = [(corners[k], corners[(k + 1) % 3]) for k in range(3)]
+    if normal.any() and all(normal @ np.cross(b - a, point - a) >= 0 for a, b in edges):
+        return abs(float((point - corners[0]) @ normal)) / float(np.linalg.norm(normal))
+    found = []
+    for a, b in edges:
+        along = b - a
+        share = min(max(float((point - a) @ along) / max(float(along @ along), 1e-300), 0.0), 1.0)
+        found.append(float(np.linalg.norm(point - a - share * along)))
+    return min(found)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_what_is_seen_is_as_far_from_the_shape_as_from_the_nearest_of_its_faces() -> None:
+    for module in ("coacd", "igl"):
+        pytest.importorskip(module)
+    (task,) = COLLISION
+    seen = np.random.default_rng(0).uniform(-1, 5, (60, 3))
+    made = task.attempts[0].work(MESHES["two boxes"], task.parameters, {"visible": seen})
+    shape = made.meshes["shape"]
+    corners = shape.vertices.astype(np.float64)[shape.faces]
+    wanted = [min(distance(point, one) for one in corners) for point in seen]
+    assert made.numbers["distance_mean"] == pytest.approx(np.mean(wanted), rel=1e-5)
+    assert made.numbers["distance_95"] == pytest.approx(np.quantile(wanted, 0.95), rel=1e-5)
 
 
 @pytest.mark.parametrize(

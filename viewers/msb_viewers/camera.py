@@ -21,8 +21,6 @@ _MARGIN = 1.04
 _NEIGHBOURHOOD = 4.5
 """Distance from an element, in radii of the faces around it, which then fill about half of the window."""
 
-Vector = "NDArray[np.float64]"
-
 
 @dataclass(frozen=True, eq=False)
 class Pose:
