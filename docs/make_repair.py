@@ -22,11 +22,11 @@ from PIL import Image
 import msb
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
-from msb.repair.compare import compare
 from msb.repair.plan import Options
 from msb.scenes.around import around
 from msb.topology.shown import structure_text
 from msb.trial.look import VIEWS
+from msb.trial.repairs import compare
 from msb.trial.run import try_asset
 
 if TYPE_CHECKING:

@@ -90,8 +90,8 @@ ALLOWED: dict[str, set[str]] = {
         "repair",
         "trial",
     },
-    # A trial can be of the repaired mesh, and `repair.compare` alone tries what repairs make.
-    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render", "trial"},
+    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
+    # A trial can be of the repaired mesh.
     "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing", "repair"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},

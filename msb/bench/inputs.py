@@ -156,8 +156,8 @@ def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:
 def _repairs(job: Job, wanted: TrialTable) -> Inputs:
     """Return what decides the comparison of repairs."""
     from msb.extras import is_installed
-    from msb.repair.compare import STRATEGIES
     from msb.repair.plan import BY_PEER
+    from msb.trial.repairs import STRATEGIES
 
     found = _trial(job, compared_tasks(wanted), wanted)
     absent = [peer for peer in BY_PEER if not is_installed(peer)]

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from msb.asset import Asset
     from msb.bench.job import Job
     from msb.bench.protocol_tables import TrialTable
+    from msb.scenes import Camera
     from msb.scenes.datasets import Scene
-
 
 TRIAL_FOLDER = "trial"
 """The folder below a cell's with the pictures of its trials."""
@@ -85,6 +86,13 @@ def measure_audit(job: Job) -> dict[str, Any]:
     return {"audit": audit(job.model.open()).to_dict()}
 
 
+def _to_try(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable]:
+    """Return a cell's mesh, the cameras that look at it, and what is tried."""
+    assert job.model is not None
+    assert job.trial is not None
+    return job.model.open(), checked_scene(job.scene, job.views).test, job.trial
+
+
 def measure_trial(job: Job) -> dict[str, Any]:
     """Return what became of the protocol's tasks on a cell's mesh, seen by the test cameras.
 
@@ -98,14 +106,12 @@ def measure_trial(job: Job) -> dict[str, Any]:
     from msb.trial.limits import Limits
     from msb.trial.run import try_asset
 
-    assert job.model is not None
-    assert job.trial is not None
-    cameras = checked_scene(job.scene, job.views).test
-    limits = Limits(job.trial.seconds, job.trial.memory)
+    asset, cameras, wanted = _to_try(job)
+    limits = Limits(wanted.seconds, wanted.memory)
     with new_folder(job.folder / TRIAL_FOLDER) as folder:
         found = try_asset(
-            job.model.open(),
-            job.trial.tasks,
+            asset,
+            wanted.tasks,
             cameras=cameras,
             limits=limits,
             device=job.device,
@@ -117,8 +123,8 @@ def measure_trial(job: Job) -> dict[str, Any]:
 
 def compared_tasks(wanted: TrialTable) -> tuple[str, ...]:
     """Return the tasks that are tried on the mesh and on what each repair makes of it."""
-    from msb.repair.compare import TASKS
     from msb.trial.registry import chosen_tasks
+    from msb.trial.repairs import TASKS
 
     return tuple(task.name for task in chosen_tasks(wanted.tasks or TASKS))
 
@@ -133,17 +139,15 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     InputError, SceneError, AssetError, OutputError
     """
     from msb.atomic import new_folder
-    from msb.repair.compare import compare, document
     from msb.repair.plan import Options
+    from msb.trial.repairs import compare, document
 
-    assert job.model is not None
-    assert job.trial is not None
-    cameras = checked_scene(job.scene, job.views).test
-    options = Options(seconds=job.trial.seconds, memory_gib=job.trial.memory)
-    tasks = compared_tasks(job.trial)
+    asset, cameras, wanted = _to_try(job)
+    options = Options(seconds=wanted.seconds, memory_gib=wanted.memory)
+    tasks = compared_tasks(wanted)
     with new_folder(job.folder / REPAIRS_FOLDER) as folder:
-        rows = compare(job.model.open(), cameras, options, tasks=tasks, device=job.device, keep=folder)
-    return {"repairs": document(job.model.asset.path, f"{len(cameras)} test views", rows)}
+        rows = compare(asset, cameras, options, tasks=tasks, device=job.device, keep=folder)
+    return {"repairs": document(str(asset.path), f"{len(cameras)} test views", rows)}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from msb.repair.compare import Look, Row
     from msb.repair.plan import Options
+    from msb.trial.repairs import Look, Row
     from msb.trial.run import Trial
 
 _NAMES = (
@@ -38,13 +38,13 @@ def compare_strategies(
     device: str | None,
     output: Output,
 ) -> None:
-    """Print the table of `msb.repair.compare`, and write its JSON and a picture of each strategy."""
+    """Print the table of `msb.trial.repairs`, and write its JSON and a picture of each strategy."""
     from msb.atomic import new_folder
     from msb.cli.inputs import open_asset
-    from msb.repair.compare import STRATEGIES, compare, document
     from msb.scenes import read_cameras
     from msb.scenes.around import around
     from msb.trial.look import VIEWS
+    from msb.trial.repairs import STRATEGIES, compare, document
 
     wanted = _tasks(tasks)
     output.check_free(folder, folder=True)
@@ -65,8 +65,8 @@ def compare_strategies(
 
 
 def _tasks(given: list[str] | None) -> list[str]:
-    from msb.repair.compare import TASKS
     from msb.trial.registry import chosen_tasks
+    from msb.trial.repairs import TASKS
 
     if given == [NO_TASK]:
         return []
@@ -141,7 +141,7 @@ def print_table(rows: list[list[str]], console: Console) -> None:
 
 
 def _passed_text(trials: tuple[Trial, ...]) -> str:
-    from msb.repair.compare import passed
+    from msb.trial.repairs import passed
 
     done = [one for one in trials if one.outcome != "not_run"]
     return f"{passed(done)} of {len(done)}" if done else "-"

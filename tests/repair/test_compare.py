@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset import build_asset
-from msb.repair import compare as module
-from msb.repair.compare import STORED, compare
 from msb.repair.plan import Options
 from msb.scenes import Camera
+from msb.trial import repairs as module
+from msb.trial.repairs import STORED, compare
 from tests.conftest import BOOK
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from msb.errors import InputError
-from msb.repair.compare import Row
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
+from msb.trial.repairs import Row
 from tests.report.factory import make_result, write
 
 if TYPE_CHECKING:
