@@ -15,6 +15,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from typing import BinaryIO
 
     from numpy.typing import NDArray
 
@@ -25,11 +26,11 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 _ORDERED_DICT = b"ccollections\nOrderedDict\n)R"
 
 
-def write_torch(path: Path, value: Any, root: str = "archive") -> None:
+def write_torch(file: Path | BinaryIO, value: Any, root: str = "archive") -> None:
     """Write `value`, dictionaries, tuples and lists of tensors, numbers, text and None, as a torch file."""
     storages: list[NDArray[Any]] = []
     pickle = b"\x80\x02" + _value(value, storages) + b"."
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         _member(archive, f"{root}/data.pkl", [pickle])
         _member(archive, f"{root}/byteorder", [b"little"])
         for number, array in enumerate(storages):

@@ -62,10 +62,8 @@ def write_diffsoup(folder: Path, values: Mapping[str, Any]) -> None:
 
 
 def _torch(path: Path, value: Any, root: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    write_torch(partial, value, root)
-    partial.replace(path)
+    with new_file(path) as file:
+        write_torch(file, value, root)
 
 
 def _text(path: Path, text: str) -> None:

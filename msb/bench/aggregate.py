@@ -94,6 +94,13 @@ SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, data
 """Dataset -> the scenes over which the dataset's mean is taken."""
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
 """Dataset -> its name in tables, in their order."""
+CONDITION_TITLES: dict[str, str] = {
+    "non_engine": "Non-Engine",
+    "dedicated": "Dedicated",
+    "standard": "Standard",
+    "exported_mesh": "Exported mesh",
+}
+"""Condition -> its heading."""
 
 
 @dataclass(frozen=True)

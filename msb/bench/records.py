@@ -34,15 +34,6 @@ views."""
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
 """The conditions: the method's own renderer, our two tiers, and the mesh itself, which is audited."""
-CONDITION_TITLES: Mapping[str, str] = MappingProxyType(
-    {
-        "non_engine": "Non-Engine",
-        "dedicated": "Dedicated",
-        "standard": "Standard",
-        "exported_mesh": "Exported mesh",
-    }
-)
-"""Condition -> its heading."""
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )

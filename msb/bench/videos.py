@@ -11,12 +11,12 @@ import numpy as np
 
 from msb import metrics
 from msb.atomic import new_file
+from msb.bench.aggregate import CONDITION_TITLES
 from msb.bench.checked import read_json
 from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
-from msb.bench.records import CONDITION_TITLES
 from msb.errors import MsbError
 from msb.render.images import image_names, to_bytes, write_film
 from msb.scenes import interpolated

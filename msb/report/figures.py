@@ -16,8 +16,7 @@ from functools import cached_property, partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
-from msb.bench.aggregate import expected_scenes
-from msb.bench.records import CONDITION_TITLES
+from msb.bench.aggregate import CONDITION_TITLES, expected_scenes
 from msb.extras import need_extra
 from msb.methods import METHODS
 from msb.report.numbers import (

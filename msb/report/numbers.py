@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from msb.bench.aggregate import TITLES
-from msb.bench.records import CONDITION_TITLES, CONDITIONS, TIER_OF
+from msb.bench.aggregate import CONDITION_TITLES, TITLES
+from msb.bench.records import CONDITIONS, TIER_OF
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.report.safe_names import plain_text

@@ -65,6 +65,12 @@ def _asset(folder: Path, size: int) -> None:
     write_asset(export(folder / "checkpoint"), folder / "mesh.triasset")
 
 
+def _assets(folder: Path, size: int) -> None:
+    for name in "ab":
+        (folder / "all" / name).mkdir(parents=True)
+        _asset(folder / "all" / name, size)
+
+
 def _nothing(_folder: Path, _size: int) -> None:
     return
 
@@ -102,6 +108,7 @@ COMMANDS = {
         ),
         Command("convert", lambda at, out: ["convert", at / "mesh.triasset", out / "a.glb"], _asset),
         Command("convert-ply", lambda at, out: ["convert", at / "mesh.triasset", out / "a.ply"], _asset),
+        Command("convert-folder", lambda at, out: ["convert", at / "all", out / "meshes"], _assets),
         Command(
             "repair",
             lambda at, out: [
