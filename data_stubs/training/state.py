@@ -35,7 +35,7 @@ def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         USAGE: there is no such file, or it is none of ours.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             # Nothing is compressed, so what is larger than its file was not written here.
             if sum(member.file_size for member in file.zip.infolist()) > path.stat().st_size:
                 raise ValueError("its arrays are larger than the file")
