@@ -6,6 +6,7 @@ It is told what to do over a pipe, by the debugging protocol of Chromium
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
@@ -15,6 +16,7 @@ import time
 from typing import IO, TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 FLAGS = (
@@ -40,9 +42,11 @@ class Browser:
     program : str
     folder : Path
         For its profile and what it says.
+    more : strings, optional
+        Flags.
     """
 
-    def __init__(self, program: str, folder: Path) -> None:
+    def __init__(self, program: str, folder: Path, more: Sequence[str] = ()) -> None:
         self._number, self._unread = 0, b""
         theirs_in, self._to = os.pipe()
         self._from, theirs_out = os.pipe()
@@ -51,7 +55,7 @@ class Browser:
         self._log: IO[bytes] = (folder / "log").open("w+b")
         root = ["--no-sandbox"] if os.geteuid() == 0 else []
         self._process = subprocess.Popen(
-            [program, *FLAGS, *root, f"--user-data-dir={folder / 'profile'}", "about:blank"],
+            [program, *FLAGS, *more, *root, f"--user-data-dir={folder / 'profile'}", "about:blank"],
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=self._log,
@@ -85,7 +89,10 @@ class Browser:
         return found["result"].get("value")
 
     def close(self) -> None:
-        """End it."""
+        """End it, and the processes that it has started."""
+        with contextlib.suppress(AssertionError, OSError, subprocess.TimeoutExpired):
+            self._ask("Browser.close")
+            self._process.wait(30)
         self._process.kill()
         self._process.wait()
         self._log.close()

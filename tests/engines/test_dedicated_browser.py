@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.dedicated_scenes import camera, model
-from msb.engines.browser import VARIABLE, Page, find_browser
+from msb.engines.browser import VARIABLE
 from msb.engines.dedicated_page import page as page_module
 from msb.engines.dedicated_page.measure import FAITHFUL, byte_psnr, measure_page
 from msb.engines.dedicated_page.page import MODES, STOPS, CheckView, make_page
@@ -38,25 +38,6 @@ __all__ = ["msb"]
 METHODS = ("triangle_splatting", "two_dts", "mesh_splatting", "diffsoup")
 
 
-def told_by(page: bytes, script: str) -> Any:
-    """Return the JSON that a script makes in a page, in a browser with WebGPU."""
-    need("threejs")
-    browser = find_browser()
-    assert browser is not None
-    code = f"""<script>
-        const send = (head) =>
-          fetch("answer", {{ method: "POST", body: new Blob([JSON.stringify(head), "\\n"]) }});
-        const made = (async () => {{ {script} }})();
-        made.then((found) => send({{ found }}), (error) => send({{ error: String(error) }}));
-        </script></body>"""
-    before, _, after = page.rpartition(b"</body>")
-    shown = Page(browser, {"page.html": before + code.encode() + after}, "", software=True, webgpu=True)
-    try:
-        return shown.about["found"]
-    finally:
-        shown.close()
-
-
 def scenes() -> list[list[View]]:
     """Return the golden views by their model and settings: one page each."""
     found: dict[Any, list[View]] = {}
@@ -72,18 +53,34 @@ def page_of(views: list[View], **options: Any) -> DedicatedPage:
     return make_page(asset, name="a", settings=views[0].settings, tests=tests, **options)
 
 
-DRAWN = {"ring_solid/1", "bumpy_sphere_sh3/0", "ico_l2_white/0", "lattice_l5_black/0"}
-"""First views of the pages that are drawn: a browser takes ten seconds to compile the shaders of each. Both
-hands of DiffSoup are among them; Triangle-Splatting and the other rasterizer of 2DTS are drawn below. The
-renderer `wgpu` draws every golden view with the same shaders (test_hardware.py, test_hardware_surface.py)."""
+DRAWN = {
+    "torus_sh0_white/0",
+    *("ring_solid/1", "soup_everything/2", "soup_everything/3"),
+    *("bumpy_sphere_sh3/0", "nasty_topology_sh0/2", "soup_stress_sh3/3"),
+    *("ico_l2_white/0", "lattice_l5_black/0", "soup_l1_black_noview/2"),
+}
+"""First views of the pages that are drawn: a browser takes seconds to compile the shaders of each. The
+renderer `wgpu` draws every view by the same plan (test_hardware.py, test_hardware_surface.py); two more pages
+are held to what that one draws, below."""
 
 
 def drawn_scenes() -> list[list[View]]:
     return [views for views in scenes() if views[0].name in DRAWN]
 
 
-def test_the_browser_takes_the_shaders_of_every_page() -> None:
-    """Every setting that is chosen, not measured, is in their text."""
+def choices(pages: list[list[View]]) -> set[tuple[str, str, Any]]:
+    """Return (method, setting, value) of what is chosen, not measured."""
+    found = ((views[0].folder.parent.name, *item) for views in pages for item in views[0].settings.items())
+    return {each for each in found if not isinstance(each[2], float)}
+
+
+def test_what_is_drawn_has_every_choice_of_every_setting() -> None:
+    assert len(drawn_scenes()) == len(DRAWN)
+    assert choices(drawn_scenes()) == choices(scenes())
+
+
+def test_the_browser_takes_the_shaders_of_every_page(with_webgpu: InBrowser) -> None:
+    """Also of those that are not drawn."""
     texts = {text for views in scenes() for text in page_of(views).scene["dedicated"]["modules"]}
     assert len(texts) > 100
     script = f"""
@@ -95,22 +92,22 @@ def test_the_browser_takes_the_shaders_of_every_page() -> None:
         }}
         const broken = device.createShaderModule({{ code: "fn broken( {{" }});
         return [said, (await broken.getCompilationInfo()).messages.length];"""
-    said, broken = told_by(b"<html><body></body></html>", script)
+    said, broken = with_webgpu(b"<html><body></body></html>", script)
     assert said == []
     assert broken > 0
 
 
 @pytest.mark.parametrize("views", drawn_scenes(), ids=lambda views: f"{views[0].folder.name}-{views[0].name}")
-def test_golden_views_are_faithful_to_the_official_image(views: list[View]) -> None:
-    need("threejs")
-    page = page_of(views)
-    steps: list[int] = []
-    found = measure_page(
-        page.encoded(), page.scene, [to_bytes(view.image) for view in views], step=lambda: steps.append(1)
-    )
-    assert len(found.psnr) == len(steps) == len(views)
-    assert found.worst is None or found.worst >= FAITHFUL
-    assert found.device == "SwiftShader"
+def test_golden_views_are_faithful_to_the_official_image(views: list[View], with_webgpu: InBrowser) -> None:
+    script = f"""
+        await ready;
+        const found = [];
+        for (let k = 0; k < {len(views)}; k += 1) found.push([...await pixelsOf(k)]);
+        return found;"""
+    for view, pixels in zip(views, with_webgpu(page_of(views).encoded(), script), strict=True):
+        wanted = to_bytes(view.image)
+        psnr = byte_psnr(np.array(pixels, np.uint8).reshape(wanted.shape), wanted)
+        assert psnr is None or psnr >= FAITHFUL
 
 
 def test_the_page_computes_the_camera_record_as_we_do(in_browser: InBrowser) -> None:
@@ -218,7 +215,7 @@ def test_diffsoup_without_webgpu_is_its_triangles_in_grey(in_browser: InBrowser)
     ids=["triangle_splatting", "two_dts"],
 )
 def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
-    method: str, modes: list[tuple[Any, Any]]
+    method: str, modes: list[tuple[Any, Any]], with_webgpu: InBrowser
 ) -> None:
     """Each choice is a plan of its own, and the official one is there again afterwards.
 
@@ -226,11 +223,14 @@ def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
     """
     need("wgpu")
     view = golden_views(method)[0]
+    watch = b"""<script>
+        const told = [], observer = new MutationObserver(
+          () => told.push([byId("name").textContent, byId("facts").textContent]));
+        observer.observe(byId("facts"), { childList: true });
+        </script></body>"""
+    before, _, after = page_of([view]).encoded().rpartition(b"</body>")
     script = f"""
-        const told = [], found = [];
-        const note = () => told.push([byId("name").textContent, byId("facts").textContent]);
-        const observer = new MutationObserver(note);
-        observer.observe(byId("facts"), {{ childList: true }});
+        const found = [];
         await ready;
         observer.disconnect();
         const facts = byId("facts").textContent, disabled = byId("cameras").disabled;
@@ -239,7 +239,7 @@ def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
           found.push([...await pixelsOf(0)]);
         }}
         return [found, told, facts, disabled];"""
-    found, told, facts, disabled = told_by(page_of([view]).encoded(), script)
+    found, told, facts, disabled = with_webgpu(before + watch + after, script)
     assert {name for name, _ in told} == {"a"}
     assert "compiling shaders ..." in [text for _, text in told]
     assert facts.endswith(f", {exported(view.folder / 'checkpoint').manifest.face_count:,} faces")
@@ -265,8 +265,11 @@ def test_a_page_of_many_faces_opens_and_takes_at_most_a_hundred_bytes_a_face(
     data = page.encoded()
     assert page.arrays.count('data-array="f_rest') > 1
     assert len(page.arrays) < 100 * faces + 1e6  # palettes and the test view do not grow
-    found = measure_page(data, page.scene, [image])
+    steps: list[int] = []
+    found = measure_page(data, page.scene, [image], step=lambda: steps.append(1))
+    assert len(found.psnr) == len(steps) == 1
     assert found.worst is None or found.worst >= FAITHFUL
+    assert found.device == "SwiftShader"
 
 
 def test_pages_are_measured_when_made_and_again(msb: Msb, tmp_path: Path) -> None:
