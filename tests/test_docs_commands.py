@@ -162,6 +162,9 @@ def test_every_command_runs(shown: str, lines: list[str], stand_ins: Path, tmp_p
     if shown not in DOCUMENTS:
         skip_without(shown)
     shutil.copytree(stand_ins, tmp_path, symlinks=True, dirs_exist_ok=True)
+    if shown == "threejs":  # what the browser draws in software has no sixteen samples a pixel
+        (tmp_path / "garden.triasset").unlink()
+        msb.save(msb.export(TWO_DTS), tmp_path / "garden.triasset")
     for line in lines:
         if line.startswith("msb export "):  # it writes what else would stand in for it
             (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
