@@ -7,16 +7,17 @@ import os
 import tempfile
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
 from tests import kernel_cache
+from tests.browser import Browser
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
@@ -101,6 +102,30 @@ def shared() -> Path:
     if not (SHARED / "golden").is_dir():
         pytest.skip(f"the shared data folder is absent ({SHARED.name} beside the repository)")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Return a browser that stays open, or skip."""
+    from msb.engines.browser import find_browser
+
+    if (found := find_browser()) is None or os.name == "nt":
+        pytest.skip("there is no Chromium here")
+    opened = Browser(found, tmp_path_factory.mktemp("browser"))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def in_browser(browser: Browser, tmp_path: Path) -> Callable[..., Any]:
+    """Return what opens a page from its file, runs a script in it and returns the JSON that this makes."""
+
+    def run(page: bytes, script: str, query: str = "", size: tuple[int, int] = (800, 600)) -> Any:
+        path = tmp_path / "page.html"
+        path.write_bytes(page)
+        return browser.run(path, script, query, size)
+
+    return run
 
 
 @pytest.fixture

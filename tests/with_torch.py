@@ -26,14 +26,16 @@ SECONDS = 1800
 
 def main() -> int:
     """Run the tests marked torch, and return pytest's status."""
-    line = [sys.executable, "-m", "pytest", "-m", "torch", *FOLDERS]
+    line = [sys.executable, "-m", "pytest", "-n", "auto", "--dist", "worksteal", "-m", "torch", *FOLDERS]
     with tempfile.TemporaryDirectory() as made:
         if folder := packages():
             # Python reads this at every start, of commands that tests run as well, and puts the folder last.
             Path(made, "sitecustomize.py").write_text(f"import sys\nsys.path.append({str(folder)!r})\n")
         own = os.environ.get("PYTHONPATH")
         path = os.pathsep.join([made, *([own] if own else [])])
-        return subprocess.run(line, cwd=ROOT, env={**os.environ, "PYTHONPATH": path}, check=False).returncode
+        # A process a core: threads of several processes would wait for each other.
+        own_core = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+        return subprocess.run(line, cwd=ROOT, env={**os.environ, **own_core}, check=False).returncode
 
 
 def packages() -> Path | None:

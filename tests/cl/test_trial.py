@@ -1,4 +1,7 @@
-"""A device is what builds: it is tried in a process of its own, and the PoCL wheel is mended if it can be."""
+"""A device is what builds: it is tried in a process of its own, and the PoCL wheel is mended if it can be.
+
+What a mended wheel draws, `tests.machines unknown` holds to the golden images.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 
-import msb
 from msb.cl import devices, loader, mend, trial
 from msb.cl.devices import choose_device, found_devices, open_device, shared_device
 from msb.cl.trial import Trial, try_device
@@ -193,18 +194,6 @@ except DeviceError as error:
 print(mend.compiler_cpu(wheel[1]))
 print(try_device(wheel[1], wheel[0]).mended)
 """
-DRAW = """
-import sys
-import numpy as np
-from tests.cl.test_trial import draw
-np.save(sys.argv[1], draw(sys.argv[2]))
-"""
-
-
-def draw(path: str) -> Any:
-    """Return an asset's image on the standard tier."""
-    camera = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), up=(0, 1, 0), width=64, height=48, fov_y=0.6)
-    return msb.render(path, camera, tier="standard", device="pocl").image
 
 
 @pytest.mark.slow
@@ -239,16 +228,6 @@ def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dic
     lines = answer(child(failing + SHOW, **unknown)).splitlines()
     assert lines[0] == lines[2] == "generic"
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
-
-
-@pytest.mark.slow
-def test_pictures_of_a_mended_wheel_are_those_of_any(
-    child: Child, unknown: dict[str, str], demo_asset: Path, tmp_path: Path
-) -> None:
-    found = tmp_path / "images.npy"
-    arguments = f"import sys\nsys.argv[1:] = {[str(found), str(demo_asset)]}"
-    answer(child(DRAW.replace("import sys", arguments), **unknown))
-    assert msb.metrics.psnr(draw(str(demo_asset)), np.load(found)) > 100
 
 
 @pytest.mark.parametrize(

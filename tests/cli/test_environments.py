@@ -19,6 +19,7 @@ import pytest
 from tests.cli.forks import SECONDS
 from tests.cli.test_commands import COMMANDS
 from tests.conftest import ROOT, SHORT
+from tests.tiny import link_demo
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,8 +95,8 @@ def run_all(
 @pytest.fixture
 def work(tmp_path: Path) -> Path:
     """Return a folder with the data that examples use."""
-    for folder in ("data_stubs", "tests"):
-        (tmp_path / folder).symlink_to(ROOT / folder)
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    link_demo(tmp_path)
     return tmp_path
 
 

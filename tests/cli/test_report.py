@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,6 +11,7 @@ from tests.report.factory import make_result, write, write_results
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from tests.browser import Browser
     from tests.cli.conftest import Msb
 
 
@@ -160,31 +158,20 @@ def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: P
 
 
 @pytest.mark.slow
-def test_sorting_works_in_a_browser(msb: Msb, folder: Path, tmp_path: Path) -> None:
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("there is no Chromium here")
+def test_sorting_works_in_a_browser(msb: Msb, folder: Path, tmp_path: Path, browser: Browser) -> None:
     assert msb("report", "-f", "-o", tmp_path / "out", "--format", "html", folder).status == 0
     page = tmp_path / "out" / "index.html"
-    # The test's own script presses the first button of the summary and writes down the order.
-    press = """<script>
+    # The first button of the summary is pressed.
+    press = """
     const table = document.querySelector('#native_summary table'), rows = () =>
       [...table.querySelectorAll('tbody tr:not(.group):not(.paper)')]
         .map((row) => row.cells[1].dataset.value);
     const button = table.querySelector('thead button'); button.click(); const down = rows(); button.click();
     const pairs = [...table.querySelectorAll('tr.paper')].every((row) =>
       !row.previousElementSibling.classList.contains('paper'));
-    document.title = JSON.stringify([down, rows(), pairs]);
-    </script></body>"""
-    page.write_text(page.read_text().replace("</body>", press))
-    done = subprocess.run(
-        [browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=100,
-    )
-    title = done.stdout.partition("<title>")[2].partition("</title>")[0]
-    down, up, pairs = json.loads(title.replace("&quot;", '"'))
+    return [down, rows(), pairs];
+    """
+    down, up, pairs = browser.run(page, press)
     values = list(map(float, down))
     assert len(values) == 4
     assert values == sorted(values, reverse=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.dedicated_scenes import camera, model
-from msb.engines.browser import VARIABLE, Page, find_browser
+from msb.engines.browser import VARIABLE
 from msb.engines.dedicated_page import page as page_module
 from msb.engines.dedicated_page.measure import FAITHFUL, byte_psnr, measure_page
 from msb.engines.dedicated_page.page import MODES, STOPS, CheckView, make_page
@@ -38,25 +38,6 @@ __all__ = ["msb"]
 METHODS = ("triangle_splatting", "two_dts", "mesh_splatting", "diffsoup")
 
 
-def told_by(page: bytes, script: str, *, webgpu: bool = False) -> Any:
-    """Return the JSON that a script makes in a page, in a browser with or without WebGPU."""
-    need("threejs")
-    browser = find_browser()
-    assert browser is not None
-    code = f"""<script>
-        const send = (head) =>
-          fetch("answer", {{ method: "POST", body: new Blob([JSON.stringify(head), "\\n"]) }});
-        const made = (async () => {{ {script} }})();
-        made.then((found) => send({{ found }}), (error) => send({{ error: String(error) }}));
-        </script></body>"""
-    before, _, after = page.rpartition(b"</body>")
-    shown = Page(browser, {"page.html": before + code.encode() + after}, "", software=True, webgpu=webgpu)
-    try:
-        return shown.about["found"]
-    finally:
-        shown.close()
-
-
 def scenes() -> list[list[View]]:
     """Return the golden views by their model and settings: one page each."""
     found: dict[Any, list[View]] = {}
@@ -78,7 +59,7 @@ DRAWN = {
     *("bumpy_sphere_sh3/0", "nasty_topology_sh0/2", "soup_stress_sh3/3"),
     *("ico_l2_white/0", "lattice_l5_black/0", "soup_l1_black_noview/2"),
 }
-"""First views of the pages that are drawn: a browser takes ten seconds to compile the shaders of each. The
+"""First views of the pages that are drawn: a browser takes seconds to compile the shaders of each. The
 renderer `wgpu` draws every view by the same plan (test_hardware.py, test_hardware_surface.py); two more pages
 are held to what that one draws, below."""
 
@@ -98,17 +79,35 @@ def test_what_is_drawn_has_every_choice_of_every_setting() -> None:
     assert choices(drawn_scenes()) == choices(scenes())
 
 
+def test_the_browser_takes_the_shaders_of_every_page(with_webgpu: InBrowser) -> None:
+    """Also of those that are not drawn."""
+    texts = {text for views in scenes() for text in page_of(views).scene["dedicated"]["modules"]}
+    assert len(texts) > 100
+    script = f"""
+        const device = await (await navigator.gpu.requestAdapter()).requestDevice();
+        const said = [];
+        for (const code of {json.dumps(sorted(texts))}) {{
+          const {{ messages }} = await device.createShaderModule({{ code }}).getCompilationInfo();
+          said.push(...messages.filter(({{ type }}) => type === "error").map(({{ message }}) => message));
+        }}
+        const broken = device.createShaderModule({{ code: "fn broken( {{" }});
+        return [said, (await broken.getCompilationInfo()).messages.length];"""
+    said, broken = with_webgpu(b"<html><body></body></html>", script)
+    assert said == []
+    assert broken > 0
+
+
 @pytest.mark.parametrize("views", drawn_scenes(), ids=lambda views: f"{views[0].folder.name}-{views[0].name}")
-def test_golden_views_are_faithful_to_the_official_image(views: list[View]) -> None:
-    need("threejs")
-    page = page_of(views)
-    steps: list[int] = []
-    found = measure_page(
-        page.encoded(), page.scene, [to_bytes(view.image) for view in views], step=lambda: steps.append(1)
-    )
-    assert len(found.psnr) == len(steps) == len(views)
-    assert found.worst is None or found.worst >= FAITHFUL
-    assert found.device == "SwiftShader"
+def test_golden_views_are_faithful_to_the_official_image(views: list[View], with_webgpu: InBrowser) -> None:
+    script = f"""
+        await ready;
+        const found = [];
+        for (let k = 0; k < {len(views)}; k += 1) found.push([...await pixelsOf(k)]);
+        return found;"""
+    for view, pixels in zip(views, with_webgpu(page_of(views).encoded(), script), strict=True):
+        wanted = to_bytes(view.image)
+        psnr = byte_psnr(np.array(pixels, np.uint8).reshape(wanted.shape), wanted)
+        assert psnr is None or psnr >= FAITHFUL
 
 
 def test_the_page_computes_the_camera_record_as_we_do(in_browser: InBrowser) -> None:
@@ -167,10 +166,10 @@ def test_the_page_decodes_the_arrays_that_were_packed(in_browser: InBrowser, met
         assert found[name] == checksum(array), name
 
 
-def test_without_webgpu_it_says_so_and_shows_the_standard_tier() -> None:
+def test_without_webgpu_it_says_so_and_shows_the_standard_tier(in_browser: InBrowser) -> None:
     views = golden_views("triangle_splatting")[:1]
     page = page_of(views, cameras=[views[0].camera])
-    said, shown, names, pixel = told_by(
+    said, shown, names, pixel = in_browser(
         page.encoded(),
         """
         await ready;
@@ -189,9 +188,9 @@ def test_without_webgpu_it_says_so_and_shows_the_standard_tier() -> None:
     assert pixel > 300 * 150 * 255
 
 
-def test_diffsoup_without_webgpu_is_its_triangles_in_grey() -> None:
+def test_diffsoup_without_webgpu_is_its_triangles_in_grey(in_browser: InBrowser) -> None:
     page = page_of(golden_views("diffsoup")[:1])
-    said, shown, colors = told_by(
+    said, shown, colors = in_browser(
         page.encoded(),
         """
         await ready;
@@ -216,7 +215,7 @@ def test_diffsoup_without_webgpu_is_its_triangles_in_grey() -> None:
     ids=["triangle_splatting", "two_dts"],
 )
 def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
-    method: str, modes: list[tuple[Any, Any]]
+    method: str, modes: list[tuple[Any, Any]], with_webgpu: InBrowser
 ) -> None:
     """Each choice is a plan of its own, and the official one is there again afterwards.
 
@@ -224,11 +223,14 @@ def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
     """
     need("wgpu")
     view = golden_views(method)[0]
+    watch = b"""<script>
+        const told = [], observer = new MutationObserver(
+          () => told.push([byId("name").textContent, byId("facts").textContent]));
+        observer.observe(byId("facts"), { childList: true });
+        </script></body>"""
+    before, _, after = page_of([view]).encoded().rpartition(b"</body>")
     script = f"""
-        const told = [], found = [];
-        const note = () => told.push([byId("name").textContent, byId("facts").textContent]);
-        const observer = new MutationObserver(note);
-        observer.observe(byId("facts"), {{ childList: true }});
+        const found = [];
         await ready;
         observer.disconnect();
         const facts = byId("facts").textContent, disabled = byId("cameras").disabled;
@@ -237,7 +239,7 @@ def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
           found.push([...await pixelsOf(0)]);
         }}
         return [found, told, facts, disabled];"""
-    found, told, facts, disabled = told_by(page_of([view]).encoded(), script, webgpu=True)
+    found, told, facts, disabled = with_webgpu(before + watch + after, script)
     assert {name for name, _ in told} == {"a"}
     assert "compiling shaders ..." in [text for _, text in told]
     assert facts.endswith(f", {exported(view.folder / 'checkpoint').manifest.face_count:,} faces")
@@ -263,8 +265,11 @@ def test_a_page_of_many_faces_opens_and_takes_at_most_a_hundred_bytes_a_face(
     data = page.encoded()
     assert page.arrays.count('data-array="f_rest') > 1
     assert len(page.arrays) < 100 * faces + 1e6  # palettes and the test view do not grow
-    found = measure_page(data, page.scene, [image])
+    steps: list[int] = []
+    found = measure_page(data, page.scene, [image], step=lambda: steps.append(1))
+    assert len(found.psnr) == len(steps) == 1
     assert found.worst is None or found.worst >= FAITHFUL
+    assert found.device == "SwiftShader"
 
 
 def test_pages_are_measured_when_made_and_again(msb: Msb, tmp_path: Path) -> None:
@@ -332,9 +337,9 @@ HANDS = """
 """
 
 
-def test_two_fingers_zoom_and_move_and_keys_fly() -> None:
+def test_two_fingers_zoom_and_move_and_keys_fly(in_browser: InBrowser) -> None:
     views = golden_views("triangle_splatting")[:1]
-    (start, near, moved, turned, flown), pressed = told_by(page_of(views).encoded(), HANDS)
+    (start, near, moved, turned, flown), pressed = in_browser(page_of(views).encoded(), HANDS)
     assert near["distance"] == pytest.approx(start["distance"] / 2)
     assert moved["distance"] == pytest.approx(near["distance"])
     assert np.linalg.norm(np.subtract(moved["eye"], near["eye"])) > 0.05 * near["distance"]
@@ -346,11 +351,11 @@ def test_two_fingers_zoom_and_move_and_keys_fly() -> None:
     assert pressed == 0
 
 
-def test_what_is_measured_says_so_in_the_page() -> None:
+def test_what_is_measured_says_so_in_the_page(in_browser: InBrowser) -> None:
     page = page_of(golden_views("triangle_splatting")[:1])
     page.record("a browser", [61.25])
     assert json.loads(json.dumps(page.scene))["dedicated"]["measured"]["psnr"] == [61.25]
     script = "await ready; return [byId('verdict').textContent, byId('views').textContent];"
-    verdict, table = told_by(page.encoded(), script)
+    verdict, table = in_browser(page.encoded(), script)
     assert verdict.startswith("61.3 dB when made, by a browser.")
     assert "61.3 dB" in table

@@ -82,7 +82,7 @@ def shape(axes: str, dtype: str = "<f4") -> str:
 def archive(method: int = zipfile.ZIP_STORED, **members: bytes) -> bytes:
     """Return an archive of .npy files."""
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", method) as file:
+    with zipfile.ZipFile(stream, "w", method, compresslevel=1) as file:
         for name, content in members.items():
             file.writestr(f"{name}.npy", content)
     return stream.getvalue()
@@ -103,7 +103,7 @@ BIAS = "features.0.bias"
 _PNG: dict[str, tuple[bytes, str]] = {
     "bomb": (png(60_000, 60_000), "3600000000 pixels"),
     "compressed text": (
-        png(1, 1, more=chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(1 << 26)))),
+        png(1, 1, more=chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(1 << 26), 1))),
         "cannot be decoded",
     ),
     "no size": (png(0, 0), ""),

@@ -31,7 +31,7 @@ GOLDEN = ROOT / "tests" / "golden" / "metrics"
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a copy of `msb` that has the metric."""
     folder = tmp_path_factory.mktemp("package")
-    shutil.copytree(ROOT / "msb", folder / "msb", ignore=shutil.ignore_patterns("__pycache__", "web"))
+    shutil.copytree(ROOT / "msb", folder / "msb", ignore=shutil.ignore_patterns("web"))  # compiled already
     (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "ImageMetric(" in block)
     (folder / "msb" / "metrics" / "mae.py").write_text(text)
     registry = folder / "msb" / "metrics" / "registry.py"

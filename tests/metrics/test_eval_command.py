@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 from typing import TYPE_CHECKING
 
@@ -143,18 +144,18 @@ def test_what_is_not_there(msb: Msb, tmp_path: Path) -> None:
 
 
 @needs_torch
-def test_lpips(msb: Msb, vgg_file: Path) -> None:
-    result = msb("eval", "--vgg-weights", vgg_file, "--json", "-", PRED, GT, OMP_NUM_THREADS="1")
+def test_lpips(msb: Msb, vgg_file: Path, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    result = msb("eval", "--vgg-weights", vgg_file, "--json", file, PRED, GT, OMP_NUM_THREADS="1")
     assert result.status == 0
     assert result.err.startswith(f"METRIC_VGG_UNKNOWN: {vgg_file}: its sha256")
-    data = result.json
+    data = json.loads(file.read_text())
     assert data["lpips_reason"] is None
     assert data["images"][2]["lpips"] == 0
     assert data["mean"]["lpips"] == pytest.approx(sum(row["lpips"] for row in data["images"]) / 3)
     assert data["warnings"] == [result.err.strip()]
     assert data["metrics"][2]["weights"]["vgg"]["sha256"]
-    said = msb("eval", "--vgg-weights", vgg_file, PRED, GT, OMP_NUM_THREADS="1").out
-    assert " ".join(said.split()).endswith(f"LPIPS: {weights_source(data['metrics'][2]['weights'])}")
+    assert " ".join(result.out.split()).endswith(f"LPIPS: {weights_source(data['metrics'][2]['weights'])}")
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
     assert bad.status == 3
     assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")

@@ -2,8 +2,23 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 TINY = Path(__file__).parent
 SCENES = TINY / "scenes"
 MODELS = TINY / "models"
+
+
+def link_demo(folder: Path) -> None:
+    """Make `folder`/data_stubs: the demo's data, with a tiny model in the place of each trained one.
+
+    What is trained has ten times the faces, and examples are to run, not to look well.
+    """
+    place = folder / "data_stubs"
+    place.mkdir()
+    for path in (TINY.parents[1] / "data_stubs").iterdir():
+        if path.suffix == ".toml":  # its paths are relative to the file itself
+            shutil.copy(path, place)
+        elif path.suffix != ".py" and path.name != "__pycache__":
+            (place / path.name).symlink_to(MODELS if path.name == "models" else path)

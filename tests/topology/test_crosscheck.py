@@ -22,10 +22,11 @@ from msb.topology.crosscheck.expected import Facts
 from msb.topology.crosscheck.pairs import pair_numbers
 from msb.topology.explain import explain
 from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology.forked_peers import ForkedPeers
 from tests.topology.meshes import CASE, CASES, GOLDEN, random_mesh
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 WITH_FACES = [c for c in CASES if c.valid and len(c.faces)]
 IN_PROCESS = ("libigl", "trimesh", "NetworkX")
@@ -59,6 +60,13 @@ def assert_explained(rows: Any) -> None:
     assert [r for r in rows if r.verdict == "disagrees"] == []
     for row in rows:
         assert (row.verdict == "agrees") == (row.why == "")
+
+
+@pytest.fixture(scope="module")
+def forked() -> Iterator[ForkedPeers]:
+    made = ForkedPeers()
+    yield made
+    made.close()
 
 
 # --- the peers themselves
@@ -97,16 +105,16 @@ CHILD_CASES = [
     "repeated_index_beside_triangle", "unreferenced_vertex", "cone_over_theta",
     "book_with_detached_triangle_at_spine", "nan_vertex",
 ]  # fmt: skip
-"""Those of the specification's table (section 5), where the peers differ; a child process each."""
+"""Those of the specification's table (section 5), where the peers differ; a process each."""
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CHILD_CASES)
-def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str) -> None:
+def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str, forked: ForkedPeers) -> None:
     need("PyMeshLab", "manifold3d")
     case = CASE[name]
-    replies = ask_peers(["PyMeshLab", "manifold3d"], case.vertices, case.faces, timeout=60)
+    replies = forked.ask(["PyMeshLab", "manifold3d"], case.vertices, case.faces)
     facts = Facts(*audit_arrays(case.vertices, case.faces))
     for peer, reply in replies.items():
         assert isinstance(reply, Reply), (peer, reply)
@@ -116,8 +124,12 @@ def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str) -
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("file", ["synthetic_splat_small.ply", "synthetic_splat_medium.ply"])
-def test_all_five_peers_explain_a_synthetic_splat_mesh(file: str) -> None:
+def test_all_five_peers_explain_a_synthetic_splat_mesh(
+    file: str, forked: ForkedPeers, monkeypatch: pytest.MonkeyPatch
+) -> None:
     need(*PEERS)
+    if "small" in file:
+        monkeypatch.setattr(package, "ask_peers", forked.ask)
     mesh = read_mesh(GOLDEN / file)
     result = check(mesh.vertices, mesh.faces)
     assert_explained(result.rows)
@@ -129,9 +141,12 @@ def test_all_five_peers_explain_a_synthetic_splat_mesh(file: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_all_five_peers_explain_a_large_random_mesh() -> None:
+def test_all_five_peers_explain_a_large_random_mesh(
+    forked: ForkedPeers, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A few hundred faces glued at random: every count of the audit is far from 0 at once."""
     need(*PEERS)
+    monkeypatch.setattr(package, "ask_peers", forked.ask)
     random = np.random.default_rng(7)
     points, faces = random.normal(size=(150, 3)), random.integers(0, 140, (400, 3))
     faces = np.concatenate([faces, random.integers(0, 12, (30, 3)), faces[:5], faces[5:9, ::-1]])
@@ -208,12 +223,12 @@ NOT_COMPARED = {
     [([], 1), ([], -1), ([[0, 1, 1], [5, 5, 5]], 100)],
     ids=["one too many", "one too few", "definitions differ too"],
 )
-def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int) -> None:
+def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int, forked: ForkedPeers) -> None:
     need(*PEERS)
     points, faces = splat_like(8)
     faces = np.concatenate([faces, np.array(more, np.int32).reshape(-1, 3)])
     report, analysis = audit_arrays(points, faces)
-    replies = ask_peers(["PyMeshLab"], points, faces, timeout=60)
+    replies = forked.ask(["PyMeshLab"], points, faces)
     for peer in IN_PROCESS:
         replies[peer] = Reply("-", PEERS[peer].ask(points.astype(float), faces.astype(np.int64)))
     for key, right in vars(report.counts).items():

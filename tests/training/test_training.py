@@ -73,15 +73,15 @@ def test_a_training_goes_on_as_if_it_had_not_been_interrupted(method: str, tmp_p
     from data_stubs.training import loop
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "EVERY", 20)  # one change of structure before the interruption, one after
-        whole = training(tmp_path / "whole", method, iterations=60)
+        patch.setattr(loop, "EVERY", 14)  # one change of structure before the interruption, one after
+        whole = training(tmp_path / "whole", method, iterations=32)
         whole.run(lambda: False)
-        part = training(tmp_path / "part", method, iterations=60)
-        part.run(lambda: part.iteration == 27)
-        rest = training(tmp_path / "part", method, iterations=60)
+        part = training(tmp_path / "part", method, iterations=32)
+        part.run(lambda: part.iteration == 20)
+        rest = training(tmp_path / "part", method, iterations=32)
         rest.resume()
         rest.run(lambda: False)
-    assert rest.iteration == 60
+    assert rest.iteration == 32
     assert all((a == b).all() for a, b in zip(values(whole).values(), values(rest).values(), strict=True))
 
 
