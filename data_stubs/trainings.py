@@ -33,7 +33,7 @@ _STUBS = {
 _STUB_OPTIONS = {
     "walled/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
     "walled/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
-    "walled/mesh_splatting": "--faces 8000 --sh-degree 1 --iterations 2000",
+    "walled/mesh_splatting": "--faces 8000 --sh-degree 1 --iterations 3000",
     "walled/diffsoup": "--faces 1400 --level 1 --iterations 2000",
     "pebble/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
     "pebble/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
