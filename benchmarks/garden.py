@@ -34,6 +34,8 @@ SIZE = 1.6
 """Distance from a triangle's middle to its corners, in mean distances to the nearest three neighbours."""
 GAP = 4
 """Pixels between the images of the picture."""
+COLORS = 256
+"""Of the picture's palette: a third of the bytes."""
 LARGEST = 0.98
 """Quantile of sizes above which triangles grow no more: single points far away would cover the sky."""
 
@@ -169,7 +171,8 @@ def main() -> int:
     report = run_protocol(protocol, jobs=given.jobs)
     show(report)
     if given.picture:
-        montage(protocol.results, given.scene.name).save(given.picture, optimize=True)
+        picture = montage(protocol.results, given.scene.name)
+        picture.quantize(COLORS, dither=Image.Dither.NONE).save(given.picture, optimize=True)
     return report.exit_status
 
 
