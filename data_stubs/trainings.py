@@ -37,7 +37,7 @@ _STUB_OPTIONS = {
     "walled/diffsoup": "--faces 1400 --level 1 --iterations 2000",
     "pebble/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
     "pebble/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
-    "pebble/mesh_splatting": "--faces 6500 --sh-degree 1 --iterations 2000",
+    "pebble/mesh_splatting": "--faces 8000 --sh-degree 1 --iterations 3000",
     "pebble/diffsoup": "--faces 1400 --level 1 --iterations 2000",
 }
 _GARDEN_OPTIONS = {
