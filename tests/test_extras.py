@@ -23,7 +23,7 @@ CALLS = {
     "results": ("bench", "folder.exclusive(Path('r')).__enter__()"),
     "track": ("bench", "track.track(['true'])"),
     "page": ("bench", "pages._environment()"),
-    "figure": ("bench", "figures._figure('n', 't', 'c', print)"),
+    "figure": ("bench", "figures._figure('n', 't', 'c', print).svg"),
     "film": ("video", "images.write_film(Path('f.mp4'), [image], 24)"),
     "lpips": ("lpips", "metrics.lpips_vgg(image, image, vgg_weights='vgg.pth')"),
     "cluster": ("distributed", "pool.DaskWorkers('tcp://127.0.0.1:1')"),
