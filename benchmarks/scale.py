@@ -3,8 +3,10 @@
     python -m benchmarks.scale                   10 million triangles of SH degree 3, every method
     python -m benchmarks.scale --faces 1000000 --method diffsoup --folder /path/with/room
 
-Every step is a fresh process, as a command is: export (the checkpoint to a .triasset), audit, and one frame
-of the standard and of the dedicated tier at 1237 x 822, the first of the process, with all that comes before.
+Every step is a fresh process, as a command is: export (the checkpoint to a .triasset), audit, one frame of
+the standard and of the dedicated tier at 1237 x 822, the first of the process, with all that comes before,
+repair (orient, pair) and the page of the dedicated tier with the 100,000 faces that contribute most, for
+which our reference renderer draws 16 views in NumPy.
 Memory is the process's peak with everything in it, mapped files and the device's buffers included (those of
 a CPU are in the same memory); `private` is the part that no file backs, which the system cannot drop.
 """
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _ASSET = "scale.triasset"
+_PAGE_FACES = 100_000
 _HOLES = 1.287
 """How many faces a grid has for one that is not left out as a hole."""
 _INTERVAL = 0.005
@@ -119,11 +122,30 @@ def draw(folder: Path, tier: Any) -> int:
     return asset.manifest.face_count
 
 
+def repair(folder: Path) -> int:
+    """Orient the faces and pair those at edges that more than two of them share."""
+    import msb
+
+    return msb.repair(folder / _ASSET, "orient,pair").asset.manifest.face_count
+
+
+def page(folder: Path) -> int:
+    """Write the page of the dedicated tier with the faces that contribute most, as `msb web` does."""
+    import msb
+    from msb.cli.app import app
+
+    command = ["web", "--tier", "dedicated", "--faces", str(_PAGE_FACES), "--no-verify", "--quiet"]
+    app([*command, "-o", str(folder / "page.html"), str(folder / _ASSET)], standalone_mode=False)
+    return msb.load(folder / _ASSET).manifest.face_count
+
+
 STEPS: dict[str, Callable[[Path], int]] = {
     "export": export,
     "audit": audit,
     "standard": lambda folder: draw(folder, "standard"),
     "dedicated": lambda folder: draw(folder, "dedicated"),
+    "repair": repair,
+    "page": page,
 }
 
 

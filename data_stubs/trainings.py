@@ -89,13 +89,11 @@ def table(folders: dict[str, Path]) -> str:
     The last columns are the held-out PSNR in dB after such shares of the iterations.
     """
     shares = (0.1, 0.25, 0.5, 0.75, 1.0)
-    titles = ["method", "scene", "triangles", "detail", "iterations", "minutes"]
+    titles = ["method", "scene", "triangles", "iterations", "minutes"]
     titles += [f"{share:.0%}" for share in shares]
-    lines = [f"| {' | '.join(titles)} |".replace("%", " %"), "|" + "---|" * len(titles)]
+    lines = [f"| {' | '.join(titles)} |".replace("%", "&nbsp;%"), "|" + "---|" * len(titles)]
     for name, folder in folders.items():
         about: dict[str, Any] = json.loads((folder / "training.json").read_text())
-        options, method = about["options"], about["method"]
-        detail = f"level {options['level']}" if method == "diffsoup" else f"SH {options['sh_degree']}"
         course = [
             min(about["psnr"], key=lambda entry: abs(entry["iteration"] - share * about["iterations"]))[
                 "psnr"
@@ -104,7 +102,7 @@ def table(folders: dict[str, Path]) -> str:
         ]
         scene = about["command"]["scene"] + (f" ({name.split('/')[0]})" if "/" in name else "")
         lines.append(
-            f"| {METHODS[method].title} | {scene} | {about['faces']:,} | {detail} | {about['iterations']:,} "
+            f"| {METHODS[about['method']].title} | {scene} | {about['faces']:,} | {about['iterations']:,} "
             f"| {about['seconds'] / 60:.0f} | {' | '.join(f'{value:.1f}' for value in course)} |"
         )
     return "\n".join(lines)
