@@ -6,7 +6,7 @@ import math
 from itertools import combinations
 from typing import Any
 
-from tests.topology.brute_force import Face, Point, edge_faces, flood
+from tests.topology.brute_force import Face, Point, area, edge_faces, flood
 
 Corner = tuple[int, int]
 """A face and one of its vertices."""
@@ -174,3 +174,70 @@ def fewest_dropped(faces: list[Face]) -> int:
             if all(len(group) <= 2 for group in edge_faces(faces, left).values()):
                 return count
     raise AssertionError
+
+
+def weld(points: list[Point], faces: list[Face]) -> tuple[list[int], list[Face]]:
+    """Return the faces that stay, and their corners as old vertices, the first in each place."""
+    first: dict[Point, int] = {}
+    leader = [first.setdefault((p[0] + 0.0, p[1] + 0.0, p[2] + 0.0), v) for v, p in enumerate(points)]
+    new = [(leader[a], leader[b], leader[c]) for a, b, c in faces]
+    stay = [f for f, row in enumerate(faces) if len(set(row)) < 3 or len(set(new[f])) == 3]
+    return stay, [new[f] for f in stay]
+
+
+def debris(points: list[Point], faces: list[Face], least_faces: int, least_share: float) -> list[int]:
+    """Return the faces that stay."""
+    proper = proper_faces(faces)
+    component = flood(proper, faces, edge_faces(faces, proper), lambda count: count >= 2)
+    areas = {f: area(points, faces[f]) for f in proper}
+    size, weight = dict.fromkeys(component.values(), 0), dict.fromkeys(component.values(), 0.0)
+    for f in proper:
+        size[component[f]] += 1
+        weight[component[f]] += areas[f]
+    bar = least_share * sum(areas.values())
+    gone = {one for one in size if size[one] < least_faces or weight[one] < bar}
+    return [f for f in range(len(faces)) if component.get(f) not in gone]
+
+
+def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> list[list[tuple[int, int]]]:
+    """Return the rims that are closed: the edges of each, as the faces beside them run along them."""
+    proper = proper_faces(faces)
+    at_edge = edge_faces(faces, proper)
+    component = flood(proper, faces, at_edge, lambda count: count >= 2)
+
+    def sides(f: int) -> list[tuple[int, int]]:
+        a, b, c = faces[f]
+        return [(a, b), (b, c), (c, a)]
+
+    def after(f: int, rim: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
+        """Turn around the end of a rim's edge to the next one; None where there is none to go on with."""
+        pivot, come = rim[1], rim
+        while True:
+            leave = next(side for side in sides(f) if pivot in side and {*side} != {*come})
+            group = at_edge[(min(leave), max(leave))]
+            if len(group) == 1:
+                return (f, leave) if leave[0] == pivot else None
+            if len(group) > 2:
+                return None
+            f, come = group[0] if group[1] == f else group[1], leave
+
+    found, seen = [], set()
+    for f in proper:
+        for side in sides(f):
+            if side in seen or len(at_edge[(min(side), max(side))]) > 1:
+                continue
+            walk, here = [(f, side)], after(f, side)
+            while here is not None and here != walk[0]:
+                walk.append(here)
+                here = after(*here)
+            rim = [one for _, one in walk]
+            seen.update(rim)
+            if here is None or len(rim) > edges or len({a for a, _ in rim}) < len(rim):
+                continue
+            middle = [sum(points[a][i] for a, _ in rim) / len(rim) for i in range(3)]
+            corners = [*points, (middle[0], middle[1], middle[2])]
+            cap = sum(area(corners, (a, b, len(points))) for a, b in rim)
+            whole = {component[one] for one, _ in walk}
+            if cap <= share * sum(area(points, faces[one]) for one in proper if component[one] in whole):
+                found.append(rim)
+    return found

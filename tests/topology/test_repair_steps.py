@@ -198,6 +198,54 @@ def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
     assert more <= 5
 
 
+def test_weld_keeps_what_its_twin_keeps() -> None:
+    for seed in range(0, 300, 2):  # whole numbers, so that places coincide
+        points, faces = finite_mesh(seed)
+        change = weld(points, faces)
+        stay, corners = twins.weld(rows(points), rows(faces))
+        assert change.face_map.tolist() == stay, seed
+        assert rows(change.vertex_map[change.faces]) == corners, seed
+
+
+@pytest.mark.parametrize(("least_faces", "least_share"), [(3, 0.0), (0, 0.2), (2, 0.1)])
+def test_debris_removes_what_its_twin_removes(least_faces: int, least_share: float) -> None:
+    for seed in range(1, 300, 2):  # in general position, so that no piece has exactly the share
+        points, faces = finite_mesh(seed)
+        change = debris(points, faces, least_faces=least_faces, least_share=least_share)
+        stay = twins.debris(rows(points), rows(faces), least_faces, least_share)
+        assert change.face_map.tolist() == stay, seed
+        assert rows(change.vertex_map[change.faces]) == [rows(faces)[f] for f in stay], seed
+
+
+def torn_sphere(seed: int) -> Mesh:
+    """Return a sphere without some of its faces, some of them turned, beside a random mesh."""
+    rng = np.random.default_rng(seed)
+    points, faces = sphere(int(rng.integers(3, 12)))
+    faces = faces[rng.random(len(faces)) < rng.uniform(0.5, 0.95)]
+    over = rng.random(len(faces)) < 0.04
+    faces[over] = faces[over, ::-1]
+    beside, more = finite_mesh(2 * seed + 1)
+    points = points + rng.normal(0, 0.05, points.shape)
+    return mesh_arrays(np.concatenate([points, beside]), np.concatenate([faces, more + len(points)]))
+
+
+def test_close_closes_what_its_twin_closes() -> None:
+    closed = 0
+    for seed in range(200):
+        points, faces = torn_sphere(seed)
+        change = close(points, faces, most_edges=6)
+        rims = twins.holes(rows(points), rows(faces), 6, 0.25)
+        added = change.faces[change.face_map == NONE]
+        sides = {(b, a) for row in rows(added) for a, b in zip(row, (*row[1:], row[0]), strict=True)}
+        rim_edges = {edge for rim in rims for edge in rim}
+        inside = {(a, b) for a, b in sides if (b, a) in sides or max(a, b) >= len(points)}
+        assert sides - inside == rim_edges - inside, seed
+        least = sum(1 if len(rim) == 3 else 2 if len(rim) == 4 else len(rim) for rim in rims)
+        assert least <= len(added) <= least + 2 * sum(len(rim) == 4 for rim in rims), seed
+        closed += len(rims)
+    assert closed > 40
+
+
 BOW_TIE = (np.eye(5, 3), np.array([[0, 1, 2], [0, 3, 4]]))
 TWO_TETRAHEDRA = (
     np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]], float),
