@@ -1,0 +1,210 @@
+"""What is left behind when one process does the same thing again and again.
+
+    python -m benchmarks.endurance                    everything in TIMES, as often as that says
+    python -m benchmarks.endurance renders trials     these alone; --share 0.1 for a tenth of the times
+
+Each kind of work is a fresh process. After a tenth of the times, after half and after all of them a line says
+its own memory (what no file backs), its children's (the median since the line before), open files, threads,
+children and what lies in its folder for temporary files. The first tenth makes what is made once: compiled
+programs, imported libraries, pools of memory. What grows from half to the end would grow for ever.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import psutil
+
+import msb
+from benchmarks.measure import machine
+from msb.methods import METHODS
+from msb.scenes.around import around
+from tests.tiny import MODELS, TINY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from msb.bench.progress import Stage
+
+TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50}
+"""What is done -> how often; threads: images drawn by one renderer from eight of them."""
+_CELLS = 76
+"""Cells of the protocol of the tests' tiny scenes that have a result."""
+_VIEW = 320, 240
+_TASKS = "uv", "decimate_50", "subdivide", "boolean", "self_intersections"
+
+
+class Looks:
+    """Count what was done, and say what the process holds after a tenth, half and all of it."""
+
+    def __init__(self, kind: str, times: int) -> None:
+        self.kind, self.done, self.start = kind, 0, time.perf_counter()
+        self.next = sorted({max(1, times // 10), times // 2, times})
+        self.theirs: list[float] = []
+
+    def add(self, count: int = 1) -> None:
+        """Count `count` more as done."""
+        self.done += count
+        self.theirs.append(held(psutil.Process().children(recursive=True)))
+        while self.next and self.next[0] <= self.done:
+            self.next.pop(0)
+            print(self.row(), flush=True)
+            self.theirs.clear()
+
+    def row(self) -> str:
+        """Return the line of now."""
+        gc.collect()
+        seconds, process = time.perf_counter() - self.start, psutil.Process()
+        children = process.children(recursive=True)
+        own, theirs = held([process]), median(self.theirs)
+        temporary = len(list(Path(tempfile.gettempdir()).iterdir())) - 1  # the folder of the work itself
+        return (
+            f"{self.kind:8}{self.done:8,}{seconds:9.1f}{own:8.1f}{theirs:13.1f}{process.num_fds():7}"
+            f"{process.num_threads():9}{len(children):10}{temporary:11}"
+        )
+
+
+def held(processes: list[psutil.Process]) -> float:
+    """Return the megabytes of these processes that no file backs and no other process shares."""
+    total = 0.0
+    for process in processes:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            total += process.memory_full_info().uss / 1e6
+    return total
+
+
+def assets(folder: Path) -> list[Path]:
+    """Export the tests' tiny model of every method that has one."""
+    found = []
+    for model in sorted((MODELS / "walled").iterdir()):
+        found.append(folder / f"{model.name}.triasset")
+        msb.save(msb.export(model), found[-1])
+    return found
+
+
+def renders(folder: Path, looks: Looks, times: int) -> None:
+    """Make a renderer, draw twice and close it, every method and tier in turn."""
+    jobs: list[tuple[Path, Any]] = []
+    for path in assets(folder):
+        jobs += [(path, tier) for tier in METHODS[path.stem].retained]
+    for turn in range(times):
+        path, tier = jobs[turn % len(jobs)]
+        with msb.Renderer(path, tier=tier) as renderer:
+            for camera in around(msb.load(path), 2, *_VIEW):
+                renderer.render(camera)
+        looks.add()
+
+
+def threads(folder: Path, looks: Looks, times: int) -> None:
+    """Draw with one renderer from eight threads, and compare every image with the one drawn alone."""
+    path = next(path for path in assets(folder) if path.stem == "triangle_splatting")
+    cameras = list(around(msb.load(path), 8, *_VIEW))
+    with msb.Renderer(path, tier="dedicated") as renderer, ThreadPoolExecutor(8) as pool:
+
+        def drawn(camera: msb.Camera) -> str:
+            return hashlib.sha256(renderer.render(camera).image.tobytes()).hexdigest()
+
+        alone = [drawn(camera) for camera in cameras]
+        for _ in range(0, times, len(cameras)):
+            if list(pool.map(drawn, cameras)) != alone:
+                raise SystemExit("threads: an image differs from the one that was drawn alone")
+            looks.add(len(cameras))
+
+
+class _Counted:
+    """The watch of a run that counts ended cells."""
+
+    def __init__(self, looks: Looks) -> None:
+        self.looks = looks
+
+    @contextlib.contextmanager
+    def stage(self, stage: Stage) -> Iterator[Callable[[str], None]]:
+        yield (lambda _name: self.looks.add()) if stage.title == "cells" else lambda _name: None
+
+    def note(self, _text: str) -> None:
+        return
+
+
+def cells(folder: Path, looks: Looks, times: int) -> None:
+    """Run the protocol of the tests' tiny scenes with every model under as many labels as it takes."""
+    from msb.bench.protocol import read_protocol
+    from msb.bench.run import run_protocol
+
+    for name in ("scenes", "models"):
+        (folder / name).symlink_to(TINY / name)
+    head, *blocks = (TINY / "protocol.toml").read_text(encoding="utf-8").split("[[methods]]\n")
+    for number in range(max(1, times // _CELLS)):
+        for at, block in enumerate(blocks):
+            head += f'[[methods]]\nlabel = "model {number}-{at}"\n{block}\n'
+    file = folder / "protocol.toml"
+    file.write_text(head, encoding="utf-8")
+    report = run_protocol(read_protocol(file), watch=_Counted(looks))
+    if bad := [row.planned.cell for row in report.rows if row.reasons]:
+        raise SystemExit(f"cells: {bad[0]} has no result")
+
+
+def trials(folder: Path, looks: Looks, times: int) -> None:
+    """Try on one mesh what takes seconds, each time with the same outcomes."""
+    from msb.trial.run import try_asset
+
+    asset = msb.load(next(path for path in assets(folder) if path.stem == "mesh_splatting"))
+    first = None
+    for _ in range(times):
+        outcomes = json.dumps([(one.task, one.outcome) for one in try_asset(asset, _TASKS).trials])
+        first = first or outcomes
+        if outcomes != first:
+            raise SystemExit(f"trials: {outcomes} after {first}")
+        looks.add()
+
+
+KINDS: dict[str, Callable[[Path, Looks, int], None]] = {
+    "renders": renders,
+    "threads": threads,
+    "cells": cells,
+    "trials": trials,
+}
+
+
+def main() -> int:
+    """Do each kind in a process of its own; return 1 if one failed or left a file behind."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(TIMES)}; default: all")
+    parser.add_argument("--share", type=float, default=1.0, help="of the times (default 1)")
+    parser.add_argument("--worker", choices=TIMES, help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    if unknown := sorted({*chosen.kinds} - {*TIMES}):
+        parser.error(f"{', '.join(unknown)}: there are {', '.join(TIMES)}")
+    if kind := chosen.worker:
+        times = max(2, round(TIMES[kind] * chosen.share))
+        with tempfile.TemporaryDirectory() as folder:
+            KINDS[kind](Path(folder), Looks(kind, times), times)
+        return 0
+    print("\n".join(f"{name}: {value}" for name, value in machine("numpy", "pyopencl").items()))
+    print("\nkind       times  seconds  own MB  children MB  files  threads  children  temporary")
+    failed = False
+    for kind in chosen.kinds or TIMES:
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "benchmarks.endurance", "--worker", kind]
+            command += ["--share", str(chosen.share)]
+            done = subprocess.run(command, env={**os.environ, "TMPDIR": folder}, check=False)
+            if left := sorted(path.name for path in Path(folder).iterdir()):
+                print(f"{kind}: left behind at the end: {', '.join(left)}")
+            failed |= bool(done.returncode or left)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
