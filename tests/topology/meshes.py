@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.topology.analysis import Analysis
+from msb.topology.arrays import mesh_arrays
+from msb.topology.findings import find_by_numpy
+from msb.topology.halfedge import NONE
 from tests.conftest import ROOT
 
+if TYPE_CHECKING:
+    from msb.topology.findings import Counts
+    from msb.topology.steps import Change
+
+Mesh = tuple[np.ndarray, np.ndarray]
 GOLDEN = ROOT / "tests" / "golden" / "meshes"
 
 
@@ -105,3 +114,32 @@ def random_mesh(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     points[rng.random(points.shape) < 0.01] = np.nan
     points[rng.random(points.shape) < 0.01] = np.inf
     return points, faces[rng.permutation(len(faces))]
+
+
+def finite_mesh(seed: int) -> Mesh:
+    """Return a random mesh without NaN, every other one at places in general position."""
+    rng = np.random.default_rng(seed)
+    points, faces = random_mesh(rng)
+    points = rng.normal(size=points.shape) if seed % 2 else np.nan_to_num(points, posinf=1, neginf=-1)
+    return mesh_arrays(points, faces)
+
+
+def counts(points: np.ndarray, faces: np.ndarray) -> Counts:
+    return find_by_numpy(Analysis(*mesh_arrays(points, faces))).counts
+
+
+def places(points: np.ndarray, change: Change) -> np.ndarray:
+    """Return the positions after a change: old ones, and the middle of each rim."""
+    kept = points[change.vertex_map[change.vertex_map != NONE]]
+    rims = np.split(change.rims.vertices, change.rims.offsets[1:-1]) if change.rims.count else []
+    return np.concatenate([kept, np.array([points[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)])
+
+
+def sphere(sides: int) -> Mesh:
+    """Return a double cone over a polygon: closed, with two poles that all faces meet at."""
+    ring = np.arange(sides)
+    angle = 2 * np.pi * ring / sides
+    points = np.concatenate([np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1), [[0, 0, 1], [0, 0, -1]]])
+    after = (ring + 1) % sides
+    top, bottom = np.full(sides, sides), np.full(sides, sides + 1)
+    return points, np.concatenate([np.stack([ring, after, top], 1), np.stack([after, ring, bottom], 1)])

@@ -1,0 +1,130 @@
+"""What the steps of a repair do against what their twins, dictionaries and loops, do on random meshes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.topology.arrays import mesh_arrays
+from msb.topology.halfedge import NONE
+from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
+from tests.topology import repair_twins as twins
+from tests.topology.brute_force import edge_faces
+from tests.topology.meshes import Mesh, counts, finite_mesh, sphere
+
+if TYPE_CHECKING:
+    from msb.topology.steps import Change
+
+
+def rows(faces: np.ndarray) -> list[Any]:
+    return [tuple(row) for row in faces.tolist()]
+
+
+def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], int]:
+    """Return the new vertex of each corner (face, old vertex) of the proper faces."""
+    return {
+        (f, v): new
+        for f, (row, after) in enumerate(zip(faces.tolist(), change.faces.tolist(), strict=True))
+        if len(set(row)) == 3
+        for v, new in zip(row, after, strict=True)
+    }
+
+
+def test_orient_turns_what_its_twin_turns() -> None:
+    for seed in range(150):
+        points, faces = finite_mesh(seed)
+        change = orient(faces, len(points))
+        turned, strange = twins.orient(rows(faces))
+        if not strange:
+            assert change.turned.tolist() == turned, seed
+            assert counts(points, change.faces).inconsistent_winding_edges == 0
+        assert bool(change.notes) == strange, seed
+
+
+def test_cut_splits_vertices_as_its_twin_does() -> None:
+    for seed in range(150):
+        points, faces = finite_mesh(seed)
+        change = cut(faces, len(points))
+        number = twins.cut(rows(faces))
+        spare = len(points) - 1 - int(faces.max(initial=-1))  # the twin knows no unreferenced vertices
+        top = len(points) - spare
+        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        assert corner_numbers(faces, change) == expected, seed
+
+
+def test_pair_joins_what_its_twin_joins() -> None:
+    for seed in range(1, 241, 2):  # in general position, so that no two pairs cost the same
+        points, faces = finite_mesh(seed)
+        if counts(points, faces).duplicate_faces:
+            continue
+        colors = np.random.default_rng(seed).random(points.shape)
+        change = pair(points, faces, vertex_colors=colors)
+        number = twins.pair(points.tolist(), rows(faces), colors.tolist(), 0.25)
+        spare = len(points) - 1 - int(faces.max(initial=-1))
+        top = len(points) - spare
+        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        assert corner_numbers(faces, change) == expected, seed
+
+
+def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
+    more = 0
+    for seed in range(100):
+        points, faces = finite_mesh(seed)
+        change = drop(points, faces)
+        removed = len(faces) - len(change.faces)
+        more += removed - twins.fewest_dropped(rows(faces)) if len(faces) <= 12 else 0
+        left = edge_faces(rows(faces), twins.proper_faces(rows(faces)))
+        gone = set(range(len(faces))) - set(change.face_map.tolist())
+        for f in gone:
+            assert any(f in group and len(set(group) - gone) >= 2 for group in left.values()), seed
+    assert more <= 5
+
+
+def test_weld_keeps_what_its_twin_keeps() -> None:
+    for seed in range(0, 300, 2):  # whole numbers, so that places coincide
+        points, faces = finite_mesh(seed)
+        change = weld(points, faces)
+        stay, corners = twins.weld(rows(points), rows(faces))
+        assert change.face_map.tolist() == stay, seed
+        assert rows(change.vertex_map[change.faces]) == corners, seed
+
+
+@pytest.mark.parametrize(("least_faces", "least_share"), [(3, 0.0), (0, 0.2), (2, 0.1)])
+def test_debris_removes_what_its_twin_removes(least_faces: int, least_share: float) -> None:
+    for seed in range(1, 300, 2):  # in general position, so that no piece has exactly the share
+        points, faces = finite_mesh(seed)
+        change = debris(points, faces, least_faces=least_faces, least_share=least_share)
+        stay = twins.debris(rows(points), rows(faces), least_faces, least_share)
+        assert change.face_map.tolist() == stay, seed
+        assert rows(change.vertex_map[change.faces]) == [rows(faces)[f] for f in stay], seed
+
+
+def torn_sphere(seed: int) -> Mesh:
+    """Return a sphere without some of its faces, some of them turned, beside a random mesh."""
+    rng = np.random.default_rng(seed)
+    points, faces = sphere(int(rng.integers(3, 12)))
+    faces = faces[rng.random(len(faces)) < rng.uniform(0.5, 0.95)]
+    over = rng.random(len(faces)) < 0.04
+    faces[over] = faces[over, ::-1]
+    beside, more = finite_mesh(2 * seed + 1)
+    points = points + rng.normal(0, 0.05, points.shape)
+    return mesh_arrays(np.concatenate([points, beside]), np.concatenate([faces, more + len(points)]))
+
+
+def test_close_closes_what_its_twin_closes() -> None:
+    closed = 0
+    for seed in range(200):
+        points, faces = torn_sphere(seed)
+        change = close(points, faces, most_edges=6)
+        rims = twins.holes(rows(points), rows(faces), 6, 0.25)
+        added = change.faces[change.face_map == NONE]
+        sides = {(b, a) for row in rows(added) for a, b in zip(row, (*row[1:], row[0]), strict=True)}
+        rim_edges = {edge for rim in rims for edge in rim}
+        inside = {(a, b) for a, b in sides if (b, a) in sides or max(a, b) >= len(points)}
+        assert sides - inside == rim_edges - inside, seed
+        least = sum(1 if len(rim) == 3 else 2 if len(rim) == 4 else len(rim) for rim in rims)
+        assert least <= len(added) <= least + 2 * sum(len(rim) == 4 for rim in rims), seed
+        closed += len(rims)
+    assert closed > 40
