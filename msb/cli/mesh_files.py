@@ -37,6 +37,9 @@ def note_losses(
     from msb.meshes.formats import FORMATS
 
     keeps = FORMATS[suffix].keeps
+    if FORMATS[suffix].is_soup and len(written.vertices) < 3 * len(written.faces):
+        text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
+        output.note(f"{target}: {text}")
     if mesh.face_colors is not None and written.face_colors is None:
         text = f"{suffix} has no face colours, so every face gets vertices of its own: a soup"
         output.note(f"{target}: {text}")

@@ -13,6 +13,7 @@ from msb.cli.failures import report_error
 from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog, refuse
 from msb.cli.output import Output
 from msb.errors import UsageError, about
+from msb.paths import shell_word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -336,9 +337,9 @@ def _print(source: Path, target: Path, done: Repaired | Outcome, left: list[str]
     from msb.topology.verdict import judge
 
     console = output.console()
-    words = [judge(audit).word for audit in (done.before, done.after)]
+    verdicts = [judge(audit).word for audit in (done.before, done.after)]
     names = [escape(one_line(str(path))) for path in (source, target)]
-    console.print(f"[bold]{names[1]}[/bold]: {words[1]}; {names[0]} was {words[0]}", soft_wrap=True)
+    console.print(f"[bold]{names[1]}[/bold]: {verdicts[1]}; {names[0]} was {verdicts[0]}", soft_wrap=True)
     if output.quiet:
         return
     headers = ("Step", "Faces removed", "added", "turned", "Vertices removed", "added", "Seconds")
@@ -352,4 +353,8 @@ def _print(source: Path, target: Path, done: Repaired | Outcome, left: list[str]
     pieces = [f"{audit.counts.components:,}" for audit in (done.before, done.after)]
     console.print(f"Components: {pieces[0]} before, {pieces[1]} after; {len(done.cut_edges):,} edges cut")
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
-    console.print(f"next: msb view {names[0]} --repaired {names[1]}", soft_wrap=True)
+    words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
+    if done.after.topology == "triangle_soup" and all(step.step != "weld" for step in done.steps):
+        line = f"msb repair --plan weld,orient,pair --force -o {words[1]} {words[0]}"
+        console.print(f"Merge the vertices: {line}", soft_wrap=True)
+    console.print(f"next: msb view {words[0]} --repaired {words[1]}", soft_wrap=True)

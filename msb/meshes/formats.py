@@ -33,6 +33,8 @@ class Format:
         suffix is then recognised by it.
     keeps : tuple of {"vertex_colors", "face_colors"}
         The colours that the format can hold.
+    is_soup : bool
+        True if the format writes the vertices of every face anew, so that no two faces share one.
     """
 
     title: str
@@ -41,6 +43,7 @@ class Format:
     write: Callable[[Mesh, BinaryIO], None] | None = None
     begins: re.Pattern[bytes] | None = None
     keeps: tuple[Literal["vertex_colors", "face_colors"], ...] = ()
+    is_soup: bool = False
 
 
 FORMATS: dict[str, Format] = {}

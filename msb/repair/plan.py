@@ -351,13 +351,17 @@ def refuse_nonfinite(points: NDArray[Any]) -> None:
 def what_is_left(after: Audit) -> list[str]:
     """Return what still keeps a mesh from being manifold, consistently wound and free of doubles."""
     counts, left = after.counts, []
+    soup = after.topology == "triangle_soup"
+    why = (
+        "a soup stays one unless weld merges vertices" if soup else "open stays open unless holes are closed"
+    )
     for key, text in (
         ("nonmanifold_edges", "edges of more than two faces"),
         ("nonmanifold_vertices", "non-manifold vertices"),
         ("inconsistent_winding_edges", "edges across which the winding flips"),
         ("duplicate_faces", "faces that repeat another"),
         ("repeated_index_faces", "faces that name a vertex twice"),
-        ("boundary_edges", "boundary edges: open stays open unless holes are closed"),
+        ("boundary_edges", f"boundary edges: {why}"),
     ):
         if number := getattr(counts, key):
             left.append(f"{number:,} {text}")

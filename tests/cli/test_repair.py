@@ -13,7 +13,7 @@ import msb as library
 from msb.cli.repair_compare import print_table
 from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import Mesh, read_mesh, write_mesh
-from tests.conftest import BOOK, ROOT
+from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -61,6 +61,23 @@ def test_what_a_repaired_mesh_file_does_not_have_of_its_source_is_said(msb: Msb,
     assert of_mesh.err == f"{tmp_path / 'b.glb'}: left out: UVs\n"
     of_model = msb("repair", CHECKPOINT, "-o", tmp_path / "c.glb")
     assert "c.glb: left out: colours that change with the view (SH degree 1), opacity\n" in of_model.err
+
+
+def test_a_repaired_soup_is_told_what_merges_it(msb: Msb, tmp_path: Path) -> None:
+    corners = TETRAHEDRON[0][TETRAHEDRON[1].reshape(-1)]
+    source, target = tmp_path / "a soup.ply", tmp_path / "out.ply"
+    with source.open("wb") as file:
+        write_mesh(Mesh(corners, np.arange(12).reshape(-1, 3)), file, suffix=".ply")
+    result = msb("repair", source, "-o", target)
+    assert "12 boundary edges: a soup stays one unless weld merges vertices" in result.out
+    way_out = f'msb repair --plan weld,orient,pair --force -o {target} "{source}"'
+    assert f"Merge the vertices: {way_out}\n" in result.out
+    welded = msb("repair", "--plan", "weld,orient,pair", "--force", "-o", target, source)
+    assert "OK; " in welded.out
+    assert "Merge the vertices" not in welded.out
+    as_stl = msb("repair", target, "-o", tmp_path / "out.stl")
+    assert "out.stl: .stl repeats the vertices of every face: it is a soup again" in as_stl.err
+    assert "soup" not in msb("convert", source, tmp_path / "soup.stl").err
 
 
 def test_a_mesh_file_keeps_its_precision_and_the_original_stays(msb: Msb, book: Path) -> None:
