@@ -186,9 +186,11 @@ def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
             image = ours.render(view, BLACK).image
             columns, rows = -(-width // 16), -(-height // 16)
             pairs = ours.counts["pairs"]
-            starts = cpu.scratch("splat tile starts", columns * rows + 1, np.uint64).read()
-            lists = cpu.scratch("splat tile lists", pairs, np.uint32).read()
-            records = cpu.scratch("splat faces", (faces, ours.record_words), np.uint32).read()
+            with ours._scope.turn():  # scratch buffers are those of the renderer whose turn it is
+                starts = cpu.scratch("splat tile starts", columns * rows + 1, np.uint64).read()
+                lists = cpu.scratch("splat tile lists", pairs, np.uint32).read()
+                records = cpu.scratch("splat faces", (faces, ours.record_words), np.uint32).read()
+            assert starts[-1] == pairs and lists.max() < faces, "C would read elsewhere"
             # Vectors are stored to it: on a boundary of 32 bytes.
             memory = np.zeros(5 * rows * columns * 256 + 8, np.float32)
             planes = memory[-memory.ctypes.data % 32 // 4 :][: memory.size - 8]
