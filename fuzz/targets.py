@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fuzz import readers, seeds
+from fuzz import readers, run_folder, seeds
 from fuzz.target import Target
 from msb.meshes import MESH_SUFFIXES
 from msb.methods import METHODS
@@ -107,6 +107,7 @@ TARGETS: dict[str, Target] = {
     "pyproject": Target(readers.settings, seeds.pyproject, "pyproject.toml"),
     "gate": Target(readers.gate, seeds.gates, "gate"),
     "result": Target(readers.report, seeds.results, RESULT),
+    **run_folder.targets(),
     "renderer_timing": Target(readers.renderer_timing, seeds.renderer_timings, "timing.json"),
     "page": Target(readers.page, seeds.pages, "page.html"),
     "training": Target(readers.training, seeds.trainings, "training.npz"),

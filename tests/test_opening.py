@@ -18,6 +18,7 @@ from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
@@ -113,6 +114,13 @@ def test_an_error_of_an_audited_file_names_it_as_the_command_does(tmp_path: Path
         with pytest.raises(MsbError) as caught:
             msb.audit(tmp_path / name)
         assert f"{caught.value}\n" == audited(tmp_path / name)
+
+
+@pytest.mark.parametrize("read", [msb.audit, msb.open, msb.load, msb.export, msb.repair, msb.validate])
+def test_a_path_that_no_file_can_have_is_not_found(read: Callable[[str], Any]) -> None:
+    with pytest.raises(InputError, match=r"nul\\x00: there is no such file") as caught:
+        read("nul\0")
+    assert caught.value.code == "FILE_NOT_FOUND"
 
 
 def test_what_is_not_finite_is_audited_but_not_opened(tmp_path: Path) -> None:

@@ -217,7 +217,7 @@ def _latest(folder: Path, pattern: str) -> Path | None:
 def _names(folder: Path) -> list[str]:
     try:
         return [path.name for path in folder.iterdir()]
-    except OSError:
+    except (OSError, ValueError):  # the latter for a NUL in the path
         return []
 
 

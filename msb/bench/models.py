@@ -89,7 +89,7 @@ def known_model(results: Results, task: ModelTask) -> Model | None:
             stamp(Path(path)) == (path, *rest) for path, *rest in model.stamps
         )
         return model if current and _source_file(task) in {path for path, *_ in model.stamps} else None
-    except (MsbError, OSError):
+    except (MsbError, OSError, ValueError):  # the last where a path holds a NUL
         return None
 
 

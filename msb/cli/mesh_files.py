@@ -37,9 +37,7 @@ def note_losses(
     from msb.meshes.formats import FORMATS
 
     keeps = FORMATS[suffix].keeps
-    if FORMATS[suffix].is_soup and len(written.vertices) < 3 * len(written.faces):
-        text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
-        output.note(f"{target}: {text}")
+    note_soup(len(written.vertices), len(written.faces), target, suffix, output)
     if mesh.face_colors is not None and written.face_colors is None:
         text = f"{suffix} has no face colours, so every face gets vertices of its own: a soup"
         output.note(f"{target}: {text}")
@@ -47,3 +45,12 @@ def note_losses(
     lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]
     if lost:
         output.note(f"{target}: left out: {', '.join(lost)}")
+
+
+def note_soup(vertices: int, faces: int, target: Path, suffix: str, output: Output) -> None:
+    """Say that a format writes the vertices of every face anew, if the faces of the mesh share any."""
+    from msb.meshes.formats import FORMATS
+
+    if FORMATS[suffix].is_soup and vertices < 3 * faces:
+        text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
+        output.note(f"{target}: {text}")

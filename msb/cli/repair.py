@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +12,6 @@ from msb.cli.failures import report_error
 from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog, refuse
 from msb.cli.output import Output
 from msb.errors import UsageError, about
-from msb.paths import shell_word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +21,8 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.meshes import Mesh
     from msb.repair.assets import Repaired
-    from msb.repair.plan import Options, Outcome
+    from msb.repair.plan import Options
+    from msb.repair.run import Outcome
     from msb.scenes import Camera
     from msb.topology import Audit
 
@@ -33,7 +32,6 @@ EPILOG = epilog(
     'msb repair -q --fail-on "components>999" data_stubs/checkpoint -o out/g.ply',
     "msb repair --compare data_stubs/models/walled/mesh_splatting -o out/costs",
 )
-SCHEMA = "msb.repair/1"
 _STEP_OPTIONS = {
     "weld": ("weld",),
     "pair_color": ("pair",),
@@ -222,22 +220,24 @@ class _Task:
 
     def run(self) -> Audit:
         """Repair, write and print; return the audit of the result."""
-        from msb.repair.plan import what_is_left
+        from msb.cli.repair_text import document, print_repair
+        from msb.repair.run import what_is_left
 
         done = self.repair_mesh() if self.in_file_precision else self.repair_asset()
         left = what_is_left(done.after)
         if self.maps is not None:
             _write_maps(self.maps, done)
-        self.output.write_json(_document(self.source, self.target, self.plan, done, left))
+        self.output.write_json(document(self.source, self.target, self.plan, done, left))
         if self.output.prints_text:
-            _print(self.source, self.target, done, left, self.output)
+            print_repair(self.source, self.target, done, left, self.output)
         return done.after
 
     def repair_asset(self) -> Repaired:
         """Repair what an asset holds, and write it as one or as its standard-tier mesh."""
         from msb.asset import ASSET_SUFFIX
         from msb.cli.inputs import open_asset
-        from msb.cli.mesh_files import beyond_a_mesh
+        from msb.cli.mesh_files import beyond_a_mesh, note_soup
+        from msb.cli.repair_text import note_turned
         from msb.repair.assets import repair_asset
         from msb.saving import save
 
@@ -246,11 +246,14 @@ class _Task:
         weights = None if self.cameras is None else self.pixels(asset)
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             done = repair_asset(asset, self.plan, self.options, weights)
-        _note_turned(done.asset, done, self.output)
+        note_turned(done.asset, done, self.output)
         with self.output.progress(f"writing {self.target.name}"):
             save(done.asset, self.target, overwrite=True, form=self.form or "packed")
-        if self.suffix != ASSET_SUFFIX and (lost := beyond_a_mesh(done.asset)):
-            self.output.note(f"{self.target}: left out: {', '.join(lost)}")
+        if self.suffix != ASSET_SUFFIX:
+            manifest = done.asset.manifest
+            note_soup(manifest.vertex_count, manifest.face_count, self.target, self.suffix, self.output)
+            if lost := beyond_a_mesh(done.asset):
+                self.output.note(f"{self.target}: left out: {', '.join(lost)}")
         return done
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
@@ -292,69 +295,3 @@ def _write_maps(path: Path, done: Repaired | Outcome) -> None:
 
     with new_file(path) as file:
         np.savez(file, vertex=done.vertex_map, face=done.face_map, turned=done.turned)
-
-
-def _document(
-    source: Path, target: Path, plan: tuple[str, ...], done: Repaired | Outcome, left: list[str]
-) -> dict[str, Any]:
-    before, after = done.before.to_dict(), done.after.to_dict()
-    return {
-        "schema": SCHEMA,
-        "path": str(source),
-        "output": str(target),
-        "plan": list(plan),
-        "steps": [step.to_dict() for step in done.steps],
-        "edges_cut": len(done.cut_edges),
-        "faces_turned": int(done.turned.sum()),
-        "left": left,
-        "before": {key: before[key] for key in ("counts", "metrics")},
-        "after": {key: after[key] for key in ("counts", "metrics")},
-        "verdict_before": before["verdict"],
-        "verdict_after": after["verdict"],
-    }
-
-
-def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
-    """Say what turned faces change where back faces are culled."""
-    turned = int(done.turned.sum())
-    if turned == 0:
-        return
-    stored = asset.manifest.settings.get("back_culling")
-    text = (
-        f"{turned:,} of {len(done.turned):,} faces were turned: where back faces are culled they show from "
-    )
-    text += "the other side"
-    if stored is not None and stored.value:
-        text += "; this asset has back_culling on"
-    output.note(text)
-
-
-def _print(source: Path, target: Path, done: Repaired | Outcome, left: list[str], output: Output) -> None:
-    from rich.markup import escape
-
-    from msb.cli.output import plain_table
-    from msb.errors import one_line
-    from msb.topology.verdict import judge
-
-    console = output.console()
-    verdicts = [judge(audit).word for audit in (done.before, done.after)]
-    names = [escape(one_line(str(path))) for path in (source, target)]
-    console.print(f"[bold]{names[1]}[/bold]: {verdicts[1]}; {names[0]} was {verdicts[0]}", soft_wrap=True)
-    if output.quiet:
-        return
-    headers = ("Step", "Faces removed", "added", "turned", "Vertices removed", "added", "Seconds")
-    table = plain_table(*headers, right=tuple(range(1, len(headers))))
-    for step in done.steps:
-        numbers = [getattr(step, f.name) for f in fields(step)[1:6]]
-        table.add_row(step.step, *(f"{number:,}" for number in numbers), f"{step.seconds:.2f}")
-    console.print(table)
-    for note in dict.fromkeys(note for step in done.steps for note in step.notes):
-        console.print(escape(one_line(note)), soft_wrap=True)
-    pieces = [f"{audit.counts.components:,}" for audit in (done.before, done.after)]
-    console.print(f"Components: {pieces[0]} before, {pieces[1]} after; {len(done.cut_edges):,} edges cut")
-    console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
-    words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
-    if done.after.topology == "triangle_soup" and all(step.step != "weld" for step in done.steps):
-        line = f"msb repair --plan weld,orient,pair --force -o {words[1]} {words[0]}"
-        console.print(f"Merge the vertices: {line}", soft_wrap=True)
-    console.print(f"next: msb view {words[0]} --repaired {words[1]}", soft_wrap=True)

@@ -13,7 +13,7 @@ from msb.errors import InputError, MsbError, UsageError, shorten
 
 if TYPE_CHECKING:
     from msb.bench.records import Result
-    from msb.report.build import Report
+    from msb.report.report import Report
     from msb.report.results import Place
     from msb.report.table import Table
     from msb.report.writers import Format, Printed

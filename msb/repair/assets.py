@@ -14,7 +14,8 @@ from msb.errors import Unsupported, about
 from msb.meshes import Mesh
 from msb.meshes.writing import check_indices
 from msb.opening import as_asset
-from msb.repair.plan import DEFAULT, Options, Outcome, Step, check_peer, parse_plan, run_plan, what_is_left
+from msb.repair.plan import DEFAULT, Options, check_peer, parse_plan
+from msb.repair.run import Outcome, Step, run_plan, what_is_left
 from msb.topology.steps.change import with_faces
 
 if TYPE_CHECKING:

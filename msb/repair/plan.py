@@ -1,34 +1,19 @@
-"""Run the steps of a plan until none of them changes anything, and say what is left."""
+"""What a plan of repairs may name, and the numbers of its steps."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msb.asset.look import static_colors
-from msb.errors import MeshError, UsageError, shorten
-from msb.repair.carry import carry
-from msb.topology import audit_arrays
-from msb.topology.arrays import mesh_arrays
-from msb.topology.halfedge import NONE
-from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
-from msb.topology.steps.change import followed_by, unchanged
-from msb.topology.steps.cut import cut_edges
+from msb.errors import UsageError, shorten
 from msb.topology.weld import parse_weld
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    from msb.topology import Audit
-    from msb.topology.steps import Change
     from msb.topology.weld import Weld
-
-    Buffers = Mapping[str, NDArray[Any]]
 
 STEPS: dict[str, str] = {
     "orient": "turn faces so that the winding is consistent",
@@ -44,15 +29,6 @@ DEFAULT = ("orient", "pair")
 """The plan that changes nothing visible."""
 BY_PEER = {"igl": ("cut",), "pymeshlab": ("drop",)}
 """Peer -> the steps that it can do in our stead."""
-_UNTOUCHED_BY = {
-    "orient": ("orient", "debris"),
-    **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
-    "drop": ("drop", "orient", "debris"),
-    "debris": ("debris", "orient"),
-}
-"""Step -> steps after whose changes it has nothing to do if it had nothing to do before: a turned face stays
-where it is, debris goes as whole components, and no step finds more to do in its own result."""
-_MOST_ROUNDS = 16
 
 
 @dataclass(frozen=True)
@@ -89,60 +65,6 @@ class Options:
         return replace(self, weld=parse_weld(self.weld))
 
 
-@dataclass(frozen=True)
-class Step:
-    """One step that was done. Counts are of rows; `notes` are sentences without a full stop."""
-
-    step: str
-    faces_removed: int
-    faces_added: int
-    faces_turned: int
-    vertices_removed: int
-    vertices_added: int
-    seconds: float
-    notes: tuple[str, ...] = ()
-
-    @property
-    def changed(self) -> bool:
-        """Whether anything is different after it."""
-        counts = (self.faces_removed, self.faces_added, self.faces_turned, self.vertices_removed)
-        return any(counts) or self.vertices_added > 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the step as JSON data."""
-        return {**vars(self), "notes": list(self.notes)}
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """A repaired mesh.
-
-    Attributes
-    ----------
-    buffers : mapping of arrays
-        The buffers of the new mesh.
-    vertex_map, face_map : (V',), (F',) int64
-        The row of the original that each new vertex and face is; -1 for what is new.
-    turned : (F',) bool
-        Whether the second and the third corner of a face changed places.
-    steps : tuple of Step
-    before, after : Audit
-    """
-
-    buffers: Buffers
-    vertex_map: NDArray[np.int64]
-    face_map: NDArray[np.int64]
-    turned: NDArray[np.bool_]
-    steps: tuple[Step, ...]
-    before: Audit
-    after: Audit
-
-    @property
-    def cut_edges(self) -> NDArray[Any]:
-        """(n, 2) vertices of the original whose edge became several."""
-        return cut_edges(mesh_arrays(self.buffers["positions"], self.buffers["indices"])[1], self.vertex_map)
-
-
 def parse_plan(plan: Sequence[str] | str) -> tuple[str, ...]:
     """Return the steps that a plan names.
 
@@ -172,221 +94,3 @@ def check_peer(plan: Sequence[str], peer: str | None) -> None:
     if peer is not None and not set(plan) & set(BY_PEER[peer]):
         text = f"{peer} can do {', '.join(BY_PEER[peer])}, and the plan is {','.join(plan)}"
         raise UsageError("USAGE", text)
-
-
-@dataclass
-class _Work:
-    """The mesh as it is after the steps done so far."""
-
-    buffers: Buffers
-    domains: Mapping[str, str]
-    level: int | None
-    pending: Change
-    """What has happened since `buffers` were carried. Nothing in it is new."""
-    vertex_map: NDArray[Any]
-    face_map: NDArray[Any]
-    turned: NDArray[np.bool_]
-    points: NDArray[Any]
-    weights: NDArray[Any] | None
-    steps: list[Step] = field(default_factory=list)
-
-    def do(self, name: str, make: Callable[[], Change]) -> bool:
-        """Do a step; return whether it changed anything."""
-        start = time.perf_counter()
-        change = make()
-        faces, vertices = len(self.face_map), len(self.points)
-        added_faces = len(change.added_from)
-        unique = len(np.unique(change.vertex_map[change.vertex_map != NONE]))
-        done = Step(
-            step=name,
-            faces_removed=faces - (len(change.face_map) - added_faces),
-            faces_added=added_faces,
-            faces_turned=int(np.count_nonzero(change.turned)),
-            vertices_removed=vertices - unique,
-            vertices_added=len(change.vertex_map) - unique,
-            seconds=0.0,
-            notes=change.notes,
-        )
-        if done.changed:
-            self.apply(change)
-        self.steps.append(replace(done, seconds=time.perf_counter() - start))
-        return done.changed
-
-    def apply(self, change: Change) -> None:
-        """Carry the maps, and the buffers where values are new; of other changes only the sum is kept."""
-        old_vertex, old_face = change.vertex_map, change.face_map
-        self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])
-        self.turned = np.where(old_face == NONE, False, self.turned[old_face]) ^ change.turned
-        if self.weights is not None:
-            self.weights = np.where(old_face == NONE, 0, self.weights[old_face])
-        self.face_map = np.where(old_face == NONE, NONE, self.face_map[old_face])
-        if change.rims.count or len(change.added_from):
-            self.flush()
-            self.buffers = carry(self.buffers, self.domains, change, self.level)
-            self.pending = unchanged(change.faces, len(change.vertex_map))
-            self.points = self.buffers["positions"]
-        else:
-            self.points = self.points[old_vertex]
-            self.pending = followed_by(self.pending, change)
-
-    def flush(self) -> None:
-        """Carry the buffers through what is pending."""
-        self.buffers = carry(self.buffers, self.domains, self.pending, self.level)
-        self.pending = unchanged(self.pending.faces, len(self.pending.vertex_map))
-
-    def colors(self) -> dict[str, NDArray[Any]]:
-        """Return the static colours as `pair` takes them; corners' colours are left out of account."""
-        shown = static_colors(self.buffers, self.domains)
-        if shown is None or shown.domain == "corner":
-            return {}
-        rows = self.pending.vertex_map if shown.domain == "vertex" else self.pending.face_map
-        values = shown.values[rows, :3]
-        return {f"{shown.domain}_colors": values / 255 if values.dtype == np.uint8 else values}
-
-
-def run_plan(
-    buffers: Buffers,
-    domains: Mapping[str, str],
-    plan: Sequence[str],
-    options: Options,
-    *,
-    level: int | None = None,
-    weights: NDArray[Any] | None = None,
-    first: Change | None = None,
-) -> Outcome:
-    """Repair a mesh: the steps of `plan` in turn, again and again until none changes anything (weld once).
-
-    Parameters
-    ----------
-    buffers : mapping of arrays
-        `positions` (V, 3), `indices` (F, 3) and all others.
-    domains : mapping of str to str
-        Buffer -> "vertex", "face", "corner" or "global".
-    plan : sequence of str
-        Names of `STEPS`.
-    options : Options
-        Options that `Options.check` has returned.
-    level : int, optional
-        The level of DiffSoup's lattice.
-    weights : (F,) non-negative numbers, optional
-        The weight of each face to `debris` and `drop`; the area if not given.
-    first : Change, optional
-        A change that comes before the plan, such as leaving out hidden faces.
-
-    Raises
-    ------
-    MeshError
-        `MESH_NONFINITE`: a position is not finite; `MESH_INDEX_OUT_OF_RANGE`, `MESH_TOO_LARGE`,
-        `WELD_TOO_WIDE`.
-    Unsupported
-        `UNSUPPORTED_REPAIR`.
-    PeerFailed
-        A peer crashed, ran out of its limits or said nothing.
-    """
-    points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
-    refuse_nonfinite(points)
-    if weights is not None and np.shape(weights) != (len(faces),):
-        text = f"weights have shape {np.shape(weights)}; there must be one for each of {len(faces)} faces"
-        raise UsageError("USAGE", text)
-    before, _ = audit_arrays(points, faces)
-    start = first or unchanged(faces, len(points))
-    work = _Work(
-        buffers,
-        domains,
-        level,
-        unchanged(faces, len(points)),
-        np.arange(len(points)),
-        np.arange(len(faces)),
-        np.zeros(len(faces), bool),
-        points,
-        weights,
-    )
-    work.apply(start)
-    for name in _turns(plan, work, options.peer):
-        work.do(name, lambda name=name: _step(name, work, options))  # type: ignore[misc]
-    work.flush()
-    after, _ = audit_arrays(work.points, work.pending.faces)
-    shown = [step for turn, step in enumerate(work.steps) if turn < len(plan) or step.changed]
-    maps = (work.vertex_map.astype(np.int64), work.face_map.astype(np.int64), work.turned)
-    return Outcome(work.buffers, *maps, tuple(shown), before, after)
-
-
-def _turns(plan: Sequence[str], work: _Work, peer: str | None) -> Iterator[str]:
-    """Yield the steps in turn, as long as one has changed something that could give another one work.
-
-    Vertices are welded in the first turn only: later ones would undo what was cut.
-    """
-    again = [name for name in plan if name != "weld"]
-    by_peer = BY_PEER.get(peer or "", ())
-    waiting: set[str] = set()
-    for turn in range(1 + _MOST_ROUNDS):
-        for name in again if turn else plan:
-            if turn and name not in waiting:
-                continue
-            waiting.discard(name)
-            yield name
-            if work.steps[-1].changed:
-                waiting |= {
-                    other for other in again if other in by_peer or name not in _UNTOUCHED_BY.get(other, ())
-                }
-        if not waiting:
-            return
-
-
-def refuse_nonfinite(points: NDArray[Any]) -> None:
-    """Refuse positions that are not finite.
-
-    Raises
-    ------
-    MeshError
-        `MESH_NONFINITE`, naming the first such vertex.
-    """
-    finite = np.isfinite(points)
-    if not finite.all():
-        row = int(np.argmin(finite.all(axis=1)))
-        text = f"vertex {row} is {points[row].tolist()}; a repair needs finite coordinates"
-        raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{row}]")
-
-
-def what_is_left(after: Audit) -> list[str]:
-    """Return what still keeps a mesh from being manifold, consistently wound and free of doubles."""
-    counts, left = after.counts, []
-    soup = after.topology == "triangle_soup"
-    why = (
-        "a soup stays one unless weld merges vertices" if soup else "open stays open unless holes are closed"
-    )
-    for key, text in (
-        ("nonmanifold_edges", "edges of more than two faces"),
-        ("nonmanifold_vertices", "non-manifold vertices"),
-        ("inconsistent_winding_edges", "edges across which the winding flips"),
-        ("duplicate_faces", "faces that repeat another"),
-        ("repeated_index_faces", "faces that name a vertex twice"),
-        ("boundary_edges", f"boundary edges: {why}"),
-    ):
-        if number := getattr(counts, key):
-            left.append(f"{number:,} {text}")
-    return left
-
-
-def _step(name: str, work: _Work, options: Options) -> Change:
-    points, faces = work.points, work.pending.faces
-    if options.peer is not None and name in BY_PEER[options.peer]:
-        from msb.topology.crosscheck.repairs import repair_by_peer
-
-        return repair_by_peer(
-            options.peer, name, points, faces, seconds=options.seconds, memory_gib=options.memory_gib
-        )
-    if name == "orient":
-        return orient(faces, len(points))
-    if name == "cut":
-        return cut(faces, len(points))
-    if name == "pair":
-        return pair(points, faces, color_weight=options.pair_color, **work.colors())
-    if name == "drop":
-        return drop(points, faces, weights=work.weights)
-    if name == "weld":
-        return weld(points, faces, options.weld)
-    if name == "debris":
-        least, share = int(options.debris_faces), options.debris_share
-        return debris(points, faces, least_faces=least, least_share=share, weights=work.weights)
-    return close(points, faces, most_edges=int(options.close_edges), most_share=options.close_share)

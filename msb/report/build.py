@@ -1,11 +1,10 @@
-"""The report as data: sections with tables, charts and pictures, the findings, and a verdict per asset."""
+"""Make the report of results, and that of the paper's own tables."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from msb._version import __version__
 from msb.bench.aggregate import SCENES
@@ -18,112 +17,24 @@ from msb.report.findings import find
 from msb.report.numbers import Numbers, dataset_title
 from msb.report.paper import PAPER_TABLES, paper_numbers
 from msb.report.pictures import view_names, views
-from msb.report.results import Place
+from msb.report.report import Report, Section, places_of
 from msb.report.tables.reproducibility import SOURCES
-from msb.report.verdict import judge
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from msb.report.figures import Figure
-    from msb.report.finding import Finding
     from msb.report.numbers import Key, Number
     from msb.report.pictures import View
     from msb.report.results import ResultSet
     from msb.report.table import Table
-    from msb.report.verdict import Verdict
 
-SCHEMA = "msb.report/1"
 OTHER_SCENES = (
     "{}: no scene is one of the published set, so means are over those there are and the paper's "
     "numbers are not beside them"
 )
 FEW_SCENES = ("tanksandtemples",)
 """The paper sets the scenes of these datasets side by side, and of others below each other."""
-
-
-@dataclass(frozen=True)
-class Section:
-    """One section of the report. `name` is its anchor."""
-
-    name: str
-    title: str
-    intro: str
-    tables: tuple[Table, ...] = ()
-    figures: tuple[Figure, ...] = ()
-    views: tuple[View, ...] = ()
-
-    @property
-    def empty(self) -> bool:
-        """Whether the section has no table, chart or picture."""
-        return not (self.tables or self.figures or self.views)
-
-
-@dataclass(frozen=True)
-class Report:
-    """The report as data.
-
-    Attributes
-    ----------
-    title, summary : str
-    sections : tuple of Section
-    findings : tuple of Finding
-    notes : tuple of str
-        What to know before reading: mixed results, failed cells.
-    numbers : Numbers
-        The numbers that the tables are made of.
-    results : ResultSet, optional
-        The records that the numbers are made of; None for the paper's own tables.
-    with_paper : bool
-        Whether the paper's numbers stand beside ours, where it has them.
-    """
-
-    title: str
-    summary: str
-    sections: tuple[Section, ...]
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...]
-    numbers: Numbers
-    results: ResultSet | None = None
-    with_paper: bool = True
-
-    @cached_property
-    def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict on each asset; made when it is asked for, because renderings are compared for it."""
-        if self.results is None:
-            return ()
-        held = self.results.places
-        return tuple(judge(place, held[place], self.numbers) for place in _places(self.results, self.numbers))
-
-    @property
-    def tables(self) -> dict[str, Table]:
-        """Label -> table, in the order of the sections."""
-        return {table.label: table for section in self.sections for table in section.tables}
-
-    @property
-    def mixes(self) -> bool:
-        """Whether some table holds rows of the paper among ours."""
-        return self.results is not None and any(row.paper for one in self.tables.values() for row in one.rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the report as JSON data (schema msb.report/1), numbers as full doubles."""
-        return {
-            "schema": SCHEMA,
-            "tool_version": __version__,
-            "title": self.title,
-            "summary": self.summary,
-            "findings": [finding.to_dict() for finding in self.findings],
-            "notes": list(self.notes),
-            "verdicts": [
-                {
-                    **verdict.place._asdict(),
-                    "statements": [one.to_dict() for one in verdict.statements],
-                    "tried": [one.to_dict() for one in verdict.tried],
-                }
-                for verdict in self.verdicts
-            ],
-            "tables": [table.to_dict() for table in self.tables.values()],
-        }
 
 
 def build_report(
@@ -161,7 +72,7 @@ def build_report(
     others = [dataset for dataset in numbers.datasets() if _has_other_scenes(numbers, dataset)]
     paper = _without(paper, others)
     charts = figures(numbers, paper) if pictures else []
-    places = _places(results, numbers) if pictures else []
+    places = places_of(results, numbers) if pictures else []
     shown = tuple(
         view
         for _, own in groupby(places, key=lambda place: place.dataset)
@@ -182,17 +93,6 @@ def build_report(
         results,
         with_paper,
     )
-
-
-def _places(results: ResultSet, numbers: Numbers) -> list[Place]:
-    """Return the assets and scenes there are, by dataset, method and scene in the order of the numbers."""
-    return [
-        place
-        for dataset in numbers.datasets()
-        for method in numbers.methods(dataset)
-        for scene in numbers.scenes(dataset)
-        if (place := Place(dataset, scene, method)) in results.places
-    ]
 
 
 def paper_report(*, pictures: bool = True) -> Report:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from msb._version import __version__
 from msb.bench.folder import Results
 from msb.extras import need_extra
-from msb.report.build import SCHEMA
 from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
 from msb.report.repairs import repairs
+from msb.report.report import SCHEMA
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
 from msb.report.trials import tried_tasks
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from jinja2 import Environment
 
-    from msb.report.build import Report
     from msb.report.pictures import View
+    from msb.report.report import Report
     from msb.report.results import Place
     from msb.report.verdict import Verdict
     from msb.report.writers import Format

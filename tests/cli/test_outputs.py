@@ -16,7 +16,7 @@ import pytest
 from typer.main import get_command
 
 import msb as library
-from msb import atomic
+from msb import atomic, renaming
 from msb.atomic import check_place, forget_free_places, new_file, new_folder
 from msb.cli.app import app
 from msb.errors import OutputError, UsageError
@@ -154,7 +154,7 @@ def test_a_free_name_is_taken_once_whatever_the_file_system_knows(
         raise PermissionError(errno.EPERM, "no hard links here")
 
     if lacks != "nothing":
-        monkeypatch.setattr(atomic, "_renamed_by_the_system", lambda *_: False)
+        monkeypatch.setattr(renaming, "_renamed_by_the_system", lambda *_: False)
     if lacks == "hard links, too":
         monkeypatch.setattr(Path, "hardlink_to", refuse)
     check_place(tmp_path / "a", free=True)
@@ -208,7 +208,7 @@ def test_a_name_that_was_taken_is_given_back_when_the_renaming_fails(
     def fail(*_: object) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr(atomic, "_renamed_by_the_system", lambda *_: False)
+    monkeypatch.setattr(renaming, "_renamed_by_the_system", lambda *_: False)
     monkeypatch.setattr(Path, "hardlink_to", fail)
     monkeypatch.setattr(Path, "replace", fail)
     for name, context in (("file", new_file), ("folder", new_folder)):

@@ -61,6 +61,8 @@ def test_what_a_repaired_mesh_file_does_not_have_of_its_source_is_said(msb: Msb,
     assert of_mesh.err == f"{tmp_path / 'b.glb'}: left out: UVs\n"
     of_model = msb("repair", CHECKPOINT, "-o", tmp_path / "c.glb")
     assert "c.glb: left out: colours that change with the view (SH degree 1), opacity\n" in of_model.err
+    as_stl = msb("repair", CHECKPOINT, "-o", tmp_path / "c.stl")
+    assert "c.stl: .stl repeats the vertices of every face" in as_stl.err
 
 
 def test_a_repaired_soup_is_told_what_merges_it(msb: Msb, tmp_path: Path) -> None:

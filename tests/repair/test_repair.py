@@ -13,7 +13,8 @@ from msb.asset import Asset, Description, build_asset
 from msb.errors import MeshError, MsbError
 from msb.meshes import Mesh
 from msb.repair.assets import repair_asset, repair_mesh
-from msb.repair.plan import DEFAULT, Options, run_plan
+from msb.repair.plan import DEFAULT, Options
+from msb.repair.run import run_plan
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:

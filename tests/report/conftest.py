@@ -14,8 +14,8 @@ from tests.report.factory import write_results
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from msb.report.build import Report
     from msb.report.numbers import Numbers
+    from msb.report.report import Report
 
 
 @pytest.fixture(scope="session")

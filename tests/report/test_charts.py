@@ -14,7 +14,7 @@ from msb.report.pages import report_files
 from msb.report.tables.reproducibility import pairs
 
 if TYPE_CHECKING:
-    from msb.report.build import Report
+    from msb.report.report import Report
 
 
 @pytest.mark.slow

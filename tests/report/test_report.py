@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from msb.bench.records import Cell as Place_
-from msb.report.build import Report, build_report, paper_report
+from msb.report.build import build_report, paper_report
 from msb.report.figures import figures
 from msb.report.findings import find
 from msb.report.numbers import MEAN, Key, Number, Numbers
@@ -24,6 +24,8 @@ from tests.report.test_writers import HOSTILE
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from msb.report.report import Report
 
 
 class Page(HTMLParser):

@@ -16,7 +16,7 @@ from tests.report.factory import AUDIT, VIEWS, make_result, quality, write
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from msb.report.build import Report
+    from msb.report.report import Report
 
 
 def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
