@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 STUBS = ROOT / "data_stubs"
+QUICK_VIEWS = ("--cameras", STUBS / "views.json", "--scale", "0.25", "--tiers", "dedicated,standard")
+"""Options of `msb compare`: else it draws eight views of 640x480 by the reference, too."""
 DEMO = "demo"
 """The folder of demo data: copies of files of every kind, which are compared and not read."""
 
@@ -155,7 +157,9 @@ COMMANDS = {
         ),
         Command("view", lambda at, out: ["view", at / "mesh.triasset", "--html", out / "a.html"], _asset),
         Command(
-            "compare", lambda _at, out: ["compare", STUBS / "checkpoint", "--html", out / "a.html"], _nothing
+            "compare",
+            lambda _at, out: ["compare", *QUICK_VIEWS, STUBS / "checkpoint", "--html", out / "a.html"],
+            _nothing,
         ),
         Command("web", lambda at, out: ["web", at / "mesh.triasset", "-o", out / "a.html"], _asset),
         Command(

@@ -17,6 +17,7 @@ from msb.demo import CONTENTS
 from msb.errors import OutputError
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
+from tests.robustness.commands import QUICK_VIEWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +49,7 @@ FILES: dict[str, tuple[str, Callable[[Path], list[Any]]]] = {
     ),
     "why --json": ("a.json", lambda out: ["why", "-f", "--size", "64x48", "--json", out, CHECKPOINT]),
     "view --html": ("a.html", lambda out: ["view", "-f", "--html", out, ASSET]),
-    "compare --html": ("a.html", lambda out: ["compare", "-f", "--html", out, CHECKPOINT]),
+    "compare --html": ("a.html", lambda out: ["compare", "-f", *QUICK_VIEWS, "--html", out, CHECKPOINT]),
     "web": ("a.html", lambda out: ["web", "-f", "--out", out]),
     "track": ("a.json", lambda out: ["track", "-f", "-o", out, "--", sys.executable, "--version"]),
 }
