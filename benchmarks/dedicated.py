@@ -48,10 +48,18 @@ WARM_UP = 3
 
 
 class Peer:
-    """The functions of dedicated_peer.c."""
+    """The functions of dedicated_peer.c.
+
+    Raises
+    ------
+    RuntimeError
+        There is no compiler that takes it, or the processor has not what it uses.
+    """
 
     def __init__(self) -> None:
         self._library = c_library(Path(__file__).with_name("dedicated_peer.c"), "-mavx2", "-mfma")
+        if not self._library.can_run():
+            raise RuntimeError("this processor has no AVX2 or no FMA")
 
     def milliseconds(self, name: str, *arguments: Any) -> float:
         """Call function `name`; arrays are passed by their address, numbers as they are."""
@@ -190,7 +198,8 @@ def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
                 starts = cpu.scratch("splat tile starts", columns * rows + 1, np.uint64).read()
                 lists = cpu.scratch("splat tile lists", pairs, np.uint32).read()
                 records = cpu.scratch("splat faces", (faces, ours.record_words), np.uint32).read()
-            assert starts[-1] == pairs and lists.max() < faces, "C would read elsewhere"
+            assert starts[-1] == pairs, "C would read elsewhere"
+            assert lists.max() < faces, "C would read elsewhere"
             # Vectors are stored to it: on a boundary of 32 bytes.
             memory = np.zeros(5 * rows * columns * 256 + 8, np.float32)
             planes = memory[-memory.ctypes.data % 32 // 4 :][: memory.size - 8]

@@ -5,6 +5,8 @@
 #include <immintrin.h>
 #include <math.h>
 #include <stdint.h>
+// Whether this processor has what the rest is compiled for.
+int can_run(void) { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"); }
 typedef float v8 __attribute__((vector_size(32)));
 typedef int32_t i8 __attribute__((vector_size(32)));
 typedef long long l4 __attribute__((vector_size(32)));

@@ -191,7 +191,8 @@ def main() -> None:
             np.save(folder / "faces.npy", faces)
             record["sizes"][len(faces)] = table(folder, len(faces), tools, options.rounds)
     if options.json:
-        options.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,43 @@
+"""Every benchmark runs, on very little: what it measures, and holds against a peer, changes under it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SMALL = {
+    "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
+    "dedicated": "--faces 2000 --method two_dts --rounds 1",
+    "export": "--triangles 2000 --rounds 1",
+    "repair": "--sizes 5 --rounds 1",
+    "scale": "--faces 2000 --method diffsoup",
+    "standard": "--scenes large --tools msb --rounds 1",
+}
+"""Benchmark -> options with which it takes seconds."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) -> None:
+    kept = tmp_path / "results" / f"{name}.json"
+    command = [sys.executable, "-m", f"benchmarks.{name}", *SMALL[name].split(), "--json", str(kept)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "not run" not in done.stdout
+    assert json.loads(kept.read_text())["machine"]["python"]
+
+
+@pytest.mark.slow
+def test_endurance_is_tried() -> None:
+    command = [sys.executable, "-m", "benchmarks.endurance", "renders", "--share", "0.01"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
