@@ -57,18 +57,6 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("ours")
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """Take half as many workers again as there are processors for slow tests.
-
-    These wait a quarter of the time: for children, browsers and locks.
-    """
-    if not str(config.option.markexpr).startswith("slow") or "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
-        return None
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(2, 3 * cores // 2)
-
-
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     """Keep what was compiled, if everything passed."""
     if exitstatus == 0 and KERNELS in session.config.stash:
