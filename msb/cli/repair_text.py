@@ -79,7 +79,7 @@ def print_repair(
     for note in dict.fromkeys(note for step in done.steps for note in step.notes):
         console.print(escape(one_line(note)), soft_wrap=True)
     pieces = [f"{audit.counts.components:,}" for audit in (done.before, done.after)]
-    console.print(f"Components: {pieces[0]} before, {pieces[1]} after; {len(done.cut_edges):,} edges cut")
+    console.print(f"Components: {pieces[0]} before, {pieces[1]} after; edges cut: {len(done.cut_edges):,}")
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
     words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
     if done.after.topology == "triangle_soup" and all(step.step != "weld" for step in done.steps):

@@ -137,7 +137,7 @@ def repair(
     >>> import msb
     >>> fixed = msb.repair("data_stubs/splat_like.triasset")
     >>> fixed.before.counts.nonmanifold_edges, fixed.after.counts.nonmanifold_edges, fixed.left
-    (10069, 0, ('38,923 boundary edges: open stays open unless holes are closed',))
+    (10069, 0, ('38,923 boundary edges: open stays open unless close fills holes',))
     """
     whole = as_asset(asset)
     steps = parse_plan(plan)

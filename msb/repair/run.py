@@ -274,7 +274,7 @@ def what_is_left(after: Audit) -> list[str]:
     counts, left = after.counts, []
     soup = after.topology == "triangle_soup"
     why = (
-        "a soup stays one unless weld merges vertices" if soup else "open stays open unless holes are closed"
+        "a soup stays one unless weld merges vertices" if soup else "open stays open unless close fills holes"
     )
     for key, text in (
         ("nonmanifold_edges", "edges of more than two faces"),

@@ -30,7 +30,7 @@ def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_a
     assert rows == {"deleted_faces": 1, "added_faces": 1, "cut_edges": 0}
     corners = model.stored_position(model.positions("added_faces")[0])
     assert np.allclose(corners, points[[0, 1, 4]], atol=1e-6)
-    assert model.notes[0].startswith("b.ply: 1 faces deleted, 1 added, 0 edges cut; it is ")
+    assert model.notes[0].startswith("b.ply: faces deleted: 1, added: 1; edges cut: 0; it is ")
 
 
 def test_a_cut_edge_is_drawn_between_its_vertices_and_can_be_flown_to() -> None:

@@ -65,7 +65,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     }
     verdict = judge(audit_arrays(*new)[0])
     deleted, cut = len(found.deleted), len(found.cut)
-    what = f"{deleted:,} faces deleted, {len(added):,} added, {cut:,} edges cut"
+    what = f"faces deleted: {deleted:,}, added: {len(added):,}; edges cut: {cut:,}"
     notes = (
         f"{after.name}: {what}; it is {verdict.word}",
         *(note for note in model.notes if note not in (SOUP_NOTE, CLEAN_NOTE)),
