@@ -32,7 +32,7 @@ import numpy as np
 
 from benchmarks.audit_meshes import HOSTILE, hostile
 from benchmarks.audit_tools import AT_MOST, ONCE_FROM, PACKAGES, TOOLS, WHAT
-from benchmarks.measure import machine, peak, reset_peak
+from benchmarks.measure import keep, machine, peak, reset_peak
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -264,9 +264,7 @@ def main() -> None:
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     with tempfile.TemporaryDirectory() as name:
         measure_all(Path(name), options, record)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+    keep(record, options.json)
 
 
 def measure_all(root: Path, options: argparse.Namespace, record: Result) -> None:

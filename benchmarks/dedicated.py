@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.dedicated_scenes import BLENDED, SIZES, camera, model
-from benchmarks.measure import c_library, machine
+from benchmarks.measure import c_library, keep, machine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -349,9 +349,7 @@ def main() -> None:
     if "threads" in options.parts and own_cpu and "stages" in found:
         found["one thread"] = on_one_thread(options)
         print_threads(found["one thread"], found["stages"])
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
+    keep(found, options.json)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ dedicated` compares, and what its times are worth.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msb
 from benchmarks import engines_dedicated
-from benchmarks.measure import machine
+from benchmarks.measure import keep, machine
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, pose, shell
 from data_stubs.made_models import TRAINED
 from data_stubs.make import splat_like_asset
@@ -242,9 +241,7 @@ def main() -> None:
         record["scenes"] = compare_dedicated(scenes, options.rounds)
     else:
         record["scenes"] = compare_standard(scenes, options.engines)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+    keep(record, options.json)
 
 
 if __name__ == "__main__":

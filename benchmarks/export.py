@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import machine, peak
+from benchmarks.measure import keep, machine, peak
 
 _PIECE = 1 << 24
 
@@ -116,9 +116,7 @@ def main() -> None:
         rounds = [{task: run(task, Path(name)) for task in TASKS} for _ in range(options.rounds)]
     record["rounds"] = rounds
     print_table(rounds, options.triangles)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+    keep(record, options.json)
 
 
 def run(task: str, folder: Path) -> dict[str, float]:

@@ -1,9 +1,10 @@
-"""What every benchmark needs: the machine it ran on, and a process's peak of memory."""
+"""What every benchmark needs: the machine it ran on, a peak of memory, and a file for what it measured."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import json
 import os
 import platform
 import re
@@ -14,6 +15,7 @@ import tempfile
 import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import psutil
 
@@ -35,6 +37,13 @@ def machine(*packages: str) -> dict[str, str]:
             versions[name] = "not installed"
     cores = f"{len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"
     return {"machine": f"{model}, {cores}", "python": platform.python_version(), **versions}
+
+
+def keep(record: dict[str, Any], path: Path | None) -> None:
+    """Write what was measured to `path` as JSON, if there is one."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(record, indent=1) + "\n")
 
 
 def c_library(source: Path, *flags: str) -> ctypes.CDLL:

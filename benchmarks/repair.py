@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.measure import machine, peak, reset_peak
+from benchmarks.measure import keep, machine, peak, reset_peak
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -190,9 +190,7 @@ def main() -> None:
             np.save(folder / "vertices.npy", points)
             np.save(folder / "faces.npy", faces)
             record["sizes"][len(faces)] = table(folder, len(faces), tools, options.rounds)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+    keep(record, options.json)
 
 
 if __name__ == "__main__":

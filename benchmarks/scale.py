@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, soup
-from benchmarks.measure import machine, peak
+from benchmarks.measure import keep, machine, peak
 from data_stubs.made_models import TRAINED
 from data_stubs.torch_file import write_torch
 
@@ -223,9 +223,7 @@ def main() -> None:
             steps = {step: json.loads(run(step, *arguments)) for step in STEPS}
         record["steps"][method] = steps
         show(method, steps)
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+    keep(record, options.json)
 
 
 def run(step: str, *arguments: str) -> str:

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import machine, peak_with_children, processor_seconds
+from benchmarks.measure import keep, machine, peak_with_children, processor_seconds
 from benchmarks.standard_peers import PEERS
 from benchmarks.standard_scenes import HEIGHT, SCENES, WIDTH, Scene
 
@@ -190,9 +190,7 @@ def main() -> None:
         record["scenes"].append({"scene": name, "faces": len(scene.indices), "rows": rows})
         print_table(f"{name}: {what}", rows)
         sys.stdout.flush()
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+    keep(record, options.json)
 
 
 if __name__ == "__main__":

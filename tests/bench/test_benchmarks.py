@@ -25,19 +25,23 @@ SMALL = {
 """Benchmark -> options with which it takes seconds."""
 
 
+def run(*words: str) -> str:
+    """Run a benchmark to its end, and return what it prints."""
+    command = [sys.executable, "-m", *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return done.stdout
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) -> None:
     kept = tmp_path / "results" / f"{name}.json"
-    command = [sys.executable, "-m", f"benchmarks.{name}", *SMALL[name].split(), "--json", str(kept)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "not run" not in done.stdout
+    printed = run(f"benchmarks.{name}", *SMALL[name].split(), "--json", str(kept))
+    assert "not run" not in printed
     assert json.loads(kept.read_text())["machine"]["python"]
 
 
 @pytest.mark.slow
 def test_endurance_is_tried() -> None:
-    command = [sys.executable, "-m", "benchmarks.endurance", "renders", "--share", "0.01"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    run("benchmarks.endurance", "renders", "--share", "0.01")
