@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from msb.cli.output import plain_table
+from msb.cli.repair_text import merging
 from msb.errors import MsbError, one_line
 from msb.paths import shell_word
 from msb.topology.shown import structure_text
@@ -91,8 +92,7 @@ def print_audit(
     if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
         path = _escape(shell_word(audit.path))
         if audit.closed_once_merged:
-            line = f"Merge the vertices: msb repair --plan weld,orient,pair -o merged.glb {path}"
-            _print_line(f"[dim]{line}[/dim]", console)
+            _print_line(f"[dim]{merging('-o merged.glb', path)}[/dim]", console)
         _print_line(f"[dim]What tools make of it: msb trial {path}[/dim]", console)
     print_verdict(audit, console)
 

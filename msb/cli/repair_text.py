@@ -39,6 +39,11 @@ def document(
     }
 
 
+def merging(output: str, source: str) -> str:
+    """Return the line that says how the vertices of `source` are merged; `output` is the option -o."""
+    return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
+
+
 def note_turned(asset: Asset, done: Repaired, output: Output) -> None:
     """Say what turned faces change where back faces are culled."""
     turned = int(done.turned.sum())
@@ -83,6 +88,5 @@ def print_repair(
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
     words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
     if done.after.topology == "triangle_soup" and all(step.step != "weld" for step in done.steps):
-        line = f"msb repair --plan weld,orient,pair --force -o {words[1]} {words[0]}"
-        console.print(f"Merge the vertices: {line}", soft_wrap=True)
+        console.print(merging(f"--force -o {words[1]}", words[0]), soft_wrap=True)
     console.print(f"next: msb view {words[0]} --repaired {words[1]}", soft_wrap=True)
