@@ -192,13 +192,14 @@ def test_fragments_have_perspective_correct_barycentrics() -> None:
     clip = np.array([[-1, -1, 0, 1], [2, -1, 0, 1], [-4, 8, 2, 4]], np.float64)
     inside = np.array([0.2, 0.3, 0.5]) @ clip
     u, v = inside[:2] / inside[3]
-    b0, b1, depth, w, valid = fragments(clip, np.array([[u]]), np.array([[v]]))
+    corners = clip[..., None]
+    b0, b1, depth, w, valid = fragments(corners, np.array([u]), np.array([v]))
     assert valid.all()
-    assert (b0[0, 0], b1[0, 0]) == pytest.approx((0.2, 0.3))
-    assert w[0, 0] == pytest.approx(inside[3])
-    assert depth[0, 0] == pytest.approx(inside[2] / inside[3])
+    assert (b0[0], b1[0]) == pytest.approx((0.2, 0.3))
+    assert w[0] == pytest.approx(inside[3])
+    assert depth[0] == pytest.approx(inside[2] / inside[3])
     with np.errstate(invalid="ignore", divide="ignore"):
-        assert not fragments(clip[[0, 0, 1]], np.array([[u]]), np.array([[v]]))[-1].any()
+        assert not fragments(corners[[0, 0, 1]], np.array([u]), np.array([v]))[-1].any()
 
 
 def test_view_directions_point_to_the_camera() -> None:

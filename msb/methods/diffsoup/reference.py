@@ -19,7 +19,7 @@ from msb.reference.arithmetic import Reals, dot, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -34,6 +34,8 @@ BLEND_FEATURE = 3
 LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 """Layer of the decoder -> shape of its weight, [out, in]."""
 MAX_LEVEL = 16
+_TOGETHER = 1 << 18
+"""Pixels of the boxes of several faces that are looked at together."""
 
 
 @dataclass
@@ -157,27 +159,45 @@ def rasterize(
         camera_depth=np.zeros(shape, dtype),
     )
     dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
-    for face in np.flatnonzero(~dropped).tolist():
-        left, right, top, bottom = boxes[face].tolist()
-        part = (slice(top, bottom + 1), slice(left, right + 1))
-        b0, b1, ndc_depth, w, valid = fragments(corners[face], columns[None, part[1]], rows[part[0], None])
+    in_rows = seen.key, seen.face, seen.b0, seen.b1, seen.ndc_depth, seen.camera_depth
+    nearest_key, *planes = (array.reshape(-1) for array in in_rows)
+    for face, column, row in box_pixels(np.flatnonzero(~dropped), boxes):
+        b0, b1, ndc_depth, w, valid = fragments(corners[face].transpose(1, 2, 0), columns[column], rows[row])
         seen.fragments += int(valid.sum())
-        alpha = interpolate(opacity[..., None], face, level, b0[valid], b1[valid])[:, 0]
-        opaque = valid.copy()
-        opaque[valid] = ~(alpha < dtype.type(OPACITY_THRESHOLD))
+        face, b0, b1, ndc_depth, w = (values[valid] for values in (face, b0, b1, ndc_depth, w))
+        pixel = (row * len(columns) + column)[valid]
+        alpha = interpolate(opacity[..., None], face, level, b0, b1)[:, 0]
         key = (ndc_depth + 2).astype(np.float32)
-        # Strictly nearer: on a tie the earlier face, which has the lower number, stays.
-        wins = opaque & (ndc_depth > -1) & (key < seen.key[part])
-        for plane, value in (
-            (seen.key, key),
-            (seen.face, face),
-            (seen.b0, b0),
-            (seen.b1, b1),
-            (seen.ndc_depth, ndc_depth),
-            (seen.camera_depth, w),
-        ):
-            plane[part] = np.where(wins, value, plane[part])
+        # Strictly nearer than what was there: on a tie the earlier face, which has the lower number, stays.
+        wins = ~(alpha < dtype.type(OPACITY_THRESHOLD)) & (ndc_depth > -1) & (key < nearest_key[pixel])
+        order = np.flatnonzero(wins)[np.lexsort((key[wins], pixel[wins]))]  # stable: lower faces come first
+        nearest = order[np.diff(pixel[order], prepend=-1) != 0]
+        nearest_key[pixel[nearest]] = key[nearest]
+        for plane, value in zip(planes, (face, b0, b1, ndc_depth, w), strict=True):
+            plane[pixel[nearest]] = value[nearest]
     return seen
+
+
+def box_pixels(
+    faces: NDArray[np.int64], boxes: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield the faces (n,), columns (n,) and rows (n,) of all pixels in the boxes (F, 4) of `faces`, ascending.
+
+    A face is never divided; several come together as long as their pixels are at most `_TOGETHER`.
+    """
+    left, right, top, bottom = boxes[faces].T
+    across = right - left + 1
+    counts = across * (bottom - top + 1)
+    ends = np.cumsum(counts)
+    starts = ends - counts
+    start = 0
+    while start < len(faces):
+        stop = max(start + 1, int(np.searchsorted(ends, starts[start] + _TOGETHER, "right")))
+        which = np.repeat(np.arange(start, stop), counts[start:stop])
+        place = np.arange(len(which)) - (starts[which] - starts[start])
+        row, column = np.divmod(place, across[which])
+        yield faces[which], left[which] + column, top[which] + row
+        start = stop
 
 
 def pixel_boxes(
@@ -209,7 +229,7 @@ def pixel_boxes(
 
 
 def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
-    """Return where pixels with NDC centres u (1, C), v (R, 1) meet the triangle (3, 4), as (R, C) arrays.
+    """Return where pixels with NDC centres u, v (n,) meet triangles (3 corners, 4, n), as (n,) arrays.
 
     Returns
     -------
