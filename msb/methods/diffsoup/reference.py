@@ -181,7 +181,7 @@ def rasterize(
 def box_pixels(
     faces: NDArray[np.int64], boxes: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield the faces (n,), columns (n,) and rows (n,) of all pixels in the boxes (F, 4) of `faces`, ascending.
+    """Yield face, column and row, (n,) each, of all pixels in the boxes (F, 4) of `faces`, which ascend.
 
     A face is never divided; several come together as long as their pixels are at most `_TOGETHER`.
     """
