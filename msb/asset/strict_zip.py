@@ -308,9 +308,11 @@ class _Parser:
     def check_names(self, members: list[Member]) -> None:
         seen: dict[str, str] = {}
         for member in members:
-            twin = seen.setdefault(self.policy.same_name(member.name), member.name)
-            if twin is member.name:
+            key = self.policy.same_name(member.name)
+            if key not in seen:
+                seen[key] = member.name
                 continue
+            twin = seen[key]
             code = "ZIP_DUPLICATE_MEMBER" if twin == member.name else "PATH_DUPLICATE"
             text = f"{shorten(member.name)} and {shorten(twin)} are the same name"
             self.refuse(code, text, member.header)

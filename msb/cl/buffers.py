@@ -242,7 +242,7 @@ class Memory:
         held = self._pool.get(name)
         if held is None or held.nbytes < nbytes:
             if held is not None:
-                held.release()  # first, so that both need not fit
+                self._pool.pop(name).release()  # first, so that both need not fit
             room = _rounded(nbytes)
             room = room if room <= self._limit() else nbytes
             held = self._pool[name] = self.allocate(room, np.uint8, name, group)

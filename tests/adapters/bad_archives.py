@@ -153,6 +153,7 @@ ZIP_CASES = [
     member("encrypted", "ENCRYPTED", both={"flags": 0x809}),
     member("encrypted_storage", "ENCRYPTED", 4, both={"flags": 0x849}),
     added("zip_twice", "ZIP_DUPLICATE_MEMBER", torch_entry("archive/data.pkl", GOOD)),
+    added("zip_letter_twice", "ZIP_DUPLICATE_MEMBER", torch_entry("a", b""), torch_entry("a", b"")),
     added("zip_storage_twice", "ZIP_DUPLICATE_MEMBER", torch_entry("archive/data/0", VALUES)),
     added("zip_name_control", "ZIP_NAME", torch_entry("archive/\x1b[2J", b"")),
     added("zip_name_long", "ZIP_NAME", torch_entry("a" * 600, b"")),

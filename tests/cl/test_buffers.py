@@ -143,6 +143,9 @@ def test_more_than_there_is(fresh: Device) -> None:
         fresh.allocate(2**13, np.uint8, "too much in all")
     assert len(held) == 15
     assert last.nbytes == 60_000
+    with pytest.raises(DeviceError, match="last do not fit"):
+        fresh.scratch("last", 2**16 + 1)
+    fresh.scratch("last", 60_000).fill(1)  # what was too large is forgotten
 
 
 def test_far_more_than_there_is(fresh: Device) -> None:

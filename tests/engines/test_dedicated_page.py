@@ -216,6 +216,21 @@ def test_a_file_that_is_no_such_page_is_refused(tmp_path: Path, data: bytes) -> 
     assert info.value.code == "FILE_NOT_RECOGNISED"
 
 
+def test_test_views_without_pixels_are_refused_before_their_images_are_unpacked(tmp_path: Path) -> None:
+    page = the_page()
+    (test,) = page.scene["dedicated"]["tests"]
+    page.scene["dedicated"]["arrays"][test["image"]]["bytes"] = 0
+    path = tmp_path / "page.html"
+    for height in (0, -1, 1.5, True):
+        test["view"]["height"] = height
+        path.write_bytes(page.encoded())
+        with pytest.raises(InputError) as info:
+            read_page(path)
+        assert "without pixels" in str(info.value.__cause__)
+    with pytest.raises(ValueError, match="max_length"):
+        restore({"bytes": -1}, b"")
+
+
 def test_a_mesh_has_no_such_page() -> None:
     with pytest.raises(Unsupported) as info:
         make_page(mesh_asset(scene("small", 1)), name="mesh", settings={})

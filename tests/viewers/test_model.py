@@ -69,6 +69,14 @@ def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
     assert any(note.startswith("Not drawn: 3 faces") for note in model.notes)
 
 
+def test_what_is_too_far_away_to_draw_is_neither_drawn_nor_marked() -> None:
+    points = np.concatenate([np.random.default_rng(0).normal(size=(300, 3)), [[1e200, 0, 0], [0, 1, 0]]])
+    faces = np.concatenate([np.arange(300).reshape(-1, 3), [[0, 300, 301]]])
+    model = model_of(points, faces)
+    assert model.drawn.tolist() == 100 * [True] + [False]
+    assert model.finite(faces).tolist() == model.drawn.tolist()
+
+
 @pytest.mark.parametrize("scale", [1e300, 1e-300, 0.0])
 def test_any_size_gives_finite_positions(scale: float) -> None:
     model = model_of(TETRAHEDRON[0].astype(np.float64) * scale, TETRAHEDRON[1])

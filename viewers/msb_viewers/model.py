@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,12 +88,14 @@ class ViewModel:
         The same as in `ViewedMesh`; `notes` has more.
     audit, analysis : Audit, Analysis
     points : (V, 3) float32
-        In drawn units; rows that are not finite are at the origin, and no drawn face uses them.
+        In drawn units; rows that cannot be drawn are at the origin, and no drawn face uses them.
+    drawable : (V,) bool
+        Whether a vertex is finite, as stored and in drawn units.
     center : (3,) float64, scale : float
         A stored position is ``center + scale * point``.
     faces : (F, 3) integers
     drawn : (F,) bool
-        Whether all corners of a face are finite.
+        Whether all corners of a face can be drawn.
     colors : Colors or None
     layers : dict of str to Layer
         By kind, in the legend's order.
@@ -110,6 +111,7 @@ class ViewModel:
     audit: Audit
     analysis: Analysis
     points: NDArray[np.float32]
+    drawable: NDArray[np.bool_]
     center: NDArray[np.float64]
     scale: float
     faces: NDArray[Any]
@@ -132,11 +134,7 @@ class ViewModel:
 
     def finite(self, vertices: NDArray[Any]) -> NDArray[np.bool_]:
         """Return whether all of an element's vertices (n, k) can be drawn."""
-        return np.asarray(self._finite[vertices].all(axis=1))
-
-    @cached_property
-    def _finite(self) -> NDArray[np.bool_]:
-        return np.asarray(np.isfinite(self.analysis.vertices).all(axis=1))
+        return np.asarray(self.drawable[vertices].all(axis=1))
 
     def shown_by_default(self) -> set[str]:
         """Return the kinds that are on at first: the worst, as many as one can tell apart from afar.
@@ -242,13 +240,13 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
     from msb.topology.elements import find_elements
 
     elements = find_elements(analysis)
-    finite = np.isfinite(analysis.vertices).all(axis=1)
-    center, scale, cropped = framing(analysis.vertices, finite & analysis.referenced)
+    drawable = np.isfinite(analysis.vertices).all(axis=1)
+    center, scale, cropped = framing(analysis.vertices, drawable & analysis.referenced)
     points = np.zeros(analysis.vertices.shape, np.float32)
     with np.errstate(over="ignore"):
-        points[finite] = (analysis.vertices[finite].astype(np.float64) - center) / scale
-    finite &= np.isfinite(points).all(axis=1)
-    points[~finite] = 0
+        points[drawable] = (analysis.vertices[drawable].astype(np.float64) - center) / scale
+    drawable &= np.isfinite(points).all(axis=1)
+    points[~drawable] = 0
     faces = analysis.mesh.faces
     sizes = np.sort(analysis.components.sizes)[::-1]
     layers = _layers(analysis, {group.kind: group for group in elements.groups})
@@ -259,10 +257,11 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
         audit=audit,
         analysis=analysis,
         points=points,
+        drawable=drawable,
         center=center,
         scale=scale,
         faces=faces,
-        drawn=finite[faces].all(axis=1) if len(faces) else np.zeros(0, bool),
+        drawn=drawable[faces].all(axis=1) if len(faces) else np.zeros(0, bool),
         colors=mesh.colors,
         layers=layers,
         face_component=elements.face_component,

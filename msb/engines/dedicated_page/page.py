@@ -191,7 +191,7 @@ def make_page(
         records.append({"order": order, "sampling": sampling, "arrays": arrays, **record})
     buffers = [entry for other in plans.values() for entry in other.buffers.values()]
     values = effective_settings(asset.manifest, settings)
-    standard = _standard(asset, packed, values, keep)
+    standard = _standard(asset, packed, values, keep, kept)
     listed = []
     for k, test in enumerate(tests):
         image = keep(f"test {k}", test.image.reshape(-1, 3))
@@ -304,7 +304,11 @@ def _shrink_factor(whole: NDArray[np.float32], drawn: NDArray[np.float32]) -> fl
 
 
 def _standard(
-    asset: Asset, packed: Packed, values: Mapping[str, Any], keep: Callable[..., str]
+    asset: Asset,
+    packed: Packed,
+    values: Mapping[str, Any],
+    keep: Callable[..., str],
+    kept: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return which arrays are the mesh of the standard tier, in grey if the method has no static colour."""
     grey = not lookup(asset.manifest.method).supports("standard")
@@ -315,10 +319,8 @@ def _standard(
         mask = np.zeros(packed.faces, np.uint8)
         mask[numbers] = 1
         shown = keep("shown faces", mask)
-    whole = asset.buffers["positions"]
-    same = np.array_equal(whole, packed.arrays["positions"]) or len(whole) != len(packed.arrays["positions"])
     return {
-        "positions": "positions" if same else "stored positions",
+        "positions": "stored positions" if "stored positions" in kept else "positions",
         "indices": None if soup else "indices",
         "colors": "f_dc" if "f_dc" in packed.arrays and colors_of(asset) is not None else None,
         "shown": shown,
@@ -357,6 +359,8 @@ def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]
 
 def _test_images(page: bytes, about: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
     shapes = [(test["view"]["height"], test["view"]["width"], 3) for test in about["tests"]]
+    if not all(type(side) is int and side > 0 for shape in shapes for side in shape):
+        raise ValueError("a test view without pixels")
     sizes = [math.prod(shape) for shape in shapes]
     if sum(sizes) > _MOST_OF_TESTS:  # a few bytes of zlib can stand for a thousand times as many
         raise ValueError(f"test views of {sum(sizes)} bytes")

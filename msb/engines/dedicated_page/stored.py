@@ -74,8 +74,8 @@ def restore(head: Mapping[str, Any], data: bytes) -> NDArray[Any]:
     ValueError, KeyError, TypeError, zlib.error
         They are not what `store` makes.
     """
-    inflater = zlib.decompressobj()
-    raw = inflater.decompress(data, head["bytes"])  # a stream of zeros must not fill the memory
+    # A stream of zeros must not fill the memory; to zlib 0 stands for no limit, and less than 0 is wrong.
+    raw = zlib.decompressobj().decompress(data, head["bytes"]) if head["bytes"] else b""
     if len(raw) != head["bytes"]:
         raise ValueError(f"an array of {head['bytes']} bytes has {len(raw)}")
     shape = tuple(head["shape"])
