@@ -49,6 +49,8 @@ _INK, _PAPER = "#010203", "#fdfcfb"
 """Placeholders of the colours of text and page, which depend on where the figure is shown."""
 _SIZE = (4.6, 3.3)
 """Width and height of a chart in inches; a phone shows it about this wide."""
+_ROWS, _ROW = 4, 0.19
+"""Rows of a legend for which the height leaves room, and the inches that each further one adds."""
 
 
 @dataclass(frozen=True)
@@ -108,19 +110,21 @@ def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     if all(len(points) < 2 for points in lines.values()):
         return None
 
+    styles, markers = _styles(numbers), _variant_markers(numbers, dataset)
+
     def draw(axes: Axes) -> None:
         for (method, dedicated), points in lines.items():
-            style = _style(method)
+            style = dict(styles[method])
             if name := dedicated.partition("/")[2]:  # a variant: the method's line, thin and open
                 style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
-                style["label"] += f", {plain_text(name)}"
+                style |= {"marker": markers[dedicated], "label": f"{style['label']}, {plain_text(name)}"}
             axes.plot(*zip(*points, strict=True), **style)
         axes.set_xticks(
             range(len(DRAWN_CONDITIONS)), [CONDITION_TITLES[condition] for condition in DRAWN_CONDITIONS]
         )
         axes.set_xlim(-0.2, len(DRAWN_CONDITIONS) - 0.8)
         axes.set_ylabel("PSNR (dB), higher is better")
-        _legend(axes, len(lines))
+        _legend(axes)
 
     caption = (
         f"{dataset_title(dataset)}: PSNR of each method with its own renderer, dedicated and standard. A "
@@ -168,15 +172,14 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
                 points.setdefault(method, []).append((condition, fps, psnr))
     if sum(map(len, points.values())) < 2:
         return None
-    markers = dict(zip(numbers.in_place_of(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
-    markers |= _CONDITION_MARKERS
+    styles, markers = _styles(numbers), _CONDITION_MARKERS | _variant_markers(numbers, dataset)
 
     def draw(axes: Axes) -> None:
         from matplotlib.lines import Line2D
         from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
         for method, own in points.items():
-            style = _style(method)
+            style = styles[method]
             axes.plot(
                 [x for _, x, _ in own], [y for _, _, y in own], **{**style, "marker": "", "linewidth": 1}
             )
@@ -190,17 +193,14 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("frames per second, logarithmic")
         axes.set_ylabel("PSNR (dB), higher is better")
-        handles = [
-            Line2D([], [], **{**_style(method), "marker": "", "label": method_title(method)})
-            for method in points
-        ]
+        handles = [Line2D([], [], **{**styles[method], "marker": ""}) for method in points]
         handles += [
             Line2D([], [], color="none", marker=markers[condition], markerfacecolor=_INK,
                    markeredgecolor=_INK, label=condition_title(condition))
             for condition in conditions
             if any(condition == one for own in points.values() for one, _, _ in own)
         ]  # fmt: skip
-        _legend(axes, len(handles), handles)
+        _legend(axes, handles)
 
     caption = (
         f"{dataset_title(dataset)}: quality against speed. Up is better, right is faster; the markers are "
@@ -250,30 +250,46 @@ def differences(found: Sequence[Pair], dataset: str) -> Figure | None:
         turned: dict[str, Any] = {"rotation": 30, "ha": "right"} if long else {}
         axes.set_xticks(range(len(groups)), groups, **turned)
         axes.set_ylabel("PSNR difference (dB)")
-        _legend(axes, len(kinds))
+        _legend(axes)
 
     of = "per scene" if scenes else "of the means over scenes"
     caption = f"{dataset_title(dataset)}: PSNR of this run minus published PSNR, {of}."
     return _figure(f"reproducibility-{slug(dataset)}", dataset_title(dataset), caption, draw)
 
 
-def _style(method: str) -> dict[str, Any]:
-    known = list(METHODS)
-    place = known.index(method) if method in known else len(known) + sum(method.encode())
-    return {
-        "color": _COLORS[place % len(_COLORS)],
-        "marker": _MARKERS[place % len(_MARKERS)],
-        "linestyle": _LINES[place % len(_LINES)],
-        "markeredgecolor": _INK,
-        "markeredgewidth": 0.6,
-        "linewidth": 1.8,
-        "label": method_title(method),
-    }
+def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
+    """Return model -> what its lines look like, the same in every chart; no two models look alike.
+
+    A method of ours looks as in every report; labels and methods of other packages take the places after it.
+    """
+    models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
+    found = {}
+    for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
+        again, own = divmod(place, len(_COLORS))
+        found[method] = {
+            "color": _COLORS[own],
+            "marker": _MARKERS[(own + again) % len(_MARKERS)],
+            "linestyle": _LINES[(own + 2 * again) % len(_LINES)],
+            "markeredgecolor": _INK,
+            "markeredgewidth": 0.6,
+            "linewidth": 1.8,
+            "label": method_title(method),
+        }
+    return found
 
 
-def _legend(axes: Axes, entries: int, handles: Any = None) -> None:
-    given = {"handles": axes.get_legend_handles_labels()[0] if handles is None else handles}
-    axes.figure.legend(loc="outside lower center", ncols=2 if entries > 1 else 1, frameon=False, **given)
+def _variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
+    """Return the marker of each variant of the dedicated tier."""
+    return dict(zip(numbers.in_place_of(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
+
+
+def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
+    """Write a legend of `handles`, or of all that is drawn, below the chart; a long one makes it taller."""
+    handles = handles or axes.get_legend_handles_labels()[0]
+    axes.figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
+    rows = (len(handles) + 1) // 2
+    width, height = _SIZE
+    axes.figure.set_size_inches(width, height + _ROW * max(rows - _ROWS, 0))
 
 
 def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:

@@ -42,6 +42,25 @@ def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
     assert first.pdf() == second.pdf()
 
 
+def test_models_of_one_protocol_do_not_look_alike() -> None:
+    models = ["two_dts", "ab", "ba", *(f"model {number}" for number in range(6))]  # letters of one sum
+    conditions = ("non_engine", "dedicated", "dedicated/global", "dedicated/none")
+    values = {
+        Key("mine", scene, model, condition, "psnr"): Number(20.0)
+        for scene in ("pebble", "mean")
+        for model in models
+        for condition in conditions
+    }
+    figure = deployment_gap(Numbers(values), "mine")
+    assert figure is not None
+    drawn = re.findall(r'<path d="[^"]*" clip-path="[^"]*" style="([^"]*)"', figure.svg)
+    looks = {style for style in drawn if re.search(r"stroke-width: 1\.8\b", style)}
+    assert len(looks) == len(models)  # a colour and a line style each
+    assert [figure.svg.count(f">ab{variant}<") for variant in ("", ", global", ", none")] == [1, 1, 1]
+    ticks = [float(y) for y in re.findall(r'text-anchor: end[^>]* y="([0-9.]+)"', figure.svg)]
+    assert max(ticks) - min(ticks) > 72  # points: 27 names in the legend leave the chart its height
+
+
 @pytest.mark.slow
 def test_latex_gets_charts_as_pdf_without_date_and_type_3_fonts(report: Report) -> None:
     made = report_files(report, formats=["tex"])
