@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import UsageError
+from msb.matrices import inverse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,15 +33,12 @@ def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any
         `SETTING_VALUE`: near is not below far, or the dtype cannot tell near from 0 or far from infinity.
     """
     if near < far:
-        try:
-            with np.errstate(all="ignore"):
-                inverse = np.linalg.inv(mvp.astype(np.float64)).astype(mvp.dtype)
-        except np.linalg.LinAlgError:
-            inverse = np.full((4, 4), np.nan)
-        if np.isfinite(inverse).all():
-            across, down, along, constant = inverse[3]
+        with np.errstate(all="ignore"):
+            back: NDArray[Any] = inverse(mvp.astype(np.float64)).astype(mvp.dtype)
+        if np.isfinite(back).all():
+            across, down, along, constant = back[3]
             if constant - abs(along) - abs(across) - abs(down) > 0:
-                return inverse
+                return back
     text = f"settings z_near {near:g} and z_far {far:g} are no range of depths: z_near must be below z_far, "
     text += f"and {mvp.dtype} must tell them from 0 and infinity: z_far / z_near must be below about "
     text += f"{1 / np.finfo(mvp.dtype).eps:.0e}"

@@ -342,9 +342,7 @@ def camera_record(camera: Camera) -> NDArray[np.float32]:
     x and y of clip space are 2u/W - 1 and 1 - 2v/H times depth; z is the near distance, so that the depth
     buffer gets near / z: 1 at the near plane, 0 infinitely far.
     """
-    rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
-    center = -np.linalg.inv(rotation) @ translation  # rotations are orthonormal to 1e-4 only
-    rounded = center.astype(np.float32).astype(np.float64)
+    rounded = camera.center.astype(np.float32).astype(np.float64)
     width, height = camera.width, camera.height
     projection = np.array(
         [
@@ -355,8 +353,8 @@ def camera_record(camera: Camera) -> NDArray[np.float32]:
         ]
     )
     turned = np.eye(4)
-    turned[:3, :3] = rotation
-    parts = ((projection @ turned).T.reshape(-1), rounded, [0.0], center - rounded, [0.0])
+    turned[:3, :3] = camera.world_to_camera[:3, :3]
+    parts = ((projection @ turned).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
     with np.errstate(over="ignore"):  # a camera 1e39 away sees nothing
         return np.concatenate(parts).astype(np.float32)
 

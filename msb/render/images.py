@@ -37,7 +37,9 @@ def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     image : (H, W, 3) float
         The image. NaN, which no renderer should give, becomes 0.
     """
-    scaled = np.nan_to_num(np.clip(image, 0, 1), nan=0.0) * np.float32(255)
+    # Said aloud: NumPy 1 keeps a half a half, whatever float32 it is multiplied by.
+    wide = image.astype(np.result_type(image.dtype, np.float32), copy=False)
+    scaled = np.nan_to_num(np.clip(wide, 0, 1), nan=0.0) * np.float32(255)
     return np.asarray(np.floor(scaled + np.float32(0.5))).astype(np.uint8)
 
 

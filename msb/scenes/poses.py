@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import SceneError, shorten
+from msb.matrices import inverse
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -99,10 +100,10 @@ def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     The 3 x 3 block is inverted, not transposed: upstream loaders invert the matrix as it is, and for poses
     rounded to float32 the two differ.
     """
-    inverse = np.eye(4)
-    inverse[:3, :3] = np.linalg.inv(pose[:3, :3])
-    inverse[:3, 3] = -inverse[:3, :3] @ pose[:3, 3]
-    return inverse
+    back = np.eye(4)
+    back[:3, :3] = inverse(pose[:3, :3])
+    back[:3, 3] = -back[:3, :3] @ pose[:3, 3]
+    return back
 
 
 def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:

@@ -45,7 +45,7 @@ def test_views_judge_what_they_see(factor: float) -> None:
     scale[:3, 3] = 1, 2, 3
     for radius, kept in ((0, [1, 0, 0, 1, 1]), (10, [1, 1, 1, 1, 1]), (9.9, [1, 0, 0, 1, 1])):
         # The scale moves nothing here: the matrix undoes it.
-        world = camera(factor) @ np.linalg.inv(scale)
+        world = camera(factor) @ np.linalg.inv(scale)  # noqa: TID251
         found = metrics.cull_dtu(POINTS, FACES, [world], [scale], [mask], dilation=radius)
         assert found.kept.tolist() == [bool(each) for each in kept]
         assert np.allclose(found.vertices, POINTS[found.kept] * 2 + (1, 2, 3))

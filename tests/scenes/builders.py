@@ -170,7 +170,7 @@ def transforms(cameras: Sequence[Camera], **top: Any) -> dict[str, Any]:
     flip = np.diag([1.0, -1, -1, 1])
     frames = []
     for camera in cameras:
-        to_world = np.linalg.inv(camera.world_to_camera) @ flip
+        to_world = camera.camera_to_world @ flip
         frame = {"file_path": f"./{camera.name}", "transform_matrix": to_world.tolist()}
         frame |= {"w": camera.width, "h": float(camera.height), "fl_x": camera.fx, "fl_y": camera.fy}
         frames.append(frame | {"cx": camera.cx, "cy": camera.cy})
@@ -180,7 +180,7 @@ def transforms(cameras: Sequence[Camera], **top: Any) -> dict[str, Any]:
 def cameras_json(cameras: Sequence[Camera]) -> list[dict[str, Any]]:
     entries = []
     for index, camera in enumerate(cameras):
-        to_world = np.linalg.inv(camera.world_to_camera)
+        to_world = camera.camera_to_world
         entry = {"id": index, "img_name": camera.name, "width": camera.width, "height": camera.height}
         entry |= {"position": to_world[:3, 3].tolist(), "rotation": to_world[:3, :3].tolist()}
         entries.append(entry | {"fy": camera.fy, "fx": camera.fx})

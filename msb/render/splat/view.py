@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.scenes.poses import rigid_inverse
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -128,7 +130,7 @@ def make_view(
         full = full + projection[:, k : k + 1] * world_to_camera[k : k + 1]
     view["world_to_camera"] = world_to_camera[:3].ravel()
     view["full"] = full.ravel()
-    view["center"] = np.linalg.inv(world_to_camera.astype(np.float64))[:3, 3]
+    view["center"] = rigid_inverse(world_to_camera.astype(np.float64))[:3, 3]
     view["tan_fov"] = tan_x, tan_y
     view["shift"] = scale * (camera.cx - camera.width / 2), scale * (camera.cy - camera.height / 2)
     view["width"], view["height"] = scale * camera.width, scale * camera.height

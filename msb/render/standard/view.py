@@ -22,12 +22,10 @@ def standard_view(camera: Camera) -> NDArray[np.float32]:
     world's origin loses no precision. The kernels subtract the first part before they rotate a point; the
     rest is rotated here, and the kernels add it afterwards.
     """
-    rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
-    # Not the transpose: rotations are orthonormal to 1e-4 only, and the projection must be W's own.
-    inverse = np.linalg.inv(rotation)
-    center = -inverse @ translation
-    rounded = center.astype(np.float32).astype(np.float64)
-    rest = center - rounded
+    rotation = camera.world_to_camera[:3, :3]
+    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are orthonormal to 1e-4 only
+    rounded = camera.center.astype(np.float32).astype(np.float64)
+    rest = camera.center - rounded
     scale = np.array([camera.fx * UNITS, camera.fy * UNITS])
     rows = rotation * np.append(scale, 1.0)[:, None]
     # A ray's direction in the world, for a camera x, y, z of (u - cx) / fx, (v - cy) / fy, 1.

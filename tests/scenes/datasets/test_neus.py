@@ -28,7 +28,9 @@ def test_golden_projections_are_decomposed() -> None:
         lens, pose = decompose(matrices[f"world_mat_{index}"] @ matrices[f"scale_mat_{index}"])
         np.testing.assert_allclose(lens, view["K"], atol=golden["tolerance"]["K_abs"])
         np.testing.assert_allclose(
-            np.linalg.inv(pose), view["cam_to_world"], atol=golden["tolerance"]["pose_abs"]
+            np.linalg.inv(pose),  # noqa: TID251
+            view["cam_to_world"],
+            atol=golden["tolerance"]["pose_abs"],
         )
         assert np.linalg.det(pose[:3, :3]) == pytest.approx(1)
 
