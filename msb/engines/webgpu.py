@@ -21,6 +21,7 @@ from msb.engines.webgpu_adapter import (
     all_adapters,
     choose_adapter,
     errors_of,
+    held_bytes,
     nanoseconds_a_tick,
     read_mapped,
     release,
@@ -134,7 +135,7 @@ class WgpuRenderer(Engine):
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
-        return {use: _nbytes(thing) for use, thing in self._held.items()}
+        return {use: held_bytes(thing) for use, thing in self._held.items()}
 
     def close(self) -> None:
         """Release everything."""
@@ -362,10 +363,3 @@ def camera_record(camera: Camera) -> NDArray[np.float32]:
 def _row_bytes(width: int, nbytes: int) -> int:
     """Return the bytes of a row that is copied: WebGPU wants a multiple of 256."""
     return -(-nbytes * width // 256) * 256
-
-
-def _nbytes(thing: Any) -> int:
-    if hasattr(thing, "map_sync"):
-        return int(thing.size)
-    width, height, _ = thing.size
-    return int(width * height * (16 if thing.format == IMAGE_FORMAT else 4))

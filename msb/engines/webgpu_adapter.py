@@ -1,4 +1,4 @@
-"""Which of the adapters that wgpu finds draws, and how its clock ticks."""
+"""Which of the adapters that wgpu finds draws, how its clock ticks, and what its things hold."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ INSTALL = (
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 """Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets."""
+_TEXEL_BYTES = {"rgba32float": 16, "rgba16float": 8, "r32uint": 4, "depth32float": 4, "r32float": 4}
 
 
 @cache
@@ -112,6 +113,14 @@ def release(device: Any) -> None:
     device.destroy()
     del device
     gc.collect()
+
+
+def held_bytes(thing: Any) -> int:
+    """Return the bytes of a buffer or a texture."""
+    if hasattr(thing, "map_sync"):
+        return int(thing.size)
+    width, height, _ = thing.size
+    return int(width * height * _TEXEL_BYTES[thing.format])
 
 
 def read_mapped(buffer: Any) -> NDArray[np.uint8]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb_viewers.page import page, size_class_of_faces, write_page
+from msb_viewers.page import page, write_page
 from msb_viewers.state import ViewState
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def test_the_page_holds_the_model(faults: ViewModel) -> None:
 
 
 def test_size_classes_are_the_models(demo: ViewModel) -> None:
-    classes = size_class_of_faces(demo)
+    classes = demo.size_class_of_faces()
     assert (classes[demo.face_component == 0] == 0).all()
     _, meta, _ = parts(demo)
     for index, row in enumerate(meta["classes"]):

@@ -183,21 +183,28 @@ class ViewModel:
             self.drawn if component is None else self.drawn & (self.face_component == component)
         )
 
+    def _class_of_components(self) -> NDArray[np.uint8]:
+        lows = np.array([low for low, _, _ in SIZE_CLASSES])
+        found = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
+        found[:1] = 0
+        return found
+
+    def size_class_of_faces(self) -> NDArray[np.uint8]:
+        """Return for each face (F,) 0 in the largest component, else 1 + the place in SIZE_CLASSES."""
+        # The last entry is what -1, a repeated-index row, looks up; it has no area to see.
+        return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
+
     def component_colors(self) -> NDArray[np.uint8]:
         """Return a colour for each face (F, 3): neutral in the largest component, else by size."""
-        table = np.zeros((len(self.sizes) + 1, 3), np.uint8)
-        for low, high, color in SIZE_CLASSES:
-            table[:-1][(self.sizes >= low) & (self.sizes <= (high or self.sizes.max(initial=0)))] = color
-        table[:1] = NEUTRAL
-        table[-1] = NEUTRAL  # what -1, a repeated-index row, looks up; it has no area to see
-        return np.asarray(table[self.face_component])
+        table = np.array([NEUTRAL, *(color for _, _, color in SIZE_CLASSES)], np.uint8)
+        return np.asarray(table[self.size_class_of_faces()])
 
     def size_classes(self) -> list[SizeClass]:
         """Return the classes of all components but the largest, smallest first; empty ones are left out."""
-        rest = self.sizes[1:]
+        of_component = self._class_of_components()
         classes = []
-        for low, high, color in SIZE_CLASSES:
-            chosen = rest[(rest >= low) & (rest <= (high or rest.max(initial=0)))]
+        for place, (low, high, color) in enumerate(SIZE_CLASSES, 1):
+            chosen = self.sizes[of_component == place]
             if len(chosen):
                 classes.append(SizeClass(low, high, color, len(chosen), int(chosen.sum())))
         return classes

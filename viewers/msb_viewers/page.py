@@ -75,7 +75,7 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {
         "points": model.points.reshape(-1).astype("<f4", copy=False),
         "faces": model.faces[rows].reshape(-1).astype("<u4"),
-        "size_class": size_class_of_faces(model)[rows],
+        "size_class": model.size_class_of_faces()[rows],
     }
     if model.colors is not None:
         values = model.colors.values
@@ -87,14 +87,6 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
     for kind, layer in model.layers.items():
         arrays[kind] = layer.vertices[model.rows(kind)].reshape(-1).astype("<u4")
     return arrays
-
-
-def size_class_of_faces(model: ViewModel) -> NDArray[np.uint8]:
-    """Return for each face (F,) 0 in the largest component, else 1 + the place in SIZE_CLASSES."""
-    lows = np.array([low for low, _, _ in SIZE_CLASSES])
-    of_component = np.searchsorted(lows, model.sizes, "right").astype(np.uint8)
-    of_component[:1] = 0
-    return np.asarray(np.append(of_component, np.uint8(0))[model.face_component])
 
 
 def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:

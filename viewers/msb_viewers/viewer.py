@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.matrices import inverse
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
 from msb_viewers.controls import Controls
@@ -218,9 +219,9 @@ class TopologyViewer:
     def pick(self, x: float, y: float) -> int | None:
         """Choose the vertex nearest to a pixel on the face drawn there; return it, or None."""
         width, height = self.size
-        inverse = np.linalg.inv(self._matrix())
+        back = inverse(self._matrix())
         device = np.array([2 * x / width - 1, 1 - 2 * y / height])
-        near, far = (inverse @ np.array([*device, depth, 1.0]) for depth in (-1.0, 1.0))
+        near, far = (back @ np.array([*device, depth, 1.0]) for depth in (-1.0, 1.0))
         eye, end = near[:3] / near[3], far[:3] / far[3]
         direction = (end - eye) / np.linalg.norm(end - eye)
         allowed = self.model.drawn

@@ -64,6 +64,11 @@ def bands_of(width: int, height: int, scale: int, side: int, room: int) -> list[
     return found
 
 
+def pixel_bytes(bands: list[Band]) -> int:
+    """Return the bytes of the buffer in which the pixels of all bands lie."""
+    return bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
+
+
 class DevicePlan:
     """Runs a plan."""
 
@@ -157,7 +162,7 @@ class DevicePlan:
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
         self.buffer("bands", rows.nbytes, "uniform", "copy_dst")
         self._device.queue.write_buffer(self.held["bands"], 0, rows)
-        size = bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
+        size = pixel_bytes(bands)
         self.buffer("pixels", size, "storage", "copy_src")
         self.buffer("pixels, read back", size, "copy_dst", "map_read")
         texture = self._gpu.TextureUsage

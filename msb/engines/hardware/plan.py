@@ -110,3 +110,8 @@ class Limits:
     binding: int
     buffer: int
     side: int
+
+    @property
+    def storage(self) -> int:
+        """Bytes of a buffer that a pass binds as storage."""
+        return min(self.binding, self.buffer)

@@ -48,7 +48,7 @@ class _Planner:
 
     def buffer(self, name: str, size: int, *usages: str) -> None:
         size = max(-(-size // 16) * 16, 16)
-        limit = min(self.limits.binding, self.limits.buffer) if "storage" in usages else self.limits.buffer
+        limit = self.limits.storage if "storage" in usages else self.limits.buffer
         if size > limit:
             text = f"{self.name} takes buffers of {limit} bytes, {name} of this asset need {size}"
             raise DeviceError("DEVICE_MEMORY", text, value=size, limit=limit)
@@ -130,8 +130,8 @@ def make_plan(
         **lattices,
         "REST_STRIDE": packed.rest_stride,
         "SCALE": model.scale,
-        "FIRST_SAMPLE": 0 if model.box_mean else (model.scale - 1) // 2,
-        "LAST_SAMPLE": model.scale - 1 if model.box_mean else model.scale // 2,
+        "FIRST_SAMPLE": model.pixel_samples[0],
+        "LAST_SAMPLE": model.pixel_samples[1],
     }
     own = f"{model.program}.wgsl"
     chunks = stops if _REFUSES.search(assemble([own], model.package, defines)) else 1
@@ -248,7 +248,7 @@ def _z_buffered(
 
 def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
     """Upload lattices of faces, as many as a binding takes; yield the buffer of each part and its rows."""
-    room = min(planner.limits.binding, planner.limits.buffer) // lattices[0].nbytes
+    room = planner.limits.storage // lattices[0].nbytes
     parts = _ranges(len(lattices), max(room, 1))
     for number, (first, count) in enumerate(parts):
         here = lattices[first : first + count].reshape(-1)
@@ -340,7 +340,7 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
 
 def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
     """Return how many buffers the records of a chunk take, and the records of each."""
-    most = min(planner.limits.binding, planner.limits.buffer) // record_bytes // _GROUP * _GROUP
+    most = planner.limits.storage // record_bytes // _GROUP * _GROUP
     chunk = max(-(-planner.packed.faces // chunks), 1)
     parts = -(-chunk // max(min(most, _GROUP * _MOST_GROUPS), 1))
     return parts, -(-chunk // parts)

@@ -9,12 +9,19 @@ import numpy as np
 
 from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
-from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of
+from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of, pixel_bytes
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS, make_plan
 from msb.engines.webgpu import WgpuRenderer
-from msb.engines.webgpu_adapter import choose_adapter, errors_of, nanoseconds_a_tick, read_mapped, release
+from msb.engines.webgpu_adapter import (
+    choose_adapter,
+    errors_of,
+    held_bytes,
+    nanoseconds_a_tick,
+    read_mapped,
+    release,
+)
 from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
@@ -34,7 +41,6 @@ if TYPE_CHECKING:
 
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
-_SAMPLE_BYTES = {FLOAT: 16, HALF: 8, NUMBERS: 4, "depth32float": 4, "r32float": 4}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 """The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths."""
 
@@ -60,7 +66,7 @@ _NEEDED = {
     "max-compute-workgroup-storage-size": 9216,
     "max-compute-invocations-per-workgroup": 256,
 }
-"""What WebGPU guarantees, and OpenGL-like adapters may not have."""
+"""What the passes take of what WebGPU guarantees; adapters of the OpenGL kind may have less."""
 
 
 class HardwareRenderer:
@@ -79,6 +85,8 @@ class HardwareRenderer:
         Whether to blend into half floats even where the adapter can blend float32.
     stops : int
         In how many chunks faces are blended, so that samples stop as officially; 1 leaves that rule out.
+    debug : bool
+        Whether to keep what decides about each face, for `decisions`.
 
     Raises
     ------
@@ -248,7 +256,7 @@ class HardwareRenderer:
         runs, scale, limits = self._runs, self._plan.scale, self._limits
         room = min(_ROOM[self._format] // scale**2, limits.binding // PIXEL_BYTES)
         bands = bands_of(width, height, scale, limits.side, room)
-        size = bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
+        size = pixel_bytes(bands)
         if size > limits.buffer:
             text = f"{self.device_info['name']} takes buffers of {limits.buffer} bytes, "
             text += f"{width} x {height} pixels need one of {size}"
@@ -280,7 +288,7 @@ class HardwareRenderer:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
-        return {name: _nbytes(thing) for name, thing in self._runs.held.items()}
+        return {name: held_bytes(thing) for name, thing in self._runs.held.items()}
 
     def memory_groups(self) -> Mapping[str, str]:
         """Return use -> group."""
@@ -313,17 +321,10 @@ def _limits_of(adapter: Any) -> Limits:
     Raises
     ------
     DeviceError
-        `DEVICE_MEMORY`: it has less than WebGPU guarantees.
+        `DEVICE_MEMORY`: it has less than is needed.
     """
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
             text = f"{adapter.info['device']}: {name} is {adapter.limits[name]}, {needed} are needed"
             raise DeviceError("DEVICE_MEMORY", text, value=adapter.limits[name], limit=needed)
     return Limits(*(adapter.limits[name] for name in _LIMITS[:3]))
-
-
-def _nbytes(thing: Any) -> int:
-    if hasattr(thing, "map_sync"):
-        return int(thing.size)
-    width, height, _ = thing.size
-    return int(width * height * _SAMPLE_BYTES[thing.format])

@@ -82,6 +82,14 @@ class Model:
     vertex_colors: bool = False
     engine_culling: Culling = CLIPPED
 
+    @property
+    def pixel_samples(self) -> tuple[int, int]:
+        """The first and the last sample along each axis whose mean is a pixel.
+
+        They are all of the pixel's, or the one or two in its middle, as bilinear interpolation has it.
+        """
+        return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
+
 
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
     """Return a little less than the phi at which o phi^sigma = 1/255; 2 where alpha is less everywhere."""

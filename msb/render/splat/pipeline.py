@@ -281,8 +281,7 @@ class SplattingPipeline(OnDevice):
         program = self._device.program("splat_resolve")
         first_row = first * TILE // model.scale
         rows = min((first + here) * TILE // model.scale, camera.height) - first_row
-        ends = (0, model.scale - 1) if model.box_mean else ((model.scale - 1) // 2, model.scale // 2)
-        values = camera.width, rows, model.scale, *ends, columns * TILE, here * TILE, first_row
+        values = camera.width, rows, model.scale, *model.pixel_samples, columns * TILE, here * TILE, first_row
         band = self._scratch("band", len(values), np.uint32)
         band.write(np.array(values, np.uint32))
         size, group = (camera.width, rows), (WORK_GROUP, 1)
