@@ -286,10 +286,11 @@ def _variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
 def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
     """Write a legend of `handles`, or of all that is drawn, below the chart; a long one makes it taller."""
     handles = handles or axes.get_legend_handles_labels()[0]
-    axes.figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
+    figure: Any = axes.figure  # a whole one, for which matplotlib's types do not vouch
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
     rows = (len(handles) + 1) // 2
     width, height = _SIZE
-    axes.figure.set_size_inches(width, height + _ROW * max(rows - _ROWS, 0))
+    figure.set_size_inches(width, height + _ROW * max(rows - _ROWS, 0))
 
 
 def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
