@@ -13,6 +13,7 @@ from scipy.io import savemat
 
 from data_stubs.colmap_file import rounded, write_colmap
 from data_stubs.photographs import averaged, to_bytes
+from msb.matrices import inverse
 from msb.scenes import Camera
 
 if TYPE_CHECKING:
@@ -198,7 +199,7 @@ def write_dtu(world: World, folder: Path) -> None:
         write_photograph(scan / "mask" / f"{index:03d}.png", mask)
         lens = np.eye(4)
         lens[:3, :3] = camera.K
-        matrices[f"world_mat_{index}"] = (lens @ camera.world_to_camera @ np.linalg.inv(scale)).astype("<f4")
+        matrices[f"world_mat_{index}"] = (lens @ camera.world_to_camera @ inverse(scale)).astype("<f4")
         matrices[f"scale_mat_{index}"] = scale.astype("<f4")
     np.savez(scan / "cameras.npz", **matrices)
     write_colmap(scan / "sparse" / "0", cameras, *sfm_points(surface, cameras, world.points))
