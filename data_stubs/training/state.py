@@ -9,6 +9,7 @@ import numpy as np
 
 from msb.atomic import new_file
 from msb.errors import UsageError
+from msb.npz import write_npz
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,7 +24,7 @@ def write_state(path: Path, arrays: dict[str, NDArray[Any]], about: dict[str, An
     """Write arrays and what JSON can hold, in the place of what is there."""
     text = np.frombuffer(json.dumps(about).encode(), np.uint8)
     with new_file(path) as file:
-        np.savez(file, **arrays, **{_ABOUT: text})
+        write_npz(file, {**arrays, _ABOUT: text})
 
 
 def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

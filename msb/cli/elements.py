@@ -10,6 +10,7 @@ import numpy as np
 from msb.atomic import new_file
 from msb.cli.output import csv_text
 from msb.errors import UsageError
+from msb.npz import write_npz
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,7 +50,7 @@ def _write_npz(elements: Elements, file: IO[bytes]) -> None:
     arrays: dict[str, Any] = {"face_component": elements.face_component}
     for group in elements.groups:
         arrays[group.kind] = group.vertices if group.vertices.shape[1] == 2 else group.numbers
-    np.savez(file, **arrays)
+    write_npz(file, arrays)
 
 
 def _write_csv(elements: Elements, file: IO[bytes]) -> None:

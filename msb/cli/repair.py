@@ -289,9 +289,8 @@ class _Task:
 
 
 def _write_maps(path: Path, done: Repaired | Outcome) -> None:
-    import numpy as np
-
     from msb.atomic import new_file
+    from msb.npz import write_npz
 
     with new_file(path) as file:
-        np.savez(file, vertex=done.vertex_map, face=done.face_map, turned=done.turned)
+        write_npz(file, {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned})

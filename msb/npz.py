@@ -1,0 +1,33 @@
+"""Named arrays in one NumPy archive."""
+
+from __future__ import annotations
+
+import zipfile
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+
+def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write `arrays` as `numpy.savez` writes them; `numpy.load` reads them back.
+
+    `numpy.savez` of NumPy 1.26 leaves its archive open where a disk is full, and Python complains of that
+    later, with a traceback below our one line.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    ValueError
+        An array holds Python objects.
+    """
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            # The size that a member begins with is not known before it is written.
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
