@@ -175,6 +175,11 @@ class Finding:
             "limit": json_safe(self.limit),
         }
 
+    def to_line(self, path: object) -> str:
+        """Return what a command prints of the finding, which is no error, about the file at `path`."""
+        word = "note" if self.severity == "info" else "warning"
+        return f"{word}: {self.code}: {path}: {self.message}"
+
     def to_error(self, path: object) -> MsbError:
         """Return the exception that stands for this finding about the asset at `path`."""
         return CODES[self.code].kind(

@@ -16,6 +16,7 @@ from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
     from pathlib import Path
 
     from msb.asset.progress import Progress
@@ -82,7 +83,39 @@ def output_suffix(path: Path, name: str = "the output") -> str:
     UsageError
         `USAGE`.
     """
-    suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *written_suffixes())
-    if suffix not in known:
-        raise UsageError("USAGE", f'{name} is "{path.name}"; it must end in one of {", ".join(known)}')
-    return suffix
+    return checked_ending(path, name, (ASSET_SUFFIX, *written_suffixes()))
+
+
+_MAKERS = {
+    "a page": ("msb web", (".html", ".htm")),
+    "pictures": ("msb render", (".png", ".npy", ".exr")),
+    "a film": ("msb render --film", (".mp4", ".gif")),
+    "a figure": ("msb view --figure", (".svg", ".pdf")),
+    "offending elements": ("msb audit --elements", (".vtp", ".csv", ".npz")),
+}
+"""What has none of the endings of models -> the command that writes it, and its endings."""
+_OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".blend", ".abc", ".3ds", ".x3d")
+
+
+def checked_ending(path: Path, name: str, known: Sequence[str]) -> str:
+    """Return the ending of `path` in lower case, if it is one of `known`.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: the message also says which command writes what the ending names.
+    """
+    suffix = path.suffix.lower()
+    if suffix in known:
+        return suffix
+    makers = {
+        "a mesh file": ("msb convert", written_suffixes()),
+        "an asset": ("msb export or msb convert", (ASSET_SUFFIX,)),
+        **_MAKERS,
+    }
+    hint = next((f"; for {what}: {by}" for what, (by, endings) in makers.items() if suffix in endings), "")
+    if suffix in _OTHER_MODELS:
+        hint = "; .glb is opened by Blender and by every engine"
+        hint += "" if ".glb" in known else ": msb convert writes it"
+    one_of = "one of " if len(known) > 1 else ""
+    raise UsageError("USAGE", f'{name} is "{path.name}"; it must end in {one_of}{", ".join(known)}{hint}')

@@ -28,7 +28,9 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
     """
     path = root / "cfg_args"
     if not path.is_file():
-        return {}, (), [missing(root, "cfg_args is not there: the background used in training is not known")]
+        text = "cfg_args is not there, so the background used in training is not known; where something is "
+        text += "drawn, --background COLOR gives it"
+        return {}, (), [missing(root, text)]
     try:
         text = read_text(path)
         with warnings.catch_warnings():

@@ -73,7 +73,7 @@ class Known:
         InputError, SceneError
         """
         scene = at.read()
-        found = (f"{one.code}: {one.file or scene.root}: {one.message}" for one in scene.warnings)
+        found = (one.to_line(one.file or scene.root) for one in scene.warnings)
         self.warnings |= dict.fromkeys(found)
         self._scenes[scene.root] = scene
         return scene

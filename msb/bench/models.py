@@ -130,7 +130,7 @@ def prepare_model(task: ModelTask) -> Model:
         background=parse_color("official", asset.manifest.appearance.get("background")),
         stamps=tuple(stamp(file) for file in (*files, *_files(path))),
         asked=_asked(task),
-        warnings=tuple(f"{warning.code}: {source}: {warning.message}" for warning in asset.warnings),
+        warnings=tuple(warning.to_line(source) for warning in asset.warnings),
     )
     with new_file(_record(results, task)) as file:
         file.write(model.model_dump_json(indent=1).encode() + b"\n")

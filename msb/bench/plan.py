@@ -323,7 +323,7 @@ class Planner:
         except MsbError as error:
             if error.code != "FILE_NOT_FOUND":
                 bad = f"bad record: {error.message}"
-                self.known.warnings[f"{error}; the cell is computed again"] = None
+                self.known.warnings[f"warning: {error}; the cell is computed again"] = None
         found: dict[Part, str] = {}
         for part, inputs in wanted.items():
             why = "asked for" if self.redo else bad or _difference(part, inputs, old)

@@ -270,7 +270,7 @@ class _Run:
             if isinstance(answer, Exception):
                 broken[task.folder] = reason_of(answer)
             elif answer:
-                self.watch.note(f"{task.folder}: {answer}; the ground truth was written again")
+                self.watch.note(f"warning: {task.folder}: {answer}; the ground truth was written again")
         return [
             one
             if one.job is None or "quality" not in one.job.parts or one.job.photographs not in broken
@@ -316,7 +316,7 @@ class _Run:
         jobs = [one.job for one in planned if one.job is not None]
         for task, answer in self.each("videos", write_video, video_tasks(options, jobs)):
             if isinstance(answer, Exception):
-                self.watch.note(f"{task.name}: no film: {answer}")
+                self.watch.note(f"warning: {task.name}: no film: {answer}")
 
     def each(
         self,

@@ -12,7 +12,7 @@ def _plainly(message: Warning | str, category: type[Warning], *rest: Any, **more
     from msb.errors import one_line
 
     if category.__module__.startswith("msb."):
-        print(one_line(str(message)), file=sys.stderr)  # noqa: T201 - no command runs yet that has an Output
+        print(one_line(f"warning: {message}"), file=sys.stderr)  # noqa: T201 - no command runs yet that has an Output
     else:
         _show(message, category, *rest, **more)
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from msb.atomic import new_file
 from msb.cli.output import csv_text
-from msb.errors import UsageError
 from msb.npz import write_npz
+from msb.saving import checked_ending
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,9 +29,7 @@ def check_suffix(path: Path) -> None:
     UsageError
         `USAGE`.
     """
-    if path.suffix.lower() not in _WRITERS:
-        text = f'--elements: "{path.name}" must end in {", ".join(_WRITERS)}'
-        raise UsageError("USAGE", text)
+    checked_ending(path, "--elements", tuple(_WRITERS))
 
 
 def write_elements(elements: Elements, path: Path) -> None:

@@ -81,7 +81,7 @@ class _Task:
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
-        self.notes = [f"{one.code}: {vgg_weights}: {one.message}" for one in self.measures.warnings]
+        self.notes = [one.to_line(vgg_weights) for one in self.measures.warnings]
 
     def run(self, pairs: list[ImagePair], *, fail_fast: bool) -> int:
         """Compare all pairs, print and write; return the exit status."""

@@ -9,7 +9,6 @@ import typer
 
 from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table, setting_text
-from msb.errors import UsageError
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -57,11 +56,11 @@ def export(
     """
     from msb.adapters.exporter import finish, read_model
     from msb.asset import ASSET_SUFFIX, write_asset
+    from msb.saving import checked_ending
 
     output = Output(json_file, quiet, verbose, force)
     target = target or _guess(source)
-    if target.suffix.lower() != ASSET_SUFFIX:
-        raise UsageError("USAGE", f'OUT is "{target.name}"; it must end in {ASSET_SUFFIX}')
+    checked_ending(target, "OUT", (ASSET_SUFFIX,))
     output.check_free(target, folder=form == "folder")
     output.check_free(json_file)
     with output.progress(f"reading {source.name}"):
@@ -71,7 +70,7 @@ def export(
         asset = finish(model, progress=progress)
         write_asset(asset, target, form, progress=progress)
     for warning in asset.warnings:
-        output.note(f"{warning.code}: {source}: {warning.message}")
+        output.note(warning.to_line(source))
     manifest = asset.manifest.to_dict()
     warnings = [warning.to_dict() for warning in asset.warnings]
     output.write_json({"schema": SCHEMA, "path": str(target), "warnings": warnings, "manifest": manifest})

@@ -83,4 +83,4 @@ def open_asset(path: Path, output: Output) -> Asset:
 def note_warnings(found: Iterable[Finding], path: Path, output: Output) -> None:
     """Print what the reader of `path` warned of."""
     for warning in found:
-        output.note(f"{warning.code}: {path}: {warning.message}")
+        output.note(warning.to_line(path))

@@ -76,8 +76,13 @@ class Output:
         return console
 
     def note(self, text: str, *, level: int = 0) -> None:
-        """Print a note on standard error, if the user wants this much; a log file gets it in any case."""
+        """Print a note on standard error, if the user wants this much; a log file gets it in any case.
+
+        A text that warns begins with "warning: " itself; what -v asks for has no word before it.
+        """
         text = one_line(text)
+        if level == 0 and not text.startswith(("note: ", "warning: ")):
+            text = f"note: {text}"
         log(text, "DEBUG" if level > 1 else "INFO")
         if not self.quiet and self.verbose >= level:
             _print_aside(text)

@@ -141,7 +141,7 @@ def render(
         refuse_beside_scene(cameras=cameras, turntable=turntable, flight=flight, size=size, scale=scale)
         place = scene_for(asset, scene, image_folder)
         for warning in place.warnings:
-            output.note(f"{warning.code}: {warning.file or scene}: {warning.message}")
+            output.note(warning.to_line(warning.file or scene))
         if (note := scaled_note([place])) is not None:
             output.note(f"{scene}: {note}")
         views = choose_cameras(views_of(place, split), chosen, None, None)

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from msb.topology import Audit
 
 EPILOG = epilog(
-    "msb repair data_stubs/checkpoint -o out/repaired.triasset",
-    "msb repair data_stubs/checkpoint -o out/fewer.glb --plan drop,orient,debris",
-    'msb repair -q --fail-on "components>999" data_stubs/checkpoint -o out/g.ply',
-    "msb repair --compare data_stubs/models/walled/mesh_splatting -o out/costs",
+    "msb repair data_stubs/checkpoint out/repaired.triasset",
+    "msb repair data_stubs/checkpoint out/fewer.glb --plan drop,orient,debris",
+    'msb repair -q --fail-on "components>999" data_stubs/checkpoint out/g.ply',
+    "msb repair --compare data_stubs/models/walled/mesh_splatting out/costs",
 )
 _STEP_OPTIONS = {
     "weld": ("weld",),
@@ -47,10 +47,11 @@ def repair(
     source: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
     target: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="What to write; with --compare a folder for pictures."
-        ),
+        typer.Argument(metavar="OUT", help="What to write; with --compare a folder for pictures."),
         WRITTEN,
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="OUT, given as an option."), WRITTEN
     ] = None,
     plan: Annotated[
         str | None,
@@ -144,6 +145,9 @@ def repair(
     from msb.repair.plan import DEFAULT, Options, check_peer, parse_plan
 
     output = Output(json_file, quiet, verbose, force)
+    if target is not None:
+        refuse({"out": out}, f"names OUT a second time, which is {target} already")
+    target = target or out
     given: dict[str, Any] = {
         "weld": weld,
         "pair_color": pair_color,
@@ -170,7 +174,7 @@ def repair(
         return
     refuse({"task": tasks}, "goes with --compare")
     if target is None:
-        raise UsageError("USAGE", "-o OUT is missing; give the .triasset or mesh file to write")
+        raise UsageError("USAGE", "OUT is missing; give the .triasset or mesh file to write")
     default = DEFAULT if peer is None else ({"igl": ("cut",), "pymeshlab": ("drop",)}[peer])
     steps = default if plan is None else parse_plan(plan)
     check_peer(steps, peer)
@@ -201,7 +205,7 @@ class _Task:
     ) -> None:
         from msb.asset import ASSET_SUFFIX
         from msb.opening import is_mesh_file
-        from msb.saving import output_suffix
+        from msb.saving import checked_ending, output_suffix
 
         self.source, self.target, self.maps, self.form = source, target, maps, form
         self.plan, self.options = plan, options
@@ -211,8 +215,8 @@ class _Task:
             raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
         if cameras is not None and not {"debris", "drop"} & set(plan):
             raise UsageError("USAGE", "--cameras weigh faces for debris and drop, which are not in --plan")
-        if maps is not None and maps.suffix.lower() != ".npz":
-            raise UsageError("USAGE", f'--maps is "{maps.name}"; it must end in .npz')
+        if maps is not None:
+            checked_ending(maps, "--maps", (".npz",))
         output.check_free(target, folder=form == "folder")
         output.check_free(maps)
         output.check_outputs()

@@ -195,14 +195,14 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
 
         GlProbe.start().check()
     except UsageError as error:
-        output.note(f"no topology figures: {error}")
+        output.note(f"warning: no topology figures: {error}")
         return {}
     with output.counted("drawing topology figures", len(audited)) as step:
         for loaded in audited:
             try:
                 found[loaded.place] = _draw(loaded.result)
             except MsbError as error:
-                output.note(f"no topology figure: {error}")
+                output.note(f"warning: no topology figure: {error}")
             step()
     return found
 

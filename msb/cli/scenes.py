@@ -157,7 +157,7 @@ def _print(found: list[SceneReport], output: Output) -> None:
     output.console().print(table)
     for item in found:
         for warning in item.findings:
-            output.note(f"{warning.code}: {warning.file or item.path}: {warning.message}")
+            output.note(warning.to_line(warning.file or item.path))
     if (note := scaled_note(item.scene for item in found if item.scene is not None)) is not None:
         output.note(note)
 

@@ -112,7 +112,7 @@ def trial(
     output.check_outputs()
     output.check_free(save, folder=True)
     if not limits.limits_memory:
-        output.note("this system has no limit of memory for a process; only --seconds holds")
+        output.note("warning: this system has no limit of memory for a process; only --seconds holds")
     first = (_weld(weld), steps)
     run = _Run(output, [task.name for task in known], first, views, limits, device, save, gated)
     status = 0

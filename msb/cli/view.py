@@ -134,7 +134,7 @@ def present(model: ViewModel, options: ViewOptions, files: Files, output: Output
         from msb_viewers.page import LARGE, write_page
 
         if len(model.faces) > LARGE:
-            output.note(f"{files.html}: {len(model.faces):,} faces are more than most browsers hold")
+            output.note(f"warning: {files.html}: {len(model.faces):,} faces are more than most browsers hold")
         with output.progress(f"writing {files.html.name}"):
             write_page(model, files.html, state=state, up=options.up)
     if files.figure is not None:

@@ -100,8 +100,9 @@ def web(
     refuse({"at-least": at_least, "device": device}, "needs --verify PAGE")
     if target is None:
         raise UsageError("USAGE", "--out FILE is missing, or --verify PAGE")
-    if target.suffix.lower() not in (".html", ".htm"):
-        raise UsageError("USAGE", f'--out: "{target.name}" must end in .html, .htm')
+    from msb.saving import checked_ending
+
+    checked_ending(target, "--out", (".html", ".htm"))
     if cameras is None:
         refuse({"camera": chosen, "scale": scale, "renders": renders}, "needs --cameras PATH")
     if path is None:
@@ -175,7 +176,7 @@ def _write_mesh(
 
     mesh = engine_mesh(asset, settings)
     if len(mesh.indices) > LARGE:
-        output.note(f"{target}: {len(mesh.indices):,} faces are more than most browsers hold")
+        output.note(f"warning: {target}: {len(mesh.indices):,} faces are more than most browsers hold")
     with output.progress(f"writing {target.name}"):
         write_web_page(
             target,

@@ -98,7 +98,7 @@ def write_page(
         try:
             found = _measured(data, page.scene, [test.image for test in tests], output)
         except DeviceError as error:
-            output.note(f"{target.name} is not measured: {error.message}")
+            output.note(f"warning: {target.name} is not measured: {error.message}")
     if found is not None:
         page.record(found.by, found.psnr)
         data = page.encoded()

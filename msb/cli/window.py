@@ -50,14 +50,15 @@ class Files:
 
     def check(self, output: Output) -> None:
         """Refuse names with wrong suffixes and outputs that exist, before anything is read."""
+        from msb.saving import checked_ending
+
         for option, path, suffixes in (
             ("--screenshot", self.screenshot, (".png",)),
             ("--figure", self.figure, (".png", ".svg", ".pdf")),
             ("--html", self.html, (".html", ".htm")),
         ):
-            if path is not None and path.suffix.lower() not in suffixes:
-                text = f'{option}: "{path.name}" must end in {", ".join(suffixes)}'
-                raise UsageError("USAGE", text)
+            if path is not None:
+                checked_ending(path, option, suffixes)
             output.check_free(path)
 
 

@@ -216,7 +216,7 @@ def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
     )
     result = msb("convert", tmp_path / "t.obj", tmp_path / "t.glb")
     assert result.out == f"{tmp_path / 't.glb'}: 3 vertices, 1 faces, no colours\n"
-    assert result.err == f"{tmp_path / 't.glb'}: left out: normals, UVs, materials and their textures\n"
+    assert result.err == f"note: {tmp_path / 't.glb'}: left out: normals, UVs, materials and their textures\n"
     assert "MESH_FILE_LEFT_OUT" in msb("convert", tmp_path / "t.obj", tmp_path / "t.triasset").err
     assert "UVs" not in msb("audit", tmp_path / "t.obj").err
 

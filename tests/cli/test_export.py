@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -181,3 +182,14 @@ def test_validate_judges_the_asset_that_would_be_made(msb: Msb, folder: str, tmp
     bad = write_model(tmp_path, "triangle_splatting", values)
     result = msb("validate", bad)
     assert (result.status, "CHECKPOINT_VALUE_NONFINITE" in result.out) == (1, True)
+
+
+def test_a_warning_says_that_it_is_one_and_what_follows(msb: Msb, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "data_stubs" / "models" / "walled" / "triangle_splatting", tmp_path / "bare")
+    (tmp_path / "bare" / "cfg_args").unlink()
+    result = msb("export", "bare", cwd=tmp_path)
+    assert result.status == 0
+    assert result.err == (
+        "warning: CHECKPOINT_CONFIG_MISSING: bare: cfg_args is not there, so the background used in training "
+        "is not known; where something is drawn, --background COLOR gives it\n"
+    )

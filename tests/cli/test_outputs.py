@@ -350,3 +350,28 @@ def test_an_option_of_one_value_is_not_taken_twice(name: str, refused: Refused) 
 def test_flags_and_lists_may_be_given_again(msb: Msb) -> None:
     result = msb("audit", "-q", "-q", "-f", "-f", "--fail-on", "faces<1", "--fail-on", "faces<2", ASSET)
     assert (result.status, result.err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("export a out.glb", "; it must end in .triasset; for a mesh file: msb convert"),
+        ("convert a.ply out.fbx", ".glb; .glb is opened by Blender and by every engine"),
+        ("repair a.ply out.gltf", ".glb; .glb is opened by Blender and by every engine"),
+        (
+            "export a out.usdz",
+            "opened by Blender and by every engine: msb convert writes it",
+        ),
+        ("convert a.ply out.html", ".glb; for a page: msb web"),
+        ("web -o out.glb a.ply", ".htm; for a mesh file: msb convert"),
+        ("audit --elements out.triasset a.ply", ".npz; for an asset: msb export or msb convert"),
+        ("view --figure out.html a.ply", ".pdf; for a page: msb web"),
+    ],
+)
+def test_a_wrong_ending_names_the_command_that_writes_what_it_ends_in(
+    line: str, hint: str, msb: Msb, tmp_path: Path
+) -> None:
+    (tmp_path / "a.ply").write_bytes(SOURCE.read_bytes())
+    result = msb(*line.split(), cwd=tmp_path)
+    assert result.status == 2
+    assert result.err.endswith(f"{hint}\n")

@@ -58,7 +58,7 @@ def test_what_a_repaired_mesh_file_does_not_have_of_its_source_is_said(msb: Msb,
     source = tmp_path / "one.obj"
     source.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
     of_mesh = msb("repair", source, "-o", tmp_path / "b.glb")
-    assert of_mesh.err == f"{tmp_path / 'b.glb'}: left out: UVs\n"
+    assert of_mesh.err == f"note: {tmp_path / 'b.glb'}: left out: UVs\n"
     of_model = msb("repair", CHECKPOINT, "-o", tmp_path / "c.glb")
     assert "c.glb: left out: colours that change with the view (SH degree 1), opacity\n" in of_model.err
     as_stl = msb("repair", CHECKPOINT, "-o", tmp_path / "c.stl")
@@ -85,7 +85,7 @@ def test_a_repaired_soup_is_told_what_merges_it(msb: Msb, tmp_path: Path) -> Non
 def test_a_mesh_file_keeps_its_precision_and_the_original_stays(msb: Msb, book: Path) -> None:
     before = book.read_bytes()
     target = book.with_name("fixed.ply")
-    result = msb("repair", book, "-o", target)
+    result = msb("repair", book, target)  # where convert and export take it, too
     assert result.status == 0, result.err
     assert "LIMITED; " in result.out
     assert "Components: 1 before, 2 after; edges cut: 1" in result.out
@@ -127,7 +127,8 @@ def test_pixels_weigh_what_debris_removes(msb: Msb, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("repair a.ply", "-o OUT is missing"),
+        ("repair a.ply", "OUT is missing"),
+        ("repair a.ply b.ply -o c.ply", "--out names OUT a second time, which is b.ply already"),
         ("repair a.ply -o b.txt", 'OUT is "b.txt"; it must end in one of'),
         ("repair a.ply -o b.ply --plan orient,polish", 'there is no step "polish"; there are orient, pair'),
         ("repair a.ply -o b.ply --close-edges 5", "--close-edges is for close, not in --plan"),

@@ -169,5 +169,5 @@ def test_what_all_images_fail_by_is_said_once(msb: Msb, tmp_path: Path) -> None:
     result = msb("eval", tmp_path / "pred", tmp_path / "gt")
     assert result.status == 3
     assert result.err.splitlines()[1:] == [
-        "3 of 3 fail alike: pred has 8 x 6 pixels and gt 16 x 12; they must be equal"
+        "note: 3 of 3 fail alike: pred has 8 x 6 pixels and gt 16 x 12; they must be equal"
     ]

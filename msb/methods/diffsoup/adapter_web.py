@@ -142,7 +142,7 @@ def _are_numbers(values: list[Any]) -> bool:
 
 def _read_meta(path: Path, faces: int, level: int) -> tuple[dict[str, Any], list[Finding]]:
     if not path.is_file():
-        text = "meta.json is not there; layout and up axis are defaults"
+        text = "meta.json is not there: layout and up axis are defaults; --set layout=L gives the former"
         return {}, [finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(path.parent))]
     data = _read_json(path)
     for key, wanted in (("num_faces", faces), ("level", level)):

@@ -66,7 +66,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     warnings: list[Finding] = []
     if place.kind == "ply":
         buffers, degree = _from_ply(content.table(), place.file, options.check_values)
-        text = "a PLY does not hold gamma; the official loader takes 1"
+        text = "a PLY does not hold gamma: it is 1, as for the official loader; --set gamma=G gives it"
         warnings.append(finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(place.file)))
     else:
         tensors, gamma, box = _parts(content.value, place.file, options.check_values)

@@ -56,7 +56,8 @@ def choose_photographs(
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
         if name not in scenes:
-            text = f"{shorten(name, 60)} is none of the {len(scenes)} scenes of {DATASETS[dataset].title}"
+            text = f"{shorten(name, 60)} is none of the {len(scenes)} scenes of {DATASETS[dataset].title}: "
+            text += f"it is read as {next(iter(scenes))} is"
             warnings.append(finding("SCENE_UNKNOWN", text, severity="warning", file=str(root)))
         group = scenes.get(name, next(iter(scenes.values())))
     rule = rules.photographs_of(dataset, group)
