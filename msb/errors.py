@@ -368,8 +368,16 @@ CODES: dict[str, Code] = {
                 "The message lists some; names are those of the images.",
             ),
             "METHOD_NOT_LOADED": (
-                "A package's method is left out: it cannot be loaded, or its name is taken.",
+                "A package's method is left out: it cannot be loaded, it fails, or its name is taken.",
                 "Update or remove the package; the other methods work as before.",
+            ),
+            "RENDERER_NOT_LOADED": (
+                "A package's renderer is left out: its name is taken.",
+                "Remove one of the packages; the other renderers work as before.",
+            ),
+            "PACKAGE_PRINTS": (
+                "A package with a method, renderer or metric prints when it is imported.",
+                "Nothing is wrong: what it prints is kept out of the result. Tell its authors.",
             ),
             "RENDERER_UNKNOWN": (
                 "There is no renderer of that name.",
@@ -427,7 +435,7 @@ CODES: dict[str, Code] = {
                 "Try another device; if it stays, report it with what --debug shows.",
             ),
             "ENGINE_FAILED": (
-                "A foreign engine refused, ended or does not answer.",
+                "A foreign engine, or the renderer of a package, refused, ended or does not answer.",
                 "The message has its last words; docs/engines.md lists what is known to go wrong.",
             ),
             "DEVICE_CLOSED": (

@@ -31,6 +31,7 @@ GROUND = {
     "files",
     "matrices",
     "npz",
+    "packages",
     "paths",
     "asset",
     "scenes",
@@ -50,7 +51,8 @@ ALLOWED: dict[str, set[str]] = {
     "validating": GROUND | {"adapters", "topology"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
-    "methods": {"errors", "scenes"},
+    "methods": {"errors", "packages", "scenes"},
+    "packages": {"errors"},
     "extras": {"errors"},
     "atomic": {"errors", "renaming"},
     "renaming": set(),

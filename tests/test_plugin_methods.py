@@ -14,7 +14,8 @@ import msb
 from msb import methods
 from msb.adapters.exporter import detect
 from msb.cl import open_device
-from msb.methods import BUILT_IN, METHODS, MethodWarning
+from msb.methods import BUILT_IN, METHODS
+from msb.packages import PackageWarning
 from tests.conftest import ROOT
 from tests.test_docs_commands import installed
 
@@ -106,6 +107,11 @@ def test_without_its_package_an_asset_has_the_standard_tier(
         ("facets = msb_facets", "1 / 0\n", "ZeroDivisionError"),
         ("facets = msb_facets", "", "no attribute 'METHOD'"),
         ("facets = msb_facets", "METHOD = 'Facets'\n", "no msb.methods.Method"),
+        ("facets = msb_facets", "import sys; sys.exit()\n", "SystemExit"),
+        ("facets = msb_facets", "raise KeyboardInterrupt\n", "KeyboardInterrupt"),
+        ("facets = msb_facets", "raise GeneratorExit('x')\n", "GeneratorExit"),
+        ("facets = msb_facets", "def (\n", "SyntaxError"),
+        ("facets =", None, "of package msb-facets .* names no module"),
         ("two_dts = msb_facets", None, "the name is taken by msb.methods.two_dts"),
         ("Face-ts = msb_facets", None, "its name must match"),
     ],
@@ -117,7 +123,7 @@ def test_a_package_that_cannot_be_used_is_one_warning(
     if text is not None:
         (site / "msb_facets" / "__init__.py").write_text(text)
     forget()
-    with pytest.warns(MethodWarning, match=f"^METHOD_NOT_LOADED: .*{why}") as caught:
+    with pytest.warns(PackageWarning, match=f"^METHOD_NOT_LOADED: .*{why}") as caught:
         assert list(METHODS) == list(BUILT_IN)
     assert len(caught) == 1
     assert msb.export(TWO_DTS).manifest.method == "two_dts"
@@ -127,7 +133,31 @@ def test_a_package_that_cannot_be_used_is_one_warning(
 def test_an_adapter_that_fails_leaves_other_models_alone(site: Path, text: str) -> None:
     (site / "msb_facets" / "adapter.py").write_text(text)
     forget()
-    with pytest.warns(MethodWarning, match="facets.*adapter.*ZeroDivisionError"):
+    with pytest.warns(PackageWarning, match="facets.*adapter.*ZeroDivisionError"):
+        assert detect(TWO_DTS) == "two_dts"
+
+
+def test_a_role_that_cannot_be_loaded_is_said_to_be_the_packages(site: Path) -> None:
+    asset = msb.export("facets.npz")
+    (site / "msb_facets" / "look.py").write_text("import sys; sys.exit('no CUDA')\n")
+    (site / "msb_facets" / "reference.py").write_text("def render(*_): 1 / 0\n")
+    forget()
+    for tier, why in (
+        ("dedicated", "look: it cannot be loaded: SystemExit"),
+        ("reference", "fails: ZeroDiv"),
+    ):
+        with pytest.raises(msb.MsbError, match=f"method facets of package msb_facets: .*{why}") as caught:
+            msb.render(asset, CAMERA, tier=tier)  # type: ignore[arg-type]
+        assert (caught.value.code, caught.value.exit_status) == ("METHOD_NOT_LOADED", 2)
+
+
+def test_a_method_without_roles_may_be_a_module(site: Path) -> None:
+    (site / "msb_alone.py").write_text("from msb.methods import Method\nMETHOD = Method(title='Alone')\n")
+    (site / "msb_facets-1.0.dist-info" / "entry_points.txt").write_text("[msb.methods]\nalone = msb_alone\n")
+    forget()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert METHODS["alone"].title == "Alone"
         assert detect(TWO_DTS) == "two_dts"
 
 

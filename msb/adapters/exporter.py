@@ -11,9 +11,10 @@ from msb.adapters.locate import locate
 from msb.asset import Asset, build_asset
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
-from msb.errors import CheckpointError, MsbError, Unsupported, UsageError, about, shorten
+from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
 from msb.files import file_sha256
-from msb.methods import BUILT_IN, METHODS, package_of, role, warn, with_role
+from msb.methods import BUILT_IN, METHODS, role, with_role
+from msb.packages import warn
 
 if TYPE_CHECKING:
     import os
@@ -166,16 +167,10 @@ def _recognising(content: Content, asked: Mapping[str, Adapter]) -> str | None:
         try:
             if adapter.recognises(content):
                 return name
-        except MsbError:
-            raise
-        except Exception as error:
-            if name in BUILT_IN:
+        except UsageError as error:
+            if error.code != "METHOD_NOT_LOADED":
                 raise
-            warn(
-                name,
-                package_of(name),
-                f"its adapter fails: {type(error).__name__}: {shorten(str(error), 200)}",
-            )
+            warn(str(error))
     return None
 
 

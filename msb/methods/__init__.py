@@ -15,16 +15,15 @@ entry-point group `msb.methods` (docs/extending.md).
 
 from __future__ import annotations
 
-import re
-import warnings
 from collections.abc import Iterator, Mapping
-from functools import cache
+from contextlib import contextmanager
+from functools import cache, wraps
 from importlib import import_module
-from importlib.metadata import entry_points
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Literal
 
-from msb.errors import shorten
+from msb.errors import UsageError, shorten
 from msb.methods.declare import (
     ORDERS,
     PASSES,
@@ -41,12 +40,14 @@ from msb.methods.declare import (
     SettingValue,
     Tier,
 )
+from msb.packages import NAME, PackageError, PackageWarning, contained, installed, load, warn, whose
 
 if TYPE_CHECKING:
     from types import ModuleType
 
 __all__ = [
     "METHODS",
+    "NAME",
     "ORDERS",
     "PASSES",
     "SAMPLINGS",
@@ -68,8 +69,6 @@ __all__ = [
     "role",
 ]
 
-GROUP = "msb.methods"
-"""The entry-point group of methods; an entry is ``name = "package"``."""
 BUILT_IN = (
     "two_dts",
     "triangle_splatting",
@@ -80,26 +79,17 @@ BUILT_IN = (
     "mesh",
 )
 """Folders of our methods, in the order of the tables. `mesh` stands for any mesh that came from elsewhere."""
-NAME = r"^[a-z][a-z0-9_]{0,63}$"
-"""The pattern of a method's name, in manifests and in the entry-point group."""
-
 Role = Literal["adapter", "official", "reference", "look"]
 
 
-class MethodWarning(UserWarning):
-    """A warning that a package's method cannot be used; the other methods can."""
-
-
-class _Installed(NamedTuple):
-    method: Method
-    package: str
+MethodWarning = PackageWarning
 
 
 class _Methods(Mapping[str, Method]):
     """Name -> method; looked up on first use, since a package that declares one imports this module."""
 
     def __getitem__(self, name: str) -> Method:
-        return _installed()[name].method
+        return _installed()[name][0]
 
     def __iter__(self) -> Iterator[str]:
         return iter(_installed())
@@ -114,39 +104,18 @@ name."""
 
 
 @cache
-def _installed() -> dict[str, _Installed]:
-    found = {}
-    for name in BUILT_IN:
-        package = f"{__name__}.{name}"
-        found[name] = _Installed(import_module(package).METHOD, package)
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value)):
-        if entry.name in found and found[entry.name].package == entry.value:
-            continue  # one installation, seen twice
-        problem = _name_problem(entry.name, found)
-        if problem is None:
-            try:
-                declared = import_module(entry.value).METHOD
-                if isinstance(declared, Method):
-                    found[entry.name] = _Installed(declared, entry.value)
-                    continue
-                problem = "METHOD is no msb.methods.Method"
-            except Exception as error:
-                problem = f"it cannot be loaded: {type(error).__name__}: {shorten(str(error), 200)}"
-        warn(entry.name, entry.value, problem)
+def _installed() -> dict[str, tuple[Method, str]]:
+    """Return name -> method and the package that it lives in."""
+    places = {name: f"{__name__}.{name}" for name in BUILT_IN}
+    ours = {name: (import_module(place).METHOD, place) for name, place in places.items()}
+    return ours | installed("method", places, _declared)
+
+
+def _declared(_: str, value: str) -> Method:
+    found = load(f"{value}:METHOD")
+    if not isinstance(found, Method):
+        raise PackageError("METHOD is no msb.methods.Method")
     return found
-
-
-def _name_problem(name: str, found: Mapping[str, _Installed]) -> str | None:
-    if name in found:
-        return f"the name is taken by {found[name].package}"
-    return None if re.match(NAME, name) else f"its name must match {NAME}"
-
-
-def warn(name: str, package: str, problem: str) -> None:
-    """Warn that the method `name` of a package is left out, and why."""
-    where = f"method {shorten(name, 40)} of package {shorten(package, 80)}"
-    text = f"METHOD_NOT_LOADED: {where} is left out: {problem}"
-    warnings.warn(text, MethodWarning, stacklevel=2)
 
 
 def lookup(name: str) -> Method:
@@ -162,21 +131,60 @@ def lookup(name: str) -> Method:
 
 def package_of(name: str) -> str:
     """Return the package that an installed method lives in, kernels and all."""
-    return _installed()[name].package
+    return _installed()[name][1]
 
 
-def role(name: str, what: Role) -> ModuleType | None:
+def role(name: str, what: Role) -> Any:
     """Return the module by which an installed method fills a role, None if it does not.
 
     Raises
     ------
-    ImportError
-        Another package's module cannot be imported. Other errors of that module are raised as they are.
+    UsageError
+        `METHOD_NOT_LOADED`: a package's module cannot be loaded. Its functions raise it where they fail.
     """
     if name not in METHODS:
         return None
     module = f"{package_of(name)}.{what}"
-    return import_module(module) if find_spec(module) else None
+    if name in BUILT_IN:
+        return import_module(module) if find_spec(module) else None
+    with _blaming(name, f"its {what}: "):
+        found = load(module) if _exists(module) else None
+    return found and _Theirs(found, name, what)
+
+
+def _exists(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:  # the method is a module of its own, without roles
+        return False
+
+
+class _Theirs:
+    """A module of another package; what its functions do wrong is said to be theirs."""
+
+    def __init__(self, module: ModuleType, method: str, what: Role) -> None:
+        self._module, self._method, self._what = module, method, what
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._module, name)
+        if not isinstance(found, FunctionType):
+            return found
+
+        @wraps(found)
+        def call(*args: Any, **options: Any) -> Any:
+            with _blaming(self._method, f"its {self._what} fails: "), contained():
+                return found(*args, **options)
+
+        return call
+
+
+@contextmanager
+def _blaming(method: str, doing: str) -> Iterator[None]:
+    try:
+        yield
+    except PackageError as error:
+        text = f"{whose('method', method, package_of(method))}: {doing}{error}"
+        raise UsageError("METHOD_NOT_LOADED", text) from error.__cause__
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:
@@ -188,12 +196,9 @@ def with_role(what: Role) -> Iterator[tuple[str, Any]]:
 
 
 @cache
-def _loadable(name: str, what: Role) -> ModuleType | None:
+def _loadable(name: str, what: Role) -> Any:
     try:
         return role(name, what)
-    except Exception as error:
-        if name in BUILT_IN:
-            raise
-        problem = f"its {what} cannot be loaded: {type(error).__name__}: {shorten(str(error), 200)}"
-        warn(name, package_of(name), problem)
+    except UsageError as error:
+        warn(str(error))
         return None

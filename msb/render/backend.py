@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from msb.asset.tiers import why_not
-from msb.errors import Unsupported, UsageError, shorten
+from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.methods import TIERS
+from msb.packages import PackageError, contained, installed, load, whose
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from msb.asset import Asset
     from msb.render.frame import Frame
     from msb.scenes import Camera
 
     Factory = Callable[..., "Backend"]
-
-GROUP = "msb.renderers"
-"""Entry-point group of renderers: ``name = "package.module:Class"``."""
 
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
@@ -120,31 +118,78 @@ def find_renderer(name: str) -> Factory:
     ------
     UsageError
         `RENDERER_UNKNOWN`; the message lists the renderers that exist.
+    DeviceError
+        `ENGINE_FAILED`: the renderer of a package cannot be loaded or is none.
     """
-    found = renderers().get(name)
-    if found is None:
+    with blaming(name):
+        return _factory(name)
+
+
+def _factory(name: str) -> Factory:
+    place = renderers().get(name)
+    if place is None:
         text = f'there is no renderer "{shorten(name, 40)}"; there are {", ".join(renderers())}'
         raise UsageError("RENDERER_UNKNOWN", text, value=name)
-    module, _, attribute = found.partition(":")
-    factory: Any = import_module(module)
-    for part in attribute.split("."):
-        factory = getattr(factory, part)
-    return factory  # type: ignore[no-any-return]
+    if is_ours(name):
+        module, _, attribute = place.partition(":")
+        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
+    found: Any = load(place)
+    if not callable(found):
+        raise PackageError(f"it is no class of a renderer, but of type {type(found).__name__}")
+    if isinstance(found, type):
+        _check_contract(found, ("render", "memory", "close"))
+    return found  # type: ignore[no-any-return]
+
+
+def _check_contract(found: Any, members: tuple[str, ...]) -> None:
+    """Refuse what lacks a member of `Backend`."""
+    if lacking := [member for member in members if not hasattr(found, member)]:
+        raise PackageError(f"it is no renderer: it has no {', '.join(lacking)}")
+
+
+def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> Backend:
+    """Return the renderer `name` with an asset, the work of `factory`.
+
+    Raises
+    ------
+    DeviceError
+        `ENGINE_FAILED`: what a package made is no renderer.
+    """
+    with blaming(name):
+        made = factory(asset, **options)
+        _check_contract(made, ("name", "version", "render", "memory", "close"))
+        return made
+
+
+@contextmanager
+def blaming(name: str) -> Iterator[None]:
+    """Run code of the renderer `name`; what that of a package does wrong is `ENGINE_FAILED`, and names it."""
+    if is_ours(name):
+        yield
+        return
+    try:
+        with contained():
+            yield
+    except PackageError as error:
+        text = f"{whose('renderer', name, renderers().get(name, ''))}: {error}"
+        raise DeviceError("ENGINE_FAILED", text) from error.__cause__
+
+
+def is_ours(name: str) -> bool:
+    """Return whether a renderer is part of msb."""
+    return name in BUILT_IN or name in ENGINES
 
 
 @cache
 def renderers() -> dict[str, str]:
     """Return name -> "module:Class": ours first, then engines, then others. Nothing is imported."""
-    others: dict[str, str] = {}
-    entry: EntryPoint
-    for entry in entry_points(group=GROUP):
-        others.setdefault(entry.name, entry.value)
     ours = {**BUILT_IN, **ENGINES}
-    return {**ours, **{name: value for name, value in sorted(others.items()) if name not in ours}}
+    others = installed("renderer", ours, lambda _, value: value)
+    return ours | {name: value for name, (value, _) in others.items()}
 
 
 def what_is_missing(name: str) -> str | None:
-    """Return what must be installed before the renderer `name` can draw, or None if nothing is missing.
+    """Return what is missing before the renderer `name` can draw, or what is wrong with it; else None.
 
     Raises
     ------
@@ -152,11 +197,13 @@ def what_is_missing(name: str) -> str | None:
         `RENDERER_UNKNOWN`.
     """
     try:
-        factory = find_renderer(name)
-    except (ImportError, AttributeError) as error:  # a third party's may be broken
-        return f"it cannot be loaded: {shorten(str(error), 200)}"
-    missing: Callable[[], str | None] | None = getattr(factory, "missing", None)
-    return None if missing is None else missing()
+        with contained():
+            factory = _factory(name)
+            missing: Callable[[], str | None] | None = getattr(factory, "missing", None)
+            found = None if missing is None else missing()
+            return str(found) if found else None
+    except PackageError as error:
+        return str(error)
 
 
 def check_supported(asset: Asset, tier: str) -> None:

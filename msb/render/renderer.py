@@ -13,11 +13,13 @@ from msb.methods import TIERS
 from msb.opening import as_asset
 from msb.render.backend import (
     Drawn,
+    blaming,
     check_options,
     check_supported,
     check_tier,
     find_renderer,
     groups_of,
+    make_backend,
     of_tier,
 )
 from msb.render.frame import Frame
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
 
     from msb.asset import Asset
     from msb.methods import Tier
-    from msb.render.backend import Backend
     from msb.scenes.colors import Color
 
 Background = Sequence[float] | str
@@ -105,16 +106,19 @@ class Renderer:
         check_supported(asset, tier)
         self.tier = tier
         self._official = asset.manifest.appearance.get("background")
-        make = find_renderer(name or tier)
-        check_tier(make, tier, f"renderer {name}")
-        make = of_tier(make, tier)
-        check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
-        self._backend: Backend = make(asset, device=device, settings=settings or {}, **options)
+        self._by = name or tier
+        make = find_renderer(self._by)
+        with blaming(self._by):
+            check_tier(make, tier, f"renderer {name}")
+            make = of_tier(make, tier)
+            check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
+        self._backend = make_backend(make, self._by, asset, device=device, settings=settings or {}, **options)
 
     @property
     def name(self) -> str:
         """Name and version of what draws."""
-        return f"{self._backend.name} {self._backend.version}"
+        with blaming(self._by):
+            return f"{self._backend.name} {self._backend.version}"
 
     @property
     def device_info(self) -> Mapping[str, str] | None:
@@ -139,12 +143,14 @@ class Renderer:
         DeviceError
             The frame does not fit on the device, or the device fails.
         """
-        found = self._backend.render(*self._checked(camera, background))
-        if isinstance(found, Frame):
-            return found
-        # A renderer that may not import us (the reference, a third party's) returns the same fields.
-        names = (item.name for item in fields(Frame))
-        return Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
+        checked = self._checked(camera, background)
+        with blaming(self._by):
+            found = self._backend.render(*checked)
+            if isinstance(found, Frame):
+                return found
+            # A renderer that may not import us (the reference, a third party's) returns the same fields.
+            names = (item.name for item in fields(Frame))
+            return Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
 
     def draw(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Drawn:
         """Draw what `camera` sees and wait for it, but read nothing back; return how long the device took.
@@ -154,7 +160,9 @@ class Renderer:
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
             return Drawn(stages, sum(stages.values()))
-        return self._backend.draw(*self._checked(camera, background))
+        checked = self._checked(camera, background)
+        with blaming(self._by):
+            return self._backend.draw(*checked)
 
     def _checked(self, camera: Camera, background: Background) -> tuple[Camera, Color]:
         check_type("camera", camera, Camera, A_CAMERA)
@@ -162,15 +170,18 @@ class Renderer:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes on the device."""
-        return self._backend.memory()
+        with blaming(self._by):
+            return self._backend.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
         """Return use -> "geometry", "appearance", "scratch" or "targets"; any other use is scratch."""
-        return groups_of(self._backend)
+        with blaming(self._by):
+            return groups_of(self._backend)
 
     def close(self) -> None:
         """Release everything on the device."""
-        self._backend.close()
+        with blaming(self._by):
+            self._backend.close()
 
     def __enter__(self) -> Self:
         return self
