@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
+from numbers import Real
 
 from msb.errors import UsageError
 
@@ -33,8 +34,8 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, value in (("seconds", self.seconds), ("memory", self.memory)):
-            if not (0 < value < math.inf):
-                raise UsageError("USAGE", f"the limit of {name} is {value:g}; it must be positive")
+            if not (isinstance(value, Real) and 0 < value < math.inf):
+                raise UsageError("USAGE", f"the limit of {name} is {value}; it must be a positive number")
 
     @property
     def limits_memory(self) -> bool:

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from msb.trial.mesh import TriedMesh
     from msb.trial.task import Numbers
 
+INWARDS = "it is wound inwards: its volume is negative"
+
 
 def offer(mesh: TriedMesh) -> tuple[Any, Numbers]:
     """Return the solid, None if it is refused both ways, and what manifold3d said; in a child process only.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -9,8 +10,6 @@ from msb.errors import UsageError, shorten
 from msb.extras import is_installed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from msb.trial.task import Task
 
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
@@ -22,8 +21,10 @@ TASKS: dict[str, Task] = {
 """Name -> task."""
 
 
-def chosen_tasks(names: Iterable[str]) -> list[Task]:
+def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
     """Return the tasks of these names, all if there are none; a word of a name stands for all that have it.
+
+    Names may also stand between commas.
 
     Raises
     ------
@@ -31,7 +32,10 @@ def chosen_tasks(names: Iterable[str]) -> list[Task]:
         `USAGE`, listing the tasks.
     """
     found: dict[str, Task] = {}
-    for name in names:
+    if not isinstance(names, Iterable):
+        raise UsageError("USAGE", f"tasks is {shorten(repr(names), 40)}; it must be names of tasks")
+    groups = [names] if isinstance(names, str) else names
+    for name in (one.strip() for group in groups for one in f"{group}".split(",")):
         own = {key: task for key, task in TASKS.items() if key == name or _has_word(key, name)}
         if not own:
             text = f'there is no task "{shorten(name, 40)}"; there are {", ".join(TASKS)}'

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from msb.atomic import new_file
-from msb.errors import AssetError, about, shorten
+from msb.errors import AssetError, UsageError, about, shorten
 from msb.extras import install, is_installed
 from msb.meshes import write_mesh
 from msb.opening import as_asset
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
 from msb.scenes.around import around
+from msb.topology.weld import parse_weld
 from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
 from msb.trial.look import VIEWS, Look
@@ -106,7 +107,7 @@ class Trials:
 
 def trial(
     asset: Asset | str | os.PathLike[str],
-    tasks: Iterable[str] = (),
+    tasks: Iterable[str] | str = (),
     *,
     weld: Weld | None = None,
     repair: Sequence[str] | str | None = None,
@@ -120,9 +121,9 @@ def trial(
     ----------
     asset : Asset or path-like
         Or the path of anything that `msb.open` takes.
-    tasks : iterable of str
-        Names of tasks, or words of names: "decimate" is "decimate_50", "decimate_25" and "decimate_10". All,
-        if there are none; docs/trial.md describes them.
+    tasks : iterable of str, or str
+        Names of tasks, or words of names: "decimate" is "decimate_50", "decimate_25" and "decimate_10". A
+        string holds names between commas. All, if there are none; docs/trial.md describes them.
     weld : "exact" or float, optional
         Merge coincident vertices first.
     repair : sequence of str, or str, optional
@@ -142,7 +143,7 @@ def trial(
     Raises
     ------
     UsageError
-        `USAGE`: there is no such task, or no such step of a repair.
+        `USAGE`: there is no such task, or no such step of a repair, or the limits are none.
     AssetError
         A coordinate is not finite, or an index is out of range; `TRIASSET_EMPTY`: the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
@@ -163,7 +164,7 @@ def trial(
 
 def try_asset(
     asset: Asset,
-    tasks: Iterable[str] = (),
+    tasks: Iterable[str] | str = (),
     *,
     weld: Weld | None = None,
     repair: Sequence[str] | str | None = None,
@@ -185,7 +186,10 @@ def try_asset(
         Called with each task's outcome.
     """
     chosen = chosen_tasks(tasks)
-    limits = limits or Limits()
+    limits = Limits() if limits is None else limits
+    if not isinstance(limits, Limits):
+        raise UsageError("USAGE", f"limits is {shorten(repr(limits), 40)}; it must be msb.trial.Limits()")
+    weld = None if weld is None else parse_weld(weld)
     plan = None if repair is None else parse_plan(repair)
     mesh = mesh_to_try(asset, weld)
     if plan is not None:

@@ -113,6 +113,11 @@ class Task:
     picture: Callable[[TriedMesh, Mapping[str, Made], Look], NDArray[Any] | None] | None = None
 
 
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """Return "1 face" or "1,200 faces"."""
+    return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
 def worst(outcomes: Iterable[Outcome]) -> Outcome:
     """Return the worst outcome of several conditions."""
     return max(outcomes, key=OUTCOMES.index)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from msb.errors import UsageError
+import msb
+from msb.errors import MeshError, UsageError
 from msb.trial import children, run
 from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
@@ -177,8 +178,6 @@ def _is_zombie(number: int) -> bool:
 
 
 def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch, demo_asset: Path) -> None:
-    import msb
-
     monkeypatch.setattr(run, "is_installed", lambda module: module not in ("coacd", "igl"))
     found = try_asset(msb.load(demo_asset), ["collision", "subdivide"])
     assert [one.outcome for one in found.trials] == ["not_run", "not_run"]
@@ -187,15 +186,33 @@ def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch,
     assert 'pip install "meshsplatbench[trial]"' in found.trials[1].why
 
 
-@pytest.mark.parametrize("limits", [{"seconds": 0.0}, {"memory": -1.0}, {"seconds": float("nan")}])
-def test_limits_are_positive(limits: dict[str, float]) -> None:
-    with pytest.raises(UsageError, match="it must be positive"):
+@pytest.mark.parametrize(
+    "limits", [{"seconds": 0.0}, {"memory": -1.0}, {"seconds": float("nan")}, {"seconds": "x"}]
+)
+def test_limits_are_positive_numbers(limits: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="it must be a positive number"):
         Limits(**limits)
+
+
+@pytest.mark.parametrize("weld", [-1e-3, 0, True, float("nan"), float("inf"), "EXACT"])
+def test_a_weld_that_is_none_is_refused_as_an_audit_refuses_it(weld: Any, demo_asset: Path) -> None:
+    with pytest.raises(MeshError) as caught:
+        msb.trial(demo_asset, "intersections", weld=weld)
+    assert caught.value.code == "WELD_DISTANCE"
+
+
+@pytest.mark.parametrize("wrong", [{"tasks": 3}, {"limits": 3}, {"tasks": [3]}])
+def test_what_is_no_task_and_no_limits_is_wrong_usage(wrong: dict[str, Any], demo_asset: Path) -> None:
+    with pytest.raises(UsageError):
+        msb.trial(demo_asset, **wrong)
 
 
 def test_a_word_of_a_name_chooses_all_tasks_that_have_it() -> None:
     names = [task.name for task in chosen_tasks(["intersections", "decimate"])]
     assert names == ["decimate_50", "decimate_25", "decimate_10", "self_intersections"]
+    assert [task.name for task in chosen_tasks("solid")] == ["solid"]
+    assert [task.name for task in chosen_tasks("solid, uv")] == ["uv", "solid"]
+    assert [task.name for task in chosen_tasks(["solid,uv"])] == ["uv", "solid"]
     assert [task.name for task in chosen_tasks([])] == list(TASKS)
     with pytest.raises(UsageError, match="there is no task"):
         chosen_tasks(["uvs"])

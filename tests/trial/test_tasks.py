@@ -10,13 +10,15 @@ import pytest
 
 from msb.topology.steps import orient
 from msb.trial.mesh import TriedMesh
+from msb.trial.task import Made
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import TASKS as COLLISION
 from msb.trial.tasks.collision import points_inside
 from msb.trial.tasks.solid import section
 from msb.trial.tasks.subdivide import cut_apart
+from msb.trial.tasks.uv import TASKS as UV
 from msb.trial.tasks.uv import l2_stretch
-from tests.trial.conftest import MESHES, attempt, bow_tie, box, grid, made_of, pages, soup, together
+from tests.trial.conftest import MESHES, NoLook, attempt, bow_tie, box, grid, made_of, pages, soup, together
 
 
 @pytest.mark.slow
@@ -44,8 +46,11 @@ def test_solids_are_what_is_closed(task: str, name: str, outcome: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_a_box_wound_inwards_is_a_solid_with_care() -> None:
-    assert attempt("solid", made_of(box().vertices, box().faces[:, ::-1]))[1].outcome != "works"
+@pytest.mark.parametrize("task", ["solid", "boolean"])
+def test_a_box_wound_inwards_is_a_solid_with_care(task: str) -> None:
+    _, judged = attempt(task, made_of(box().vertices, box().faces[:, ::-1]))
+    assert (judged.outcome, judged.why) == ("care", "it is wound inwards: its volume is negative")
+    assert judged.numbers["volume"] == pytest.approx(-1.0)
 
 
 @pytest.mark.slow
@@ -69,6 +74,31 @@ def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
     assert ((unwrapped.uv >= 0) & (unwrapped.uv <= 1)).all()
     _, of_soup = attempt("uv", soup(grid()))  # xatlas joins vertices at one place by itself
     assert (of_soup.outcome, of_soup.numbers["charts"]) == ("works", 1)
+
+
+@pytest.mark.parametrize(
+    ("charts", "faces", "outcome", "why", "says"),
+    [
+        (1, 1, "works", None, "1 chart, packing 50 %, stretch 1.00"),
+        (2, 2, "fails", "it falls into 2 charts, a face each", "2 charts, packing 50 %, stretch 1.00"),
+        (5, 22, "care", "it falls into 5 charts, 4.4 faces in the mean", None),
+    ],
+)
+def test_charts_are_said_in_whole_sentences(
+    charts: int, faces: int, outcome: str, why: str | None, says: str | None
+) -> None:
+    (task,) = UV
+    numbers = {
+        "charts": charts,
+        "charts_per_1000_faces": 1000 * charts / faces,
+        "packing": 0.5,
+        "faces_left_out": 0,
+        "stretch_l2": 1.0,
+    }
+    look: Any = NoLook()
+    judged = task.judge(box(), {"xatlas": Made(numbers)}, look)
+    assert (judged.outcome, judged.why) == (outcome, why)
+    assert says is None or task.says(judged.numbers) == says
 
 
 @pytest.mark.slow

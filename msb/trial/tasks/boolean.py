@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.trial.geometry import signed_volume
-from msb.trial.manifold import offer
+from msb.trial.manifold import INWARDS, offer
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task
 
@@ -62,8 +62,8 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
     numbers = made["manifold3d"].numbers
     if not numbers["accepted_merged"]:
         return Judgement("fails", f"manifold3d refuses it: {numbers['status']}", numbers)
-    whole = abs(numbers["volume"])
-    error = abs(numbers["volume_left"] + numbers["volume_taken"] - whole) / whole if whole else 1.0
+    whole = numbers["volume"]
+    error = abs(numbers["volume_left"] + numbers["volume_taken"] - whole) / abs(whole) if whole else 1.0
     numbers = {**numbers, "volume_error": error}
     if error > TOLERANCE:
         return Judgement(
@@ -71,6 +71,8 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
         )
     if not numbers["accepted"]:
         return Judgement("care", "manifold3d takes it only once it has merged vertices", numbers)
+    if whole < 0:
+        return Judgement("care", INWARDS, numbers)
     return Judgement("works", None, numbers)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.trial.geometry import random_colors, signed_volume
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
+from msb.trial.task import Attempt, Judgement, Made, Task, counted, graded, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -113,7 +113,7 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
 
 def _says(numbers: Numbers) -> str:
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
-    text = f"{numbers['parts']:,} parts"
+    text = counted(numbers["parts"], "part")
     if relative is not None:
         text += f", 95 % within {100 * relative:.2g} % of the size"
     return text + ("" if empty is None else f", {100 * empty:.0f} % in mid-air")

@@ -9,7 +9,7 @@ import numpy as np
 from msb.topology.verdict import percent
 from msb.trial.crossings import crossing_pairs, slivers
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
+from msb.trial.task import Attempt, Judgement, Made, Task, counted, graded, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,7 +55,8 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
 
 
 def _says(numbers: Numbers) -> str:
-    return f"{numbers['faces']:,} faces cross, {numbers['slivers']:,} slivers"
+    crossing = counted(numbers["faces"], "face crosses", "faces cross")
+    return f"{crossing}, {counted(numbers['slivers'], 'sliver')}"
 
 
 def _picture(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:

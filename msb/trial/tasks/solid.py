@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.trial.geometry import signed_volume
-from msb.trial.manifold import offer
+from msb.trial.manifold import INWARDS, offer
 from msb.trial.task import Attempt, Judgement, Made, Task
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
             return Judgement("care", "manifold3d takes it only once it has merged vertices", numbers)
         return Judgement("fails", f"manifold3d says {slicer['status']}", numbers)
     if volume < 0:
-        return Judgement("care", "it is wound inwards: its volume is negative", numbers)
+        return Judgement("care", INWARDS, numbers)
     return Judgement("works", None, numbers)
 
 

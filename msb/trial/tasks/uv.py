@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.trial.geometry import corner_vectors, random_colors
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
+from msb.trial.task import Attempt, Judgement, Made, Outcome, Task, counted, graded, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,15 +86,17 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
     charts, stretch = numbers["charts_per_1000_faces"], numbers["stretch_l2"]
     left_out = numbers["faces_left_out"]
     reasons = []
-    if graded(charts, FEW_CHARTS, MANY_CHARTS) != "works":
-        reasons.append(f"it falls into {numbers['charts']:,} charts of {1000 / charts:.1f} faces")
+    pieces: Outcome = "works" if numbers["charts"] == 1 else graded(charts, FEW_CHARTS, MANY_CHARTS)
+    if pieces != "works":
+        size = "a face each" if charts > 999 else f"{1000 / charts:.1f} faces in the mean"
+        reasons.append(f"it falls into {numbers['charts']:,} charts, {size}")
     if left_out:
-        reasons.append(f"{left_out:,} faces are left out")
+        reasons.append(f"{counted(left_out, 'face is', 'faces are')} left out")
     if graded(stretch, LITTLE_STRETCH, MUCH_STRETCH) != "works":
         reasons.append(f"the texture is stretched {stretch:.1f} times")
     outcome = worst(
         (
-            graded(charts, FEW_CHARTS, MANY_CHARTS),
+            pieces,
             graded(stretch, LITTLE_STRETCH, MUCH_STRETCH),
             graded(left_out / max(1, len(mesh.faces)), 0.0, 0.01),
         )
@@ -104,7 +106,8 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
 
 def _says(numbers: Numbers) -> str:
     stretch = "" if numbers["stretch_l2"] is None else f", stretch {numbers['stretch_l2']:.2f}"
-    return f"{numbers['charts']:,} charts, packing {100 * numbers['packing']:.0f} %{stretch}"
+    charts = counted(numbers["charts"], "chart")
+    return f"{charts}, packing {100 * numbers['packing']:.0f} %{stretch}"
 
 
 def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
