@@ -191,6 +191,8 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
+DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""What a write fails with where the place is at fault: no room, or no way to write there."""
 _FREE: set[str] = set()
 """Places where nothing was when `check_place` looked."""
 _IS_FOLDER = "it is a folder; a file is to be written"

@@ -6,17 +6,23 @@ Foreign code that may hang or crash runs in one, so that it costs what it was as
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.errors import shorten
+from msb.atomic import DISK_ERRORS
+from msb.errors import OutputError, shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
+
+_UNWRITTEN = 74
+"""The status of a child that could not write what it made: EX_IOERR of sysexits.h."""
 
 
 def module_command(module: str, *words: str) -> list[str]:
@@ -55,6 +61,42 @@ def ending(status: int) -> str:
         with contextlib.suppress(ValueError):
             return signal.Signals(-status).name
     return f"status {status}"
+
+
+@contextlib.contextmanager
+def shared_folder(prefix: str) -> Iterator[Path]:
+    """Yield a temporary folder for what a child is given and what it leaves.
+
+    Raises
+    ------
+    OutputError
+        `OUTPUT_UNWRITABLE`: there is no room for it, here or in the child (`check_written`).
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
+            yield Path(name)
+    except OSError as error:
+        if error.errno not in DISK_ERRORS:
+            raise
+        text = f"temporary files cannot be written: {os.strerror(error.errno)}; TMPDIR names another folder"
+        raise OutputError("OUTPUT_UNWRITABLE", text, file=tempfile.gettempdir()) from error
+
+
+@contextlib.contextmanager
+def leaving() -> Iterator[None]:
+    """Let a child, which writes what it made in this block, end with a status of its own if it cannot."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in DISK_ERRORS:
+            raise SystemExit(_UNWRITTEN) from error
+        raise
+
+
+def check_written(status: int) -> None:
+    """Raise what `shared_folder` turns into our error, if a child ended because it could not write."""
+    if status == _UNWRITTEN:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def last_line(text: str, limit: int = 200) -> str:

@@ -1,16 +1,31 @@
-"""Named arrays in one NumPy archive."""
+"""Arrays in NumPy's files: one, or named ones in an archive."""
 
 from __future__ import annotations
 
 import zipfile
+from types import SimpleNamespace
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from numpy.typing import NDArray
+
+
+def write_npy(path: Path, array: NDArray[Any]) -> None:
+    """Write `array` as `numpy.save` does, whose error on a full disk does not say that the disk is full.
+
+    Raises
+    ------
+    OSError
+        With the system's number of the error.
+    """
+    with path.open("wb") as file:
+        stream: Any = SimpleNamespace(write=file.write)  # a true file would be written by ndarray.tofile
+        np.lib.format.write_array(stream, array, allow_pickle=False)
 
 
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import os
 import signal
@@ -13,6 +12,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.atomic import DISK_ERRORS
 from msb.cli.failures import report_error
 from msb.cli.options import MOVED
 from msb.cli.output import log, say, silence
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _INTERNAL = 70
 """EX_SOFTWARE, the status of a bug of ours; nothing that a user can cause has it."""
-_DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 def run(app: typer.Typer, name: str) -> int:
@@ -121,7 +120,7 @@ def _output_error(error: Exception) -> OutputError | None:
     Other errors are excluded: `msb.atomic` reports files that cannot be written, and an error of opening has
     a file name.
     """
-    if not isinstance(error, OSError) or error.filename is not None or error.errno not in _DISK_ERRORS:
+    if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
     silence(sys.stdout)  # what it still holds would fail again
     text = f"it cannot be written: {error.strerror}"

@@ -5,15 +5,24 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import tempfile
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.children import apart, end, ending, environment, last_line, module_command
+from msb.children import (
+    apart,
+    check_written,
+    end,
+    ending,
+    environment,
+    last_line,
+    leaving,
+    module_command,
+    shared_folder,
+)
 from msb.errors import shorten
+from msb.npz import write_npy
 from msb.trial.limits import end_with_parent, limit_memory
 from msb.trial.mesh import load_mesh
 from msb.trial.registry import TASKS
@@ -21,6 +30,7 @@ from msb.trial.task import Made, Reply
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -51,11 +61,10 @@ def run_attempt(
     All files are in a folder that is removed. The child is ended at its limit, and by whatever ends this
     call: an interrupt, an error, a signal that raises.
     """
-    with tempfile.TemporaryDirectory(prefix="msb-trial-") as name:
-        folder = Path(name)
+    with shared_folder("msb-trial-") as folder:
         mesh.save(folder)
         for key, array in arrays.items():
-            np.save(folder / f"given.{key}.npy", array, allow_pickle=False)
+            write_npy(folder / f"given.{key}.npy", array)
         words = (task.name, attempt.library, str(folder), str(limits.memory))
         start = time.monotonic()
         with (folder / "errors").open("wb") as errors:
@@ -76,6 +85,7 @@ def run_attempt(
                 time.sleep(_POLL)
         finally:
             end(child)
+        check_written(child.returncode)
         return _reply(folder, child.returncode, limits)
 
 
@@ -127,10 +137,6 @@ def serve(task: str, library: str, folder: Path, memory: float) -> None:
         if isinstance(error, MemoryError):
             why = f"MemoryError: {why}"
     seconds = time.perf_counter() - start
-    for name, one in made.meshes.items():
-        one.save(folder, name)
-    for name, array in made.arrays.items():
-        np.save(folder / f"{name}.npy", array, allow_pickle=False)
     from importlib.metadata import version
 
     reply = {
@@ -142,5 +148,10 @@ def serve(task: str, library: str, folder: Path, memory: float) -> None:
         "arrays": list(made.arrays),
     }
     partial = folder / "reply.partial"
-    partial.write_text(json.dumps(reply, allow_nan=False), "utf-8")
-    partial.rename(folder / _REPLY)
+    with leaving():
+        for name, one in made.meshes.items():
+            one.save(folder, name)
+        for name, array in made.arrays.items():
+            write_npy(folder / f"{name}.npy", array)
+        partial.write_text(json.dumps(reply, allow_nan=False), "utf-8")
+        partial.rename(folder / _REPLY)

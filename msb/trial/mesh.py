@@ -12,6 +12,7 @@ from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
+from msb.npz import write_npy
 from msb.topology.weld import weld_vertices
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class TriedMesh:
         for key in ("vertices", "faces", "colors", "uv"):
             array = getattr(self, key)
             if array is not None:
-                np.save(folder / f"{name}.{key}.npy", array, allow_pickle=False)
+                write_npy(folder / f"{name}.{key}.npy", array)
 
 
 def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.tiers import why_not
-from msb.errors import MsbError
+from msb.errors import MsbError, OutputError
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.render.images import to_bytes
@@ -190,6 +190,8 @@ def compare(
         start = time.perf_counter()
         try:
             done = repair_asset(asset, steps, replace(options, peer=peer))
+        except OutputError:  # of temporary files: no fault of the strategy
+            raise
         except MsbError as error:
             rows.append(Row(name, steps, peer, why=f"{error.code}: {error.message}"))
             step()

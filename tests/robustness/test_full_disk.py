@@ -189,6 +189,49 @@ def test_a_limit_on_the_size_of_files(tmp_path: Path, command: str) -> None:
     assert target.read_bytes() == b"the old one"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="limits are POSIX")
+@pytest.mark.parametrize(
+    "line",
+    [
+        ("trial", "--task", "solid", ASSET),
+        ("repair", "--with", "igl", "--plan", "cut", ASSET, "-o", "a.triasset"),
+        ("audit", "--cross-check", ASSET),
+    ],
+    ids=lambda line: line[0],
+)
+def test_temporary_files_without_room_are_one_line_that_names_their_folder(
+    tmp_path: Path, line: tuple[Any, ...]
+) -> None:
+    import resource
+
+    done = subprocess.run(
+        [sys.executable, "-B", "-m", "msb", *line],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
+        check=False,
+    )
+    said = f"OUTPUT_UNWRITABLE: {tmp_path}: temporary files cannot be written: File too large; "
+    assert done.stderr == f"{said}TMPDIR names another folder\n"
+    assert done.returncode == 3
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_comparison_of_repairs_blames_the_folder_that_is_full(
+    disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(disk.folder))
+    line = ("repair", "-q", "--compare", "--task", "none", ASSET, "-o", tmp_path / "costs")
+    done = subprocess.run(
+        [sys.executable, "-m", "msb", *line], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert done.returncode == 3
+    assert done.stderr.startswith(f"OUTPUT_UNWRITABLE: {disk.folder}: temporary files cannot be written")
+    assert not list(tmp_path.glob("costs*"))
+
+
 def test_quota_and_disk_are_told_alike(tmp_path: Path) -> None:
     import errno
 

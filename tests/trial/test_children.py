@@ -6,13 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import msb
-from msb.errors import MeshError, UsageError
+from msb.errors import MeshError, OutputError, UsageError
 from msb.trial import children, run
 from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
@@ -119,6 +120,16 @@ def test_what_a_library_says_is_the_reason(
     assert reply.made is None
     assert reply.why.startswith(why)
     assert reply.ended_by == ended_by
+
+
+def test_a_child_that_has_no_room_for_what_it_made_blames_the_folder_of_temporary_files(
+    fake: Callable[[str], None],
+) -> None:
+    full = "import errno; raise OSError(errno.ENOSPC, 'no room')"
+    fake(f"children.write_npy = lambda *_: exec({full!r}); return Made({{}}, {{}}, {{'a': np.ones(3)}})")
+    with pytest.raises(OutputError, match="temporary files cannot be written: No space left") as caught:
+        ask()
+    assert (caught.value.code, caught.value.file) == ("OUTPUT_UNWRITABLE", tempfile.gettempdir())
 
 
 def test_an_interrupt_leaves_no_child_behind(

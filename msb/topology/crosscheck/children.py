@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import json
 import subprocess
-import tempfile
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.children import end, ending, environment, last_line, module_command
+from msb.children import (
+    check_written,
+    end,
+    ending,
+    environment,
+    last_line,
+    leaving,
+    module_command,
+    shared_folder,
+)
+from msb.npz import write_npy
 from msb.topology.crosscheck.peers import PEERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -51,16 +60,15 @@ def ask_peers(
     timeout : float
         Seconds each peer is given.
     """
-    with tempfile.TemporaryDirectory(prefix="msb-crosscheck-") as name:
-        folder = Path(name)
+    with shared_folder("msb-crosscheck-") as folder:
         leave_mesh(folder, vertices, faces)
         return run_children(names, folder, timeout)
 
 
 def leave_mesh(folder: Path, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
     """Put a mesh where the children look for it."""
-    np.save(folder / "vertices.npy", np.ascontiguousarray(vertices, np.float64))
-    np.save(folder / "faces.npy", np.ascontiguousarray(faces, np.int64))
+    write_npy(folder / "vertices.npy", np.ascontiguousarray(vertices, np.float64))
+    write_npy(folder / "faces.npy", np.ascontiguousarray(faces, np.int64))
 
 
 def run_children(names: Sequence[str], folder: Path, timeout: float) -> dict[str, Reply | str]:
@@ -75,6 +83,7 @@ def run_children(names: Sequence[str], folder: Path, timeout: float) -> dict[str
                 running[peer] = (_start(peer, folder), time.monotonic() + timeout)
             for peer, (child, deadline) in list(running.items()):
                 if child.poll() is not None:
+                    check_written(child.returncode)
                     replies[peer] = _reply(peer, folder, child.returncode)
                 elif time.monotonic() > deadline:
                     replies[peer] = f"it did not answer within {timeout:g} s"
@@ -134,5 +143,6 @@ def serve(peer: str, folder: Path) -> None:
         answers = chosen.ask(vertices, faces)
     reply = {"version": version(chosen.distribution), "answers": answers}
     partial = folder / f"{peer}.partial"
-    partial.write_text(json.dumps(reply, allow_nan=False), "utf-8")
-    partial.rename(folder / f"{peer}.json")
+    with leaving():
+        partial.write_text(json.dumps(reply, allow_nan=False), "utf-8")
+        partial.rename(folder / f"{peer}.json")

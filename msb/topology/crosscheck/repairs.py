@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.children import leaving, shared_folder
 from msb.errors import Unsupported
 from msb.extras import need_extra
+from msb.npz import write_npy
 from msb.topology.crosscheck.children import leave_mesh, run_children
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -106,8 +107,7 @@ def repair_by_peer(
     proper = np.flatnonzero(~names_vertex_twice(faces))
     if len(proper) == 0:  # some peers abort on no faces
         return unchanged(faces, len(points))
-    with tempfile.TemporaryDirectory(prefix="msb-repair-") as place:
-        folder = Path(place)
+    with shared_folder("msb-repair-") as folder:
         leave_mesh(folder, points, faces[proper])
         (folder / "memory.json").write_text(json.dumps(memory_gib), "utf-8")
         reply = run_children([name], folder, seconds)[name]
@@ -127,8 +127,9 @@ def work_in(folder: Path, name: str, vertices: NDArray[Any], faces: NDArray[Any]
     """Do the step in this process, which is a child, and leave the mesh in `folder`."""
     limited = _limit_memory(float(json.loads((folder / "memory.json").read_text("utf-8"))))
     made = PEER_STEPS[name].work(vertices, faces)
-    for key, array in zip(_RESULT, made, strict=True):
-        np.save(folder / f"new-{key}.npy", np.asarray(array, np.int64))
+    with leaving():
+        for key, array in zip(_RESULT, made, strict=True):
+            write_npy(folder / f"new-{key}.npy", np.asarray(array, np.int64))
     return {"memory_limited": limited}
 
 
