@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from msb.cli.output import plain_table
-from msb.cli.repair_text import merging
+from msb.cli.repair_text import advice
 from msb.errors import MsbError, one_line
 from msb.paths import shell_word
 from msb.topology.shown import structure_text
@@ -66,7 +66,7 @@ def print_audit(
         Whether every quantity that the peers were asked for is shown, not only those on which they differ.
     hint : bool
         Whether `msb trial` is pointed to, which tries what the verdict can only say of the structure, and
-        `msb repair` where merging vertices is all that lacks.
+        what helps a soup.
     """
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
@@ -91,8 +91,8 @@ def print_audit(
     console.print()
     if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
         path = _escape(shell_word(audit.path))
-        if audit.closed_once_merged:
-            _print_line(f"[dim]{merging('-o merged.glb', path)}[/dim]", console)
+        if helps := advice(audit, "-o merged.glb", path):
+            _print_line(f"[dim]{helps}[/dim]", console)
         _print_line(f"[dim]What tools make of it: msb trial {path}[/dim]", console)
     print_verdict(audit, console)
 
@@ -107,9 +107,9 @@ def print_verdict(audit: Audit, console: Console) -> None:
     verdict = judge(audit)
     style = _STYLES[verdict.level]
     path = _escape(one_line(audit.path or "mesh"))
-    soup = audit.topology == "triangle_soup" and audit.welded is None and not audit.closed_once_merged
-    hint = " (--weld exact shows what merging coincident vertices would give)" if soup else ""
-    _print_line(f"[bold]{path}[/bold]: [{style}]{verdict.word}[/{style}] {verdict.sentence}{hint}.", console)
+    joins = audit.corners_coincide and audit.welded is None and not audit.closed_once_merged
+    hint = " (--weld exact shows what merging coincident vertices would give)" if joins else ""
+    _print_line(f"[bold]{path}[/bold]: [{style}]{verdict.word}[/{style}]: {verdict.sentence}{hint}.", console)
 
 
 def print_summary(done: Sequence[tuple[Path, Audit | MsbError]], console: Console) -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from msb.cli.output import Output
     from msb.repair.assets import Repaired
     from msb.repair.run import Outcome
+    from msb.topology import Audit
 
 SCHEMA = "msb.repair/1"
 
@@ -39,9 +40,18 @@ def document(
     }
 
 
-def merging(output: str, source: str) -> str:
-    """Return the line that says how the vertices of `source` are merged; `output` is the option -o."""
-    return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
+def advice(audit: Audit, output: str, source: str) -> str | None:
+    """Return what helps where faces share no vertices; `output` is the option -o, `source` what to repair."""
+    from msb.methods import lookup
+
+    if audit.closed_once_merged or audit.corners_coincide:
+        return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
+    if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:
+        shown = f"msb web --tier dedicated -o page.html {source}"
+        return (
+            f"As trained it is seen on the dedicated tier alone: {shown}; what engines lose: msb why {source}"
+        )
+    return None
 
 
 def note_turned(asset: Asset, done: Repaired, output: Output) -> None:
@@ -87,6 +97,6 @@ def print_repair(
     console.print(f"Components: {pieces[0]} before, {pieces[1]} after; edges cut: {len(done.cut_edges):,}")
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
     words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
-    if done.after.topology == "triangle_soup" and all(step.step != "weld" for step in done.steps):
-        console.print(merging(f"--force -o {words[1]}", words[0]), soft_wrap=True)
+    if helps := advice(done.after, f"--force -o {words[1]}", words[0]):
+        console.print(helps, soft_wrap=True)
     console.print(f"next: msb view {words[0]} --repaired {words[1]}", soft_wrap=True)

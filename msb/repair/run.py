@@ -272,20 +272,21 @@ def refuse_nonfinite(points: NDArray[Any]) -> None:
 def what_is_left(after: Audit) -> list[str]:
     """Return what still keeps a mesh from being manifold, consistently wound and free of doubles."""
     counts, left = after.counts, []
-    soup = after.topology == "triangle_soup"
-    why = (
-        "a soup stays one unless weld merges vertices" if soup else "open stays open unless close fills holes"
-    )
-    for key, text in (
-        ("nonmanifold_edges", "edges of more than two faces"),
-        ("nonmanifold_vertices", "non-manifold vertices"),
-        ("inconsistent_winding_edges", "edges across which the winding flips"),
-        ("duplicate_faces", "faces that repeat another"),
-        ("repeated_index_faces", "faces that name a vertex twice"),
-        ("boundary_edges", f"boundary edges: {why}"),
+    why = "open stays open unless close fills holes"
+    if after.topology == "triangle_soup":
+        why = "a soup stays one unless weld merges vertices"
+        if not after.corners_coincide:
+            why = "a soup stays one, because no two of its corners coincide"
+    for key, one, many, text in (
+        ("nonmanifold_edges", "edge", "edges", " of more than two faces"),
+        ("nonmanifold_vertices", "non-manifold vertex", "non-manifold vertices", ""),
+        ("boundary_edges", "boundary edge", "boundary edges", f": {why}"),
+        ("duplicate_faces", "face that repeats another", "faces that repeat another", ""),
+        ("inconsistent_winding_edges", "edge", "edges", " across which the winding flips"),
+        ("repeated_index_faces", "face that names", "faces that name", " a vertex twice"),
     ):
         if number := getattr(counts, key):
-            left.append(f"{number:,} {text}")
+            left.append(f"{number:,} {one if number == 1 else many}{text}")
     return left
 
 

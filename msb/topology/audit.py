@@ -12,7 +12,7 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
 from msb.topology.seams import closes_at_seams, is_closed
 from msb.topology.verdict import judge, percent
-from msb.topology.weld import Weld, parse_weld, weld_vertices
+from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -83,6 +83,8 @@ class Audit:
         Whether the mesh is open as stored, and closed, manifold and consistently wound once coincident
         vertices are merged exactly. False, too, where that was not tried: of more than 200,000 faces, unless
         the exact weld was asked for.
+    corners_coincide : bool or None
+        Of a triangle soup whether the exact weld would join any two faces; else None.
     cross_check : list or None
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
@@ -108,6 +110,7 @@ class Audit:
     method: str | None = None
     welded: Welded | None = None
     closed_once_merged: bool = False
+    corners_coincide: bool | None = None
     cross_check: list[dict[str, Any]] | None = None
 
     @property
@@ -234,7 +237,9 @@ def audit_arrays(
         closes = report.counts.boundary_edges > 0 and is_closed(report.welded.counts)
     else:
         closes = closes_at_seams(findings, points, triangles)
-    return replace(report, closed_once_merged=closes), analysis
+    soup = report.topology == "triangle_soup" and report.counts.faces > 0
+    coincide = corners_coincide(points, triangles) if soup else None
+    return replace(report, closed_once_merged=closes, corners_coincide=coincide), analysis
 
 
 def _report(findings: Findings, points: NDArray[Any]) -> Audit:

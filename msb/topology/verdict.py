@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from msb.topology.audit import Audit
 
 Level = Literal["ok", "limited", "bad"]
@@ -43,70 +45,61 @@ class Verdict:
 
 
 def judge(audit: Audit) -> Verdict:
-    """Return the verdict on an audited mesh.
+    """Return the verdict on an audited mesh: all that stands in the way, the gravest first.
 
-    Any mesh with a face renders on the standard tier. What else it can be used for is decided in this order:
-    empty, soup, non-manifold, inconsistent winding, doubled faces, open, closed.
+    Any mesh with a face renders on the standard tier. The gravest reason decides what else it is good for.
     """
-    counts, metrics = audit.counts, audit.metrics
+    counts = audit.counts
     if counts.faces == counts.repeated_index_faces:
         return Verdict("bad", "does not render: it has no proper face", "no proper face")
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
-        return Verdict(
-            "bad",
-            f"renders; not usable for {SOLID_TOOLS}, and for collision or UV unwrapping only where corners "
-            f"coincide, because it is a triangle soup: no two faces share a vertex{_welded(audit)}",
-            f"triangle soup{merged}",
-        )
-    if counts.nonmanifold_vertices:
-        vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
-        edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
-        many = counts.nonmanifold_edges > MANY * counts.edges
-        uses = (
-            f"not usable for {SOLID_TOOLS}, unreliable for"
-            if many
-            else "unreliable for subdivision, booleans, printing,"
-        )
-        return Verdict(
-            "bad",
-            f"renders; {uses} collision or UV unwrapping, because "
-            f"{edges if counts.nonmanifold_edges else ''}{vertices}{_pieces(audit)}{merged}",
-            vertices + merged,
-        )
-    if flips := counts.inconsistent_winding_edges:
-        where = f"across {flips:,} edge{'' if flips == 1 else 's'}"
-        return Verdict(
-            "limited",
-            "renders and is manifold; make the winding consistent before computing normals, booleans or "
-            f"printing: it flips {where}",
-            f"winding flips {where}",
-        )
-    if counts.duplicate_faces:
-        share = percent(counts.duplicate_faces, counts.faces)
-        return Verdict(
-            "limited",
-            f"renders and is manifold, but only because faces are stored twice: {share} of them repeat "
-            "another; they flicker where both are drawn, and the surface is open without them",
-            f"{share} of its faces repeat another",
-        )
-    if counts.boundary_edges:
-        edges = f"{counts.boundary_edges:,} boundary edges"
-        holes = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
-        return Verdict(
-            "limited",
-            f"renders; {_uses_of_open(audit)} because it is open: {edges} in {holes}{_pieces(audit)}{merged}",
-            f"open: {edges}{merged}",
-        )
-    what = "closed, manifold and consistently wound"
-    bodies = f", in {metrics.components:,} separate bodies" if metrics.components > 1 else ""
-    unused = counts.unreferenced_vertices
-    apart = f"; {unused:,} {'vertex is' if unused == 1 else 'vertices are'} in no face" if unused else ""
-    return Verdict("ok", f"structurally usable throughout: {what}{bodies}{apart}")
+        return Verdict("bad", f"renders; {_soup(audit)}", f"triangle soup{merged}")
+    found = [(reason, text) for reason in _REASONS if (text := reason.found(audit))]
+    if not found:
+        return Verdict("ok", f"structurally usable throughout: {_sound(audit)}")
+    gravest, first = found[0]
+    *most, last = [text for _, text in found]
+    reasons = f"{', '.join(most)}, and {last}" if most else last
+    sentence = f"renders; {gravest.uses(audit)}, because {reasons}{merged}"
+    return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("its ") + merged)
+
+
+def _soup(audit: Audit) -> str:
+    why = "because it is a triangle soup: no two faces share a vertex"
+    if audit.corners_coincide is False and (audit.welded is None or audit.welded.weld == "exact"):
+        alone = "and no two corners coincide, so it is no surface and repair cannot make it one"
+        return f"not usable for subdivision, booleans, printing, collision or UV unwrapping, {why}, {alone}"
+    joined = "for collision or UV unwrapping only where corners coincide"
+    return f"not usable for {SOLID_TOOLS}, and {joined}, {why}{_welded(audit)}"
+
+
+def _nonmanifold(audit: Audit) -> str:
+    counts = audit.counts
+    if not counts.nonmanifold_vertices:
+        return ""
+    edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
+    vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
+    return f"{edges if counts.nonmanifold_edges else ''}{vertices}"
+
+
+def _uses_of_nonmanifold(audit: Audit) -> str:
+    if audit.counts.nonmanifold_edges > MANY * audit.counts.edges:
+        return f"not usable for {SOLID_TOOLS}, unreliable for collision or UV unwrapping"
+    return "unreliable for subdivision, booleans, printing, collision or UV unwrapping"
+
+
+def _open(audit: Audit) -> str:
+    counts = audit.counts
+    if not counts.boundary_edges:
+        return ""
+    edges = f"it is open: {counts.boundary_edges:,} boundary edge{'' if counts.boundary_edges == 1 else 's'}"
+    if counts.nonmanifold_vertices:  # where borders cross there are other ways to count loops
+        return edges
+    return f"{edges} in {'1 loop' if counts.boundary_loops == 1 else f'{counts.boundary_loops:,} loops'}"
 
 
 def _uses_of_open(audit: Audit) -> str:
-    """Return what an open manifold mesh can be used for, up to "because it is open"."""
     if audit.closed_once_merged:
         return f"usable for UV unwrapping; merge coincident vertices before {SOLID_TOOLS}"
     faces, pieces = audit.counts.faces, audit.metrics.components
@@ -115,7 +108,67 @@ def _uses_of_open(audit: Audit) -> str:
             f"its pieces, of {faces / pieces:.1f} faces in the mean, are too small for subdivision and UV "
         )
         return f"{small}unwrapping; not usable as a solid for collision or printing"
+    if pieces > FEW_PIECES:
+        cracks = "subdivision cracks where its pieces touch"
+        return f"usable for UV unwrapping; {cracks}; not usable as a solid for collision or printing"
     return "usable for subdivision and UV unwrapping; not usable as a solid for collision or printing"
+
+
+def _pieces(audit: Audit) -> str:
+    """Say in how many pieces a mesh is; a closed one may well have several bodies."""
+    counts = audit.counts
+    if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
+        return ""
+    largest = percent(counts.largest_component_faces, counts.faces)
+    return f"it is in {counts.components:,} pieces (the largest holds {largest} of the faces)"
+
+
+def _doubled(audit: Audit) -> str:
+    counts = audit.counts
+    if not counts.duplicate_faces:
+        return ""
+    return f"{percent(counts.duplicate_faces, counts.faces)} of its faces repeat another"
+
+
+def _flips(audit: Audit) -> str:
+    flips = audit.counts.inconsistent_winding_edges
+    return f"its winding flips across {flips:,} edge{'' if flips == 1 else 's'}" if flips else ""
+
+
+@dataclass(frozen=True)
+class _Reason:
+    """What stands in the way.
+
+    `found` says it with its number, or is "" where there is none of it; `uses` says what a mesh can be used
+    for if nothing graver is found.
+    """
+
+    level: Level
+    found: Callable[[Audit], str]
+    uses: Callable[[Audit], str]
+
+
+_REASONS = (
+    _Reason("bad", _nonmanifold, _uses_of_nonmanifold),
+    _Reason("limited", _open, _uses_of_open),
+    _Reason("limited", _pieces, _uses_of_open),
+    _Reason(
+        "limited", _doubled, lambda _: f"flickers where both of two are drawn; not usable for {SOLID_TOOLS}"
+    ),
+    _Reason(
+        "limited",
+        _flips,
+        lambda _: "make the winding consistent before computing normals, booleans or printing",
+    ),
+)
+"""In order of gravity."""
+
+
+def _sound(audit: Audit) -> str:
+    bodies = f", in {audit.counts.components:,} separate bodies" if audit.counts.components > 1 else ""
+    unused = audit.counts.unreferenced_vertices
+    apart = f"; {unused:,} {'vertex is' if unused == 1 else 'vertices are'} in no face" if unused else ""
+    return f"closed, manifold and consistently wound{bodies}{apart}"
 
 
 def percent(part: int, whole: int) -> str:
@@ -132,20 +185,14 @@ def percent(part: int, whole: int) -> str:
     return f"{share:.1f} %" if share < 10 else f"{share:.0f} %"
 
 
-def _pieces(audit: Audit) -> str:
-    count, share = audit.metrics.components, audit.metrics.lcc_face_ratio
-    if count < 2 or share is None:
-        return ""
-    largest = percent(audit.counts.largest_component_faces, audit.counts.faces)
-    return f", and it is in {count:,} pieces (the largest holds {largest} of the faces)"
-
-
 def _welded(audit: Audit) -> str:
     if audit.welded is None:
         return f"; {MERGED}" if audit.closed_once_merged else ""
     counts = audit.welded.counts
     if counts.vertices == audit.counts.vertices:
         return ", and welding merges nothing"
+    if not counts.components:
+        return "; welded, nothing is left of it"
     pieces = "one piece" if counts.components == 1 else f"{counts.components:,} pieces"
     if counts.nonmanifold_vertices == 0:
         return f"; welded, it is manifold, in {pieces}"

@@ -74,15 +74,29 @@ def test_a_mesh_that_is_closed_once_vertices_are_merged_is_pointed_to_what_merge
     assert f"\nMerge the vertices: {hint}\n" in msb("audit", path).out
     made = tmp_path / "merged.glb"
     assert msb(*hint.split()[1:-3], "-o", made, path).status == 0
-    assert msb("audit", "-q", made).out.startswith(f"{made}: OK ")
+    assert msb("audit", "-q", made).out.startswith(f"{made}: OK: ")
     assert "Merge the vertices" not in msb("audit", made).out
+
+
+def test_a_soup_without_coincident_corners_is_not_told_to_merge_them(msb: Msb, tmp_path: Path) -> None:
+    corners = np.random.default_rng(0).uniform(-1, 1, (12, 3)), np.arange(12).reshape(-1, 3)
+    alone = msb("audit", write(tmp_path, "alone.ply", corners)).out
+    assert "no two corners coincide, so it is no surface and repair cannot make it one." in alone
+    trained = "data_stubs/models/pebble/triangle_splatting"
+    shown = msb("audit", trained).out
+    assert f"msb web --tier dedicated -o page.html {trained}; what engines lose: msb why {trained}" in shown
+    for text in (alone, shown, msb("repair", trained, "-o", tmp_path / "out.ply").out):
+        assert "Merge the vertices" not in text
+        assert "--weld exact" not in text
+    apart = write(tmp_path, "coincide.ply", (TETRAHEDRON[0][TETRAHEDRON[1][:2].reshape(-1)], corners[1][:2]))
+    assert "(--weld exact shows what merging" in msb("audit", apart).out
 
 
 def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> None:
     result = msb("audit", demo_asset)
     lines = result.out.strip().splitlines()
     assert lines[0] == lines[-1]
-    verdict = "BAD renders; not usable for subdivision, booleans or printing, unreliable for"
+    verdict = "BAD: renders; not usable for subdivision, booleans or printing, unreliable for"
     assert lines[-1].startswith(f"{demo_asset}: {verdict}")
     assert "\x1b" not in result.out
     assert result.err == ""
@@ -151,7 +165,7 @@ def test_several_meshes_end_with_one_table_and_totals(msb: Msb, book: Path, tmp_
     table = [line.rstrip().split(maxsplit=3) for line in shown.out.splitlines()[-7:-2]]
     assert table == [
         ["File", "Verdict", "Faces", "First reason"],
-        [str(book), "BAD", "3", "40 % of its vertices are non-manifold"],
+        [str(book), "BAD", "3", "14 % of its edges and 40 % of its vertices are non-manifold"],
         [str(tmp_path / "closed.ply"), "OK", "4", "-"],
         [str(tmp_path / "seams.stl"), "BAD", "4", f"triangle soup; {MERGED}"],
         [str(tmp_path / "torn.ply"), "-", "-", "MESH_FILE_TRUNCATED"],
@@ -166,11 +180,11 @@ def test_several_meshes_end_with_one_table_and_totals(msb: Msb, book: Path, tmp_
 def test_the_verdict_gates_at_a_level_and_worse(msb: Msb, book: Path, tmp_path: Path) -> None:
     holed = write(tmp_path, "holed.ply", (TETRAHEDRON[0], TETRAHEDRON[1][:3]))
     gate = "GATE_FAILED: {}: verdict is {}, gate: {}\n"
-    bad = gate.format(book, "BAD (40 % of its vertices are non-manifold)", "bad")
+    bad = gate.format(book, "BAD (14 % of its edges and 40 % of its vertices are non-manifold)", "bad")
     assert msb("audit", "--fail-on-verdict", "bad", book, holed).err == bad
     limited = msb("audit", "--fail-on-verdict", "limited", holed)
     assert limited.status == 1
-    assert limited.err == gate.format(holed, "LIMITED (open: 3 boundary edges)", "limited or bad")
+    assert limited.err == gate.format(holed, "LIMITED (open: 3 boundary edges in 1 loop)", "limited or bad")
     closed = write(tmp_path, "closed.ply", TETRAHEDRON)
     assert msb("audit", "--fail-on-verdict", "limited", closed).status == 0
     assert msb("audit", "--fail-on-verdict", "ok", closed).status == 2

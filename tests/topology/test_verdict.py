@@ -29,9 +29,9 @@ def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
         ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5]]), "bad", "triangle soup"),
         (BOOK, "bad", "because 14 % of its edges and 40 % of its vertices are non-manifold"),
         ((POINTS, [[0, 1, 2], [2, 3, 4]]), "bad", "because 20 % of its vertices are non-manifold"),
-        ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", "it flips across 1 edge"),
+        ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", "4 boundary edges in 1 loop, and its winding flips across 1 edge"),
         ((POINTS, [[0, 1, 2], [1, 3, 2]]), "limited", "4 boundary edges in 1 loop"),
-        ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 % of them repeat another"),
+        ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 % of its faces repeat another"),
         (TETRAHEDRON, "ok", "closed, manifold and consistently wound"),
         (TWO_TETRAHEDRA, "ok", "in 2 separate bodies"),
         ((np.vstack([TETRAHEDRON[0], POINTS]), TETRAHEDRON[1]), "ok", "; 5 vertices are in no face"),
@@ -51,7 +51,27 @@ def test_a_welded_soup_says_what_it_would_be() -> None:
     assert judge(audit(*exploded(points, faces[1:]))).sentence.endswith("no two faces share a vertex")
     assert judge(audit(*soup, weld="exact")).sentence.endswith("welded, it is manifold, in one piece")
     apart = soup[0] + np.repeat(np.arange(4), 3)[:, None] * 10, soup[1]
-    assert judge(audit(*apart, weld="exact")).sentence.endswith("welding merges nothing")
+    alone = judge(audit(*apart)).sentence
+    assert "no two corners coincide, so it is no surface and repair cannot make it one" in alone
+    assert judge(audit(*apart, weld="exact")).sentence == alone
+    assert judge(audit(*apart, weld=30.0)).sentence.endswith("welded, nothing is left of it")
+
+
+def test_what_decides_is_said_before_what_hardly_matters() -> None:
+    points, faces = grid(5)
+    faces[7] = faces[7][::-1]  # one face of 50 is turned
+    pieces = [(points + 9 * k, faces + 36 * k) for k in range(12)]
+    many = judge(audit(*(np.concatenate(part) for part in zip(*pieces, strict=True))))
+    assert many.reason == "open: 240 boundary edges in 12 loops"
+    order = ("240 boundary edges", "in 12 pieces", "winding flips across 36 edges")
+    places = [many.sentence.index(text) for text in order]
+    assert places == sorted(places)
+    assert "subdivision cracks where its pieces touch" in many.sentence
+    turned = [TETRAHEDRON[1][0][::-1], *TETRAHEDRON[1][1:]]
+    assert judge(audit(TETRAHEDRON[0], turned)).sentence == (
+        "renders; make the winding consistent before computing normals, booleans or printing, because its "
+        "winding flips across 3 edges"
+    )
 
 
 @pytest.mark.parametrize(

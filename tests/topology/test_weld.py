@@ -8,7 +8,7 @@ import pytest
 from data_stubs.splat_like import splat_like
 from msb import audit
 from msb.errors import MeshError
-from msb.topology.weld import parse_weld, weld_vertices
+from msb.topology.weld import corners_coincide, parse_weld, weld_vertices
 
 NO_FACES = np.zeros((0, 3), np.int32)
 
@@ -168,3 +168,32 @@ def test_weld_setting_that_is_no_length_is_refused(text: object) -> None:
     with pytest.raises(MeshError) as caught:
         parse_weld(text)  # type: ignore[arg-type]
     assert caught.value.code == "WELD_DISTANCE"
+
+
+@pytest.mark.parametrize(
+    ("moved", "coincide"),
+    [
+        ({}, False),
+        ({(5, 1): (0, 0)}, True),
+        ({(0, 2): (0, 1)}, False),  # corners of one face join nothing
+        ({(0, 2): (0, 1), (5, 1): (0, 1)}, True),
+    ],
+)
+def test_corners_of_a_soup_coincide_where_two_faces_have_one_place(
+    moved: dict[tuple[int, int], tuple[int, int]], coincide: bool
+) -> None:
+    corners = np.random.default_rng(0).uniform(-1, 1, (40, 3, 3))
+    for one, other in moved.items():
+        corners[one] = corners[other]
+    faces = np.arange(120).reshape(-1, 3)
+    assert corners_coincide(corners.reshape(-1, 3), faces) is coincide
+    assert audit(corners.reshape(-1, 3), faces).corners_coincide is coincide
+
+
+def test_nan_coincides_with_nothing_and_a_mesh_that_shares_vertices_is_not_asked() -> None:
+    nowhere = np.full((9, 3), np.nan)
+    nowhere[0], nowhere[3] = (0.0, 0.0, 0.0), (-0.0, 0.0, 1e-50)
+    faces = np.arange(9).reshape(-1, 3)
+    assert corners_coincide(nowhere, faces)
+    assert not corners_coincide(nowhere[3:], faces[:2])
+    assert audit(np.eye(3), [[0, 1, 2], [0, 2, 1]]).corners_coincide is None

@@ -58,7 +58,10 @@ def orient(faces: NDArray[Any], vertex_count: int) -> Change:
     notes: tuple[str, ...] = ()
     if strange := len(np.unique(sides.label[sides.one_sided])):
         what = "component is" if strange == 1 else "components are"
-        notes = (f"{strange:,} {what} one-sided, like a Moebius strip: no winding is consistent there",)
+        way_out = "only a cut across the strip, made in a modelling program, mends that"
+        notes = (
+            f"{strange:,} {what} one-sided, like a Moebius strip: no winding is consistent there; {way_out}",
+        )
     return Change(new, np.arange(vertex_count), np.arange(len(faces)), turned, notes=notes)
 
 
