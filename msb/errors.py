@@ -259,10 +259,10 @@ def one_line(text: str) -> str:
 def formula_safe(text: str) -> str:
     """Return `text` as a cell of a CSV file that no spreadsheet runs: formulas with an apostrophe before.
 
-    These begin with one of = + - @, a tab or the end of a line; numbers, "--" and "1.5 (2/3)" stay. Quotation
-    marks would not help. Source: OWASP, "CSV Injection".
+    These begin with one of = + - @, a tab or the end of a line; numbers and "--" stay. Quotation marks would
+    not help. Source: OWASP, "CSV Injection".
     """
-    harmless = re.fullmatch(r"--|[+-]?[\d.]+( \(\d+/\d+\))?", text)
+    harmless = re.fullmatch(r"--|[+-]?[\d.]+", text)
     return text if harmless or not text.startswith(tuple("=+-@\t\r\n")) else f"'{text}"
 
 

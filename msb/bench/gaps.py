@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from msb.bench.aggregate import METRICS, mean_over
-from msb.bench.intervals import excludes_zero, interval, view_values
+from msb.bench.intervals import interval, view_values
 from msb.bench.machine import OF_THE_MOMENT
 from msb.metrics.registry import IMAGE_METRICS
 
@@ -58,8 +58,8 @@ class Gap:
     ends : (float, float), optional
         The two means that the gap is between, over exactly those scenes; these may be printed beside it. A
         mean over all scenes that a condition has is over other scenes where some are missing.
-    interval : (float, float), optional
-        The 95 % interval of `signed`, from the losses view by view; None where there are none, or one view.
+    interval : Interval, optional
+        That of `signed`, from the losses view by view; None between bare values.
     """
 
     value: float | None
@@ -69,12 +69,7 @@ class Gap:
     scenes: int = 1
     expected: int = 1
     ends: tuple[float, float] | None = None
-    interval: tuple[float, float] | None = None
-
-    @property
-    def significant(self) -> bool | None:
-        """Whether the interval leaves out 0, so that there is a loss or a gain; None without an interval."""
-        return excludes_zero(self.interval)
+    interval: Interval | None = None
 
     @property
     def partial(self) -> bool:
@@ -89,10 +84,10 @@ class Gaps:
     Attributes
     ----------
     monotone : bool, optional
-        Whether Dedicated lies between the other two, or equals one of them; None where a gap is missing, or
-        where the gaps are not over the same scenes.
+        Whether Dedicated lies between the other two, or equals one of them to the digits that are printed;
+        None where a gap is missing, or where the gaps are not over the same scenes.
     triangle_excess : float, optional
-        adapt + port - deploy, which is 0 where monotone, else 2 min(adapt, port).
+        adapt + port - deploy, which counts as 0 where monotone, else 2 min(adapt, port).
     """
 
     metric: str
@@ -185,7 +180,7 @@ def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterabl
             mean_abs_scene_gap=math.fsum(each) / len(each),
             scenes=len(each),
             expected=len(wanted),
-            interval=_interval(metric, [results[scene] for scene in values], *pair),
+            interval=interval([losses(metric, *map(results[scene].__getitem__, pair)) for scene in values]),
         )
     return _together(metric, found, same_scenes=len(set(covered.values())) == 1)
 
@@ -216,12 +211,15 @@ def slowdown(
     return Ratio(above / below if above is not None and below else None, None, per_scene, len(wanted))
 
 
-def incomparable(metric: str, first: Result | None, second: Result | None) -> str | None:
+def incomparable(
+    metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
+) -> str | None:
     """Return why the values of `metric` in two records must not be compared, or None if they may.
 
     The records must have the same images and sizes, ground truth, background and definition of the metric,
     the same asset if both have one, and for speed and memory the same device. Versions of libraries may
-    differ.
+    differ. Of two methods (`one_asset` false) the background and the convention of cameras may differ, too:
+    each method has its own.
     """
     for result in (first, second):
         if result is None:
@@ -232,7 +230,7 @@ def incomparable(metric: str, first: Result | None, second: Result | None) -> st
             return "not_measured"
     assert first is not None
     assert second is not None
-    if first.asset and second.asset and first.asset.sha256 != second.asset.sha256:
+    if one_asset and first.asset and second.asset and first.asset.sha256 != second.asset.sha256:
         return "asset_mismatch"
     if metric in _OF_A_DEVICE and (reason := _other_device(first, second)):
         return reason
@@ -240,7 +238,10 @@ def incomparable(metric: str, first: Result | None, second: Result | None) -> st
         return None
     if _images(first) != _images(second):
         return "camera_mismatch"
-    if first.setup != second.setup:
+    if not one_asset:
+        if _photographs(first) != _photographs(second):
+            return "setup_mismatch"
+    elif first.setup != second.setup:
         other = first.setup and second.setup
         convention = other and first.setup.camera_convention != second.setup.camera_convention  # type: ignore[union-attr]
         return "camera_mismatch" if convention else "setup_mismatch"
@@ -268,14 +269,11 @@ def _comparable(
     return values, reasons
 
 
-def _interval(metric: str, scenes: list[Conditions], first: str, second: str) -> Interval | None:
-    """Return the interval of the mean signed loss, from the losses of the views in both conditions."""
+def losses(metric: str, first: Result, second: Result) -> list[float]:
+    """Return what is lost from the first record to the second in each view that both have."""
     sign = 1 if METRICS[metric].better == "higher" else -1
-    losses = []
-    for conditions in scenes:
-        before, after = (view_values(conditions[name], metric) for name in (first, second))
-        losses.append([sign * (before[view] - after[view]) for view in before if view in after])
-    return interval(losses) if all(losses) else None
+    before, after = (view_values(one, metric) for one in (first, second))
+    return [sign * (before[view] - after[view]) for view in before if view in after]
 
 
 def _gap(metric: str, first: float | None, second: float | None) -> Gap:
@@ -293,7 +291,9 @@ def _together(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = T
     monotone: bool | None = None
     excess: float | None = None
     if same_scenes and adapt.signed is not None and port.signed is not None and deploy.value is not None:
-        monotone = adapt.signed * port.signed >= 0
+        digits = IMAGE_METRICS[metric].decimals if metric in IMAGE_METRICS else None
+        shown = [loss if digits is None else round(loss, digits) for loss in (adapt.signed, port.signed)]
+        monotone = shown[0] * shown[1] >= 0
         # Where it is 0 by definition, rounding must not make it anything else.
         excess = 0.0 if monotone else abs(adapt.signed) + abs(port.signed) - deploy.value
     return Gaps(metric, adapt, port, deploy, monotone, excess)
@@ -306,6 +306,10 @@ def _commonest(reasons: list[str]) -> str:
 def _images(result: Result) -> frozenset[tuple[str, int, int]]:
     assert result.quality is not None
     return frozenset((image.name, image.width, image.height) for image in result.quality.images)
+
+
+def _photographs(result: Result) -> tuple[str, bool] | None:
+    return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 
 def _identity(result: Result, metric: str) -> dict[str, object] | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
-from msb.bench.intervals import ONE_VIEW, interval, view_values
+from msb.bench.intervals import interval, view_values
 from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
@@ -157,11 +157,11 @@ def _add_condition(
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Return a number with the interval of the mean over the views at `keys`, or with why it has none."""
+    """Return a number with the interval of the mean over the views at `keys`; it is not held against 0."""
     if number.value is None or keys[0].metric not in QUALITY:
         return number
     found = interval([list(views[key].values()) for key in keys if key in views])
-    return replace(number, interval=found, no_interval=None if found else ONE_VIEW)
+    return replace(number, interval=replace(found, p=None, reason=None if found.ends else found.reason))
 
 
 def _holder(conditions: Mapping[str, Result], metric: str) -> Result | None:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from msb.bench.intervals import excludes_zero
 from msb.report.numbers import dataset_title, method_title
+
+if TYPE_CHECKING:
+    from msb.bench.intervals import Interval
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,10 @@ class Case(NamedTuple):
         return f"{method_title(self.method)} on {dataset_title(self.dataset)}"
 
 
-def sure(significant: bool | None) -> str:
-    """Return what is said of a difference's significance; nothing where nothing is known."""
-    if significant is None:
+def sure(found: Interval | None) -> str:
+    """Return what is said of a difference's significance, or why nothing is; nothing of bare numbers."""
+    if found is None:
         return ""
-    return ", significant at 95 %" if significant else ", not significant at 95 %"
+    if found.p is None:
+        return f", not tested: {found.reason}"
+    return f", {'' if excludes_zero(found) else 'not '}significant at 95 % (t interval over {found.over})"

@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS
-from msb.bench.intervals import excludes_zero, interval
+from msb.bench.intervals import interval
 from msb.report.collect import SOUP
 from msb.report.finding import Case, Finding, sure
 from msb.report.gap_findings import gap_findings, monotone_findings
@@ -18,6 +18,7 @@ from msb.report.table import NOT_SUPPORTED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from msb.bench.intervals import Interval
     from msb.report.numbers import Numbers
 
 _MOST = 10
@@ -61,10 +62,8 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 continue
             compared += 1
             if swapped := _swapped(before, after):
-                known = [_difference(numbers, dataset, c, *pair) for pair in swapped for c in (first, second)]
-                both = [None not in ends and all(ends) for ends in zip(known[::2], known[1::2], strict=True)]
-                certain = sure(None if None in known else any(both))
-                names = f"{condition_title(first)} and {condition_title(second)}{certain}"
+                certain = min((_swap(numbers, dataset, pair, (first, second)) for pair in swapped), key=_p)
+                names = f"{condition_title(first)} and {condition_title(second)}{sure(certain)}"
                 changes.setdefault(f"{_order(before)} becomes {_order(after)}", []).append(names)
         if changes:
             every = "; ".join(f"{', '.join(names)} ({order})" for order, names in changes.items())
@@ -158,16 +157,23 @@ def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) ->
     ]
 
 
-def _difference(numbers: Numbers, dataset: str, condition: str, one: str, other: str) -> bool | None:
-    """Return whether the PSNR of two methods differs significantly, from the views that both have."""
-    scenes = []
-    for scene in numbers.scenes(dataset):
-        values, others = (
-            numbers.views.get(Key(dataset, scene, method, condition, "psnr"), {}) for method in (one, other)
-        )
-        if common := [values[view] - others[view] for view in values if view in others]:
-            scenes.append(common)
-    return excludes_zero(interval(scenes)) if scenes else None
+def _swap(numbers: Numbers, dataset: str, pair: tuple[str, str], conditions: tuple[str, str]) -> Interval:
+    """Return the less certain of two methods' differences under two conditions: both must be there."""
+    found = []
+    for condition in conditions:
+        scenes = []
+        for scene in numbers.scenes(dataset):
+            values, others = (
+                numbers.views.get(Key(dataset, scene, method, condition, "psnr"), {}) for method in pair
+            )
+            if common := [values[view] - others[view] for view in values if view in others]:
+                scenes.append(common)
+        found.append(interval(scenes))
+    return max(found, key=_p)
+
+
+def _p(found: Interval) -> float:
+    return 2.0 if found.p is None else found.p
 
 
 def _order(ranking: list[tuple[str, float]]) -> str:

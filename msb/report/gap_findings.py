@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from msb.bench.gaps import PAIRS
 from msb.report.collect import REFERENCE
 from msb.report.finding import Case, Finding, sure
-from msb.report.metric_format import SHOWN, text
+from msb.report.metric_format import SHOWN, digits, text
 from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method_title
 from msb.report.safe_names import slug
 
@@ -74,8 +74,7 @@ def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[Case
         values = " to ".join(f"{value:.2f}" for value in gap.ends)
         partial = f", over {gap.scenes} of {gap.expected} scenes" if gap.partial else ""
         gain = "a gain, " if gap.signed <= -_NOTHING else ""
-        # A loss that rounds to nothing has no sign.
-        detail = f"{round(gap.signed, 2) + 0.0:.2f} dB ({gain}{values}{partial}){sure(gap.significant)}"
+        detail = f"{digits(gap.signed, 2)} dB ({gain}{values}{partial}){sure(gap.interval)}"
         yield Case(gap.signed, key.dataset, key.method, detail)
 
 
@@ -88,7 +87,7 @@ def monotone_findings(numbers: Numbers) -> Iterator[Finding]:
     ]
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
     for key, gaps in known:
-        if gaps.monotone is False and (gaps.triangle_excess or 0.0) >= SHOWN[key.metric].last_digit:
+        if gaps.monotone is False:
             broken.setdefault((key.dataset, key.method, key.dedicated), []).append((key, gaps))
     if not known:
         return
@@ -118,7 +117,9 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
     )
     losses = "losses" if len(cases) == 1 else f"losses in {SHOWN[key.metric].title}"
     metrics = " and ".join(SHOWN[one.metric].title for one, _ in cases)
-    signs = ", ".join(f"{name} {_signed(key.metric, gaps[name].signed)}" for name in _GAPS)
+    signs = ", ".join(
+        f"{name} {digits(gaps[name].signed or 0, SHOWN[key.metric].decimals, sign=True)}" for name in _GAPS
+    )
     sentence = (
         f"{method_title(method)} on {dataset_title(dataset)} is not monotone in {metrics}: {better} "
         f"({losses}: {signs}), so adapt + port exceeds deploy by "
@@ -130,8 +131,3 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
         )
         sentence += f". {len(broken)} of {known} comparisons are not monotone; the others are {names}"
     return Finding("not_monotone", f"{sentence}.", f"gaps-{slug(dataset)}")
-
-
-def _signed(metric: str, value: float | None) -> str:
-    """Return a signed loss as printed."""
-    return "--" if value is None else f"{'+' if value >= 0 else '-'}{text(metric, abs(value))}"

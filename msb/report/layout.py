@@ -85,7 +85,7 @@ def number_cell(metric: str, number: Number) -> Cell:
     value = printed_value(metric, number.value)
     return Cell(
         printed, value, metric, unit, notes=number.notes, present=number.present, expected=number.expected,
-        interval=number.interval, no_interval=number.no_interval,
+        interval=number.interval,
     )  # fmt: skip
 
 

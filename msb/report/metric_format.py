@@ -76,6 +76,18 @@ def printed_value(metric: str, value: float) -> float:
     return value / SHOWN[metric].scale
 
 
+def digits(value: float, decimals: int, *, sign: bool = False) -> str:
+    """Return `value` with so many decimals; what rounds to 0 has no sign.
+
+    Examples
+    --------
+    >>> digits(-0.004, 2), digits(0.004, 2, sign=True), digits(0.006, 2, sign=True)
+    ('0.00', '0.00', '+0.01')
+    """
+    shown = f"{value:{'+' if sign else ''}.{decimals}f}"
+    return shown if float(shown) else shown.lstrip("+-")
+
+
 def text(metric: str, value: float) -> str:
     """Return `value`, in the records' unit, as a table prints it.
 
@@ -91,4 +103,4 @@ def text(metric: str, value: float) -> str:
     shown = printed_value(metric, value)
     if SHOWN[metric].unit == "MiB" and 0 < shown < _SMALL_MIB:
         return f"{shown:.1f}" if shown >= 0.1 else f"{shown:.2f}" if shown >= 0.01 else "<0.01"
-    return f"{shown:.{SHOWN[metric].decimals}f}"
+    return digits(shown, SHOWN[metric].decimals)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from msb.bench.gaps import Gaps, Ratio
+    from msb.bench.intervals import Interval
 
 MEAN = "mean"
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
@@ -71,10 +72,8 @@ class Number:
     present, expected : int
         For a mean, the number of scenes with a value, and of scenes there should be.
     notes : tuple of str
-    interval : (float, float), optional
-        The 95 % interval of a mean over views.
-    no_interval : str, optional
-        Why there is none.
+    interval : Interval, optional
+        That of a mean over views.
     """
 
     value: float | None
@@ -83,8 +82,7 @@ class Number:
     present: int = 1
     expected: int = 1
     notes: tuple[str, ...] = ()
-    interval: tuple[float, float] | None = None
-    no_interval: str | None = None
+    interval: Interval | None = None
 
 
 class GapKey(NamedTuple):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msb.metrics.registry import IMAGE_METRICS
+
+if TYPE_CHECKING:
+    from msb.bench.intervals import Interval
 
 SCHEMA = "msb.table/1"
 NOT_SUPPORTED, NOT_THERE = "N/A", "--"
@@ -32,10 +35,8 @@ class Cell:
         Footnotes.
     present, expected : int
         For a mean, the number of scenes with a value, and of scenes there should be.
-    interval : (float, float), optional
-        The 95 % interval of a mean over views, or of a signed loss, in `unit`.
-    no_interval : str, optional
-        Why a mean over views has none.
+    interval : Interval, optional
+        That of a mean over views, or of a difference, in `unit`.
     """
 
     text: str
@@ -47,8 +48,7 @@ class Cell:
     notes: tuple[str, ...] = ()
     present: int = 1
     expected: int = 1
-    interval: tuple[float, float] | None = None
-    no_interval: str | None = None
+    interval: Interval | None = None
 
     @property
     def footnotes(self) -> tuple[str, ...]:
@@ -70,9 +70,7 @@ class Cell:
         if self.notes:
             data["notes"] = list(self.notes)
         if self.interval is not None:
-            data["interval"] = list(self.interval)
-        elif self.no_interval is not None:
-            data |= {"interval": None, "interval_reason": self.no_interval}
+            data |= self.interval.to_dict()
         if (self.present, self.expected) != (1, 1):
             data |= {
                 "present": self.present,

@@ -102,8 +102,14 @@ def make_result(dataset: str, scene: str, method: str, condition: str, **changes
     return Result(**{**parts, **changes})
 
 
-def quality(cell: Cell, psnr: float, ssim: float, lpips: float | None) -> Quality:
-    """Return a quality whose means are these, over views that differ a little."""
+def quality(
+    cell: Cell,
+    psnr: float,
+    ssim: float,
+    lpips: float | None,
+    shifts: tuple[float, float, float] = (-0.5, 0.0, 0.5),
+) -> Quality:
+    """Return a quality whose means are these, over views that differ a little, in PSNR by `shifts`."""
     depth = "../../../../.."
     images = tuple(
         ImageQuality(
@@ -116,7 +122,7 @@ def quality(cell: Cell, psnr: float, ssim: float, lpips: float | None) -> Qualit
             file=f"images/{Path(name).with_suffix('.png')}",
             gt=f"{depth}/ground_truth/{cell.dataset}/{cell.scene}/one/{Path(name).with_suffix('.png')}",
         )
-        for name, shift in zip(VIEWS, (-0.5, 0.0, 0.5), strict=True)
+        for name, shift in zip(VIEWS, shifts, strict=True)
     )
     return Quality(
         psnr=psnr,

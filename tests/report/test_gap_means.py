@@ -10,8 +10,10 @@ from matplotlib.axes import Axes
 from msb.report.collect import collect
 from msb.report.figures import deployment_gap
 from msb.report.findings import find
+from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.results import read_results
+from msb.report.tables.gaps import gaps_table
 from tests.report.factory import make_result, quality, write
 
 if TYPE_CHECKING:
@@ -26,7 +28,8 @@ def gap_with_a_scene_missing(tmp_path: Path) -> Numbers:
             made = make_result("mipnerf360", scene, "two_dts", condition)
             parts: dict[str, Any] = {"status": "failed", "quality": None, "timing": None}
             if psnr is not None:
-                parts = {"quality": quality(made.cell, psnr, 0.5, None)}
+                shifts = (-0.5, 0.0, 0.5) if condition == "dedicated" else (-0.4, 0.0, 0.4)
+                parts = {"quality": quality(made.cell, psnr, 0.5, None, shifts)}
             write(tmp_path, made.model_copy(update=parts))
     return collect(read_results(tmp_path))
 
@@ -36,7 +39,7 @@ def test_the_means_beside_a_gap_are_of_its_own_scenes(gap_with_a_scene_missing: 
     said = [one.sentence for one in find(gap_with_a_scene_missing) if one.kind == "port_gap"]
     assert said == [
         "Dedicated to Standard costs 2DTS on Mip-NeRF 360 5.00 dB (20.00 to 15.00, over 1 of 9 scenes), "
-        "significant at 95 %."
+        "significant at 95 % (t interval over 3 views of one scene)."
     ]
 
 
@@ -52,3 +55,20 @@ def test_the_chart_of_gaps_joins_means_of_the_same_scenes(
     assert figure is not None
     assert figure.svg
     assert drawn == [((1, 2), (20.0, 15.0))]
+
+
+def test_what_rounds_to_nothing_has_no_sign_and_is_monotone(tmp_path: Path) -> None:
+    for condition, psnr in (("non_engine", 30.0), ("dedicated", 30.004), ("standard", 20.0)):
+        made = make_result("capture", "desk", "two_dts", condition)
+        write(tmp_path, made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, None)}))
+    numbers = collect(read_results(tmp_path))
+    cells = gaps_table(numbers, "capture").rows[0].cells
+    assert [cell.text for cell in cells[:8]] == [
+        "0.00", "10.00", "10.00", "0.00", "+10.00", "+10.00", "yes", "0.00",
+    ]  # fmt: skip
+    assert "not_monotone" not in [one.kind for one in find(numbers)]
+
+
+@pytest.mark.parametrize("value", [-0.04, 0.04])
+def test_no_zero_has_a_sign(value: float) -> None:
+    assert text("host_ms", value) == digits(value, 1, sign=True) == "0.0"

@@ -6,9 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from msb.bench.gaps import PAIRS
-from msb.bench.intervals import ONE_VIEW
 from msb.report.layout import PAPER_ROW
-from msb.report.metric_format import SHOWN, title
+from msb.report.metric_format import SHOWN, digits, title
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -145,29 +144,27 @@ def _cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
     found = {name: None if gaps is None else gaps[name] for name in _GAPS}
     absent = {name: _why_absent(numbers, key, name, gap) for name, gap in found.items()}
 
-    def cell(name: GapName, value: str, form: str) -> Cell:
+    def cell(name: GapName, value: str) -> Cell:
         gap = found[name]
         number = None if gap is None else getattr(gap, value)
         if gap is None or number is None:
             return absent[name]
         count = f" ({gap.scenes}/{gap.expected})" if gap.partial else ""
-        text = f"{number:{form}.{SHOWN[key.metric].decimals}f}{count}"
+        text = digits(number, SHOWN[key.metric].decimals, sign=value == "signed") + count
         notes = tuple(dict.fromkeys(note for end in _ends(numbers, key, name) for note in end.notes))
         unit = SHOWN[key.metric].unit
         made = Cell(text, number, key.metric, unit, notes=notes, present=gap.scenes, expected=gap.expected)
-        if value != "signed" or numbers.of_paper:
-            return made
-        return replace(made, interval=gap.interval, no_interval=None if gap.interval else ONE_VIEW)
+        return replace(made, interval=gap.interval) if value == "signed" else made
 
     return (
-        *(cell(name, "value", "") for name in _GAPS),
-        *(cell(name, "signed", "+") for name in _GAPS),
+        *(cell(name, "value") for name in _GAPS),
+        *(cell(name, "signed") for name in _GAPS),
         *_shape(
             gaps,
             key.metric,
             [absent[name] for name, gap in found.items() if gap is None or gap.value is None],
         ),
-        Cell(NOT_THERE) if numbers.of_paper else cell("deploy", "mean_abs_scene_gap", ""),
+        Cell(NOT_THERE) if numbers.of_paper else cell("deploy", "mean_abs_scene_gap"),
     )
 
 
@@ -177,7 +174,7 @@ def _shape(gaps: Gaps | None, metric: str, absent: list[Cell]) -> tuple[Cell, Ce
         other = Cell(NOT_THERE, reason="the gaps are not over the same scenes")
         cell = min(absent, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
         return cell, cell
-    text = f"{gaps.triangle_excess:.{SHOWN[metric].decimals}f}"
+    text = digits(gaps.triangle_excess, SHOWN[metric].decimals)
     return (
         Cell("yes" if gaps.monotone else "no", gaps.monotone),
         Cell(text, gaps.triangle_excess, metric, SHOWN[metric].unit),

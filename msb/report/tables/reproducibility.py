@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.report.layout import Layout, Line, make_table
-from msb.report.metric_format import SHOWN, title
+from msb.report.metric_format import SHOWN, digits, title
 from msb.report.numbers import (
     MEAN,
     MEANS,
@@ -138,7 +138,7 @@ def _statistics_row(source: str, means: bool, metric: str, own: list[Pair]) -> R
         Cell(f"{mean:.{decimals}f}", mean, metric, unit),
         Cell(f"{abs(worst.difference):.{decimals}f}", abs(worst.difference), metric, unit),
         Cell(NOT_THERE) if relative is None else Cell(f"{relative:.2f}", relative, metric, "%"),
-        Cell(f"{', '.join(where)} ({worst.difference:+.{decimals}f})", ", ".join(where)),
+        Cell(f"{', '.join(where)} ({digits(worst.difference, decimals, sign=True)})", ", ".join(where)),
     )
     of = "means of datasets" if means else "scenes"
     return Row((SOURCES[source], of, SHOWN[metric].title), cells)
