@@ -140,7 +140,7 @@ FOREIGN: dict[str, set[str]] = {
     "metrics": {"numpy", "scipy", "skimage", "PIL", "OpenEXR", "torch"},
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
-    "bench": {"numpy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
+    "bench": {"numpy", "scipy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
     "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
     "trial": {"numpy", "scipy", "PIL", "trimesh", "igl", "pymeshlab", "manifold3d", "xatlas", "coacd"}
     | {"fast_simplification"},

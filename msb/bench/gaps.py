@@ -168,21 +168,46 @@ def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterabl
     covered: dict[GapName, tuple[str, ...]] = {}
     found: dict[GapName, Gap] = {}
     for name, pair in PAIRS.items():
-        values, reasons = _comparable(metric, results, wanted, *pair)
-        covered[name] = tuple(values)
-        if not values:
-            found[name] = Gap(None, reason=_commonest(reasons), scenes=0, expected=len(wanted))
-            continue
-        means = (math.fsum(both[side] for both in values.values()) / len(values) for side in (0, 1))
-        each = [abs(first - second) for first, second in values.values()]
-        found[name] = replace(
-            _gap(metric, *means),
-            mean_abs_scene_gap=math.fsum(each) / len(each),
-            scenes=len(each),
-            expected=len(wanted),
-            interval=interval([losses(metric, *map(results[scene].__getitem__, pair)) for scene in values]),
-        )
+        found[name], covered[name] = gap_between(metric, results, wanted, *pair)
     return _together(metric, found, same_scenes=len(set(covered.values())) == 1)
+
+
+def gap_between(
+    metric: str,
+    results: Mapping[str, Mapping[str, Result]],
+    scenes: tuple[str, ...],
+    first: str,
+    second: str,
+    *,
+    one_asset: bool = True,
+) -> tuple[Gap, tuple[str, ...]]:
+    """Return the gap from the records named `first` to those named `second`, and the scenes it is over.
+
+    Parameters
+    ----------
+    metric : str
+    results : mapping of str to mapping
+        Scene -> name -> record.
+    scenes : tuple of str
+        The scenes that there should be.
+    first, second : str
+        Two conditions, or two methods if the records are not of `one_asset`.
+    """
+    values, reasons = _comparable(metric, results, scenes, first, second, one_asset=one_asset)
+    if not values:
+        return Gap(None, reason=_commonest(reasons), scenes=0, expected=len(scenes)), ()
+    means = (math.fsum(both[side] for both in values.values()) / len(values) for side in (0, 1))
+    each = [abs(before - after) for before, after in values.values()]
+    gap = replace(
+        _gap(metric, *means),
+        mean_abs_scene_gap=math.fsum(each) / len(each),
+        scenes=len(each),
+        expected=len(scenes),
+        interval=interval(
+            [_losses(metric, results[scene][first], results[scene][second]) for scene in values]
+        ),
+    )
+    return gap, tuple(values)
 
 
 def slowdown(
@@ -251,7 +276,13 @@ def incomparable(
 
 
 def _comparable(
-    metric: str, results: Mapping[str, Conditions], scenes: tuple[str, ...], first: str, second: str
+    metric: str,
+    results: Mapping[str, Conditions],
+    scenes: tuple[str, ...],
+    first: str,
+    second: str,
+    *,
+    one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
     """Return scene -> the two values, where they may be compared, and why not elsewhere."""
     get = METRICS[metric].get
@@ -259,7 +290,7 @@ def _comparable(
     reasons = []
     for scene in scenes:
         pair = [results.get(scene, {}).get(condition) for condition in (first, second)]
-        why = incomparable(metric, *pair)
+        why = incomparable(metric, *pair, one_asset=one_asset)
         if why is not None:
             reasons.append(why)
             continue
@@ -269,7 +300,7 @@ def _comparable(
     return values, reasons
 
 
-def losses(metric: str, first: Result, second: Result) -> list[float]:
+def _losses(metric: str, first: Result, second: Result) -> list[float]:
     """Return what is lost from the first record to the second in each view that both have."""
     sign = 1 if METRICS[metric].better == "higher" else -1
     before, after = (view_values(one, metric) for one in (first, second))

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 LEVEL = 0.05
 MOST_UNEQUAL = 3
-"""Where a scene has more times as many views as another, and scenes have no effect of their own, too little is
-significant: 4.2 % of pure noise at 3 times, 1 % at 100 times."""
+"""Where a scene has more times as many views as another, and scenes have no effect of their own, too little
+is significant: 4.2 % of pure noise at 3 times, 1 % at 100 times."""
 NO_VIEWS = "no values of single views"
 _SAME = 1e-9
 """Values that differ by a smaller share of their mean differ by rounding."""

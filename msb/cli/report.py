@@ -62,6 +62,13 @@ def report(
         Path | None,
         typer.Option(metavar="FILE", help="JSON of published per-scene values to compare with."),
     ] = None,
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help="Also hold every other method against this one (or its label), with intervals and p.",
+        ),
+    ] = None,
     topology: Annotated[
         Literal["auto", "all", "none"],
         typer.Option(help="Draw the diagnostics of small meshes, of all or of none (extra: view)."),
@@ -85,13 +92,17 @@ def report(
     wanted = _formats(formats)
     if paper == bool(folders):
         raise UsageError("USAGE", "give folders of results, or --paper")
+    if paper and against is not None:
+        raise UsageError("USAGE", "--against compares results; the paper's tables have no single views")
     if paper and no_paper:
         raise UsageError("USAGE", "--paper and --no-paper contradict each other")
     target = out if out is not None or paper else cast("list[Path]", folders)[0] / _FOLDER
     if table is None and target is not None:
         _check_target(target, folders or [], output)
     printed = None if table is None and target is not None else _printed(formats, wanted)
-    made = _make(folders or [], published, views or [], allow_mixed, not no_paper, not printed, output)
+    made = _make(
+        folders or [], published, views or [], allow_mixed, not no_paper, not printed, against, output
+    )
     if printed:
         from msb.report.writers import WRITERS
 
@@ -153,6 +164,7 @@ def _make(
     allow_mixed: bool,
     with_paper: bool,
     pictures: bool,
+    against: str | None,
     output: Output,
 ) -> Report:
     from msb.report.build import build_report, paper_report
@@ -165,7 +177,9 @@ def _make(
         found = read_results(*folders, allow_mixed=allow_mixed)
         numbers = None if published is None else published_numbers(published)
     with output.progress(f"making tables and figures of {len(found)} results"):
-        return build_report(found, published=numbers, chosen=views, pictures=pictures, with_paper=with_paper)
+        return build_report(
+            found, published=numbers, chosen=views, pictures=pictures, with_paper=with_paper, against=against
+        )
 
 
 def _table(made: Report, label: str) -> Table:

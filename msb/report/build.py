@@ -10,11 +10,12 @@ from msb._version import __version__
 from msb.bench.aggregate import SCENES
 from msb.errors import UsageError, shorten
 from msb.report import tables
+from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
 from msb.report.contradictions import with_contradictions
 from msb.report.figures import figures
 from msb.report.findings import find
-from msb.report.numbers import Numbers, dataset_title
+from msb.report.numbers import Numbers, dataset_title, method_title
 from msb.report.paper import PAPER_TABLES, paper_numbers
 from msb.report.pictures import view_names, views
 from msb.report.report import Report, Section, places_of
@@ -23,6 +24,7 @@ from msb.report.tables.reproducibility import SOURCES
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+    from msb.report.against import Comparison
     from msb.report.figures import Figure
     from msb.report.numbers import Key, Number
     from msb.report.pictures import View
@@ -33,6 +35,7 @@ OTHER_SCENES = (
     "{}: no scene is one of the published set, so means are over those there are and the paper's "
     "numbers are not beside them"
 )
+NOTHING_AGAINST = "against {}: no other method was measured under the same condition on the same scene"
 FEW_SCENES = ("tanksandtemples",)
 """The paper sets the scenes of these datasets side by side, and of others below each other."""
 
@@ -44,6 +47,7 @@ def build_report(
     chosen: Sequence[str] = (),
     pictures: bool = True,
     with_paper: bool = True,
+    against: str | None = None,
 ) -> Report:
     """Return the report on `results`, with the paper's numbers beside ours.
 
@@ -58,14 +62,17 @@ def build_report(
         Whether charts and renderings are wanted.
     with_paper : bool
         Whether the paper's numbers are wanted beside ours; those in `published` are in any case.
+    against : str, optional
+        A method, or its label, that every other one is held against, view by view.
 
     Raises
     ------
     UsageError
-        USAGE: there is no view of a name in `chosen`.
+        USAGE: there is no view of a name in `chosen`, or no method `against`.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
+    compared = [] if against is None else comparisons(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
     if published:
         paper = replace(paper, values={**paper.values, **published})
@@ -81,10 +88,14 @@ def build_report(
     return Report(
         "MeshSplatBench report",
         _summary(results, numbers),
-        _sections(numbers, paper, charts, shown),
-        tuple(find(numbers)),
+        (
+            *([_against(compared, numbers, against)] if compared and against else []),
+            *_sections(numbers, paper, charts, shown),
+        ),
+        tuple(find(numbers, first=against_findings(compared, against or ""))),
         (
             *results.notes,
+            *([NOTHING_AGAINST.format(against)] if against and not compared else []),
             *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []),
             *_failures(results),
             *_other_renderings(results, shown),
@@ -142,6 +153,15 @@ def paper_report(*, pictures: bool = True) -> Report:
     found = [replace(finding, table=labels.get(finding.table, finding.table)) for finding in find(numbers)]
     summary = "The tables of the MeshSplatBench paper, from its own numbers; nothing here was measured."
     return Report("The paper's tables", summary, sections, tuple(found), (), numbers)
+
+
+def _against(compared: list[Comparison], numbers: Numbers, other: str) -> Section:
+    return Section(
+        LABEL,
+        f"Against {method_title(other)}",
+        "Whether the other methods are better, and how sure that is.",
+        (against_table(compared, numbers, other),),
+    )
 
 
 def _sections(

@@ -16,7 +16,7 @@ from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from msb.bench.intervals import Interval
     from msb.report.numbers import Numbers
@@ -27,9 +27,10 @@ _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 """Kinds of what is as one expects, or is no finding on deployment."""
 
 
-def find(numbers: Numbers) -> list[Finding]:
-    """Return at most ten findings, most important first. Where there are no numbers there are no findings."""
+def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
+    """Return at most ten findings, those in `first` and then the most important. No numbers, no findings."""
     found = [
+        *first,
         *gap_findings(numbers),
         *monotone_findings(numbers),
         *_ranking_findings(numbers),

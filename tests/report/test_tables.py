@@ -204,7 +204,7 @@ def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
     numbers = collect(read_results(tmp_path, allow_mixed=True))
     row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
     assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
-    assert row.cells[0].reason == "the two conditions have another background or ground truth"
+    assert row.cells[0].reason == "the two have another background or ground truth"
     assert row.cells[1].reason == "one of the two conditions was not run"
 
 

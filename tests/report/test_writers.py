@@ -87,7 +87,7 @@ def test_markdown_escapes_what_it_would_obey() -> None:
     ("text", "safe"),
     [("=1+1", "'=1+1"), ("@SUM(A1)", "'@SUM(A1)"), ("-cmd", "'-cmd"), ("+0.79", "+0.79"), ("--", "--"),
      ("0.30 (7/9)", "0.30 (7/9)"),
-         ("+0.30 (7/9)", "'+0.30 (7/9)"), ("-0.30 (7/9)", "'-0.30 (7/9)"), ("\t=1", "'=1"), ("plain", "plain")],
+     ("+0.30 (7/9)", "'+0.30 (7/9)"), ("-0.30 (7/9)", "'-0.30 (7/9)"), ("\t=1", "'=1"), ("plain", "plain")],
 )  # fmt: skip
 def test_csv_quotes_formulas_alone(text: str, safe: str) -> None:
     assert csv_text(text) == safe

@@ -31,11 +31,11 @@ REASONS = {
     "failed": "a run failed",
     "missing": "one of the two conditions was not run",
     "not_measured": "one of the two conditions has no such number",
-    "camera_mismatch": "the two conditions were not rendered from the same cameras at the same sizes",
-    "setup_mismatch": "the two conditions have another background or ground truth",
-    "metric_mismatch": "the two conditions were measured with different definitions of the metric",
-    "asset_mismatch": "the two conditions drew different assets",
-    "device_mismatch": "the two conditions ran on different devices",
+    "camera_mismatch": "the two were not rendered from the same cameras at the same sizes",
+    "setup_mismatch": "the two have another background or ground truth",
+    "metric_mismatch": "the two were measured with different definitions of the metric",
+    "asset_mismatch": "the two drew different assets",
+    "device_mismatch": "the two ran on different devices",
     "whole_command": "the own renderer's time is of a whole command, loading and writing included",
 }
 """`Gap.reason` in words; "unsupported" prints N/A."""

@@ -1,0 +1,173 @@
+"""Methods against one of them: differences view by view with their intervals, as a table and as findings."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING, NamedTuple
+
+from msb.bench.aggregate import expected_scenes
+from msb.bench.gaps import gap_between
+from msb.errors import UsageError, shorten
+from msb.report.finding import Finding
+from msb.report.metric_format import SHOWN, digits, title
+from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title
+from msb.report.results import Place
+from msb.report.table import NOT_THERE, Cell, Column, Row, Table
+from msb.report.tables.gaps import REASONS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.bench.gaps import Gap
+    from msb.report.numbers import Numbers
+    from msb.report.results import ResultSet
+
+LABEL = "against"
+_COLUMNS = (
+    Column("Better by"),
+    Column("from", ("95 % interval",)),
+    Column("to", ("95 % interval",)),
+    Column("p"),
+    Column("p, Holm"),
+    Column("Over"),
+)
+_NOTES = (
+    "better by: the difference in each view that both methods have, averaged over the views of a scene, then "
+    "over scenes; positive where the method is better, whichever way the metric goes",
+    "t intervals over the scenes' means, or over views where there is one scene; the latter are about that "
+    "scene alone, and are too narrow as far as neighbouring views are alike",
+)
+_NOT_THERE = ("missing", "failed", "not_measured", "unsupported")
+
+
+class Comparison(NamedTuple):
+    """A method against the other: `gap` is signed, positive where the method at `key` is better."""
+
+    key: Key
+    gap: Gap
+
+
+def comparisons(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
+    """Return all comparisons with the method `other` under the same condition, by dataset and condition.
+
+    Raises
+    ------
+    UsageError
+        USAGE: the results have no such method.
+    """
+    methods = sorted({place.method for place in results.places})
+    if other not in methods:
+        text = f'--against: there is no method "{shorten(other, 60)}" in the results; there are '
+        raise UsageError("USAGE", text + ", ".join(methods))
+    return [
+        Comparison(key, gap)
+        for dataset in numbers.datasets()
+        for condition in numbers.conditions(dataset)
+        for metric in QUALITY
+        for method in numbers.methods(dataset, condition)
+        if method != other
+        for key in [Key(dataset, MEAN, method, condition, metric)]
+        if (gap := _gap(results, numbers, key, other)).reason not in _NOT_THERE
+    ]
+
+
+def _gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
+    scenes = numbers.scenes(key.dataset)
+    records = {
+        scene: {
+            method: held[key.condition].result
+            for method in (key.method, other)
+            if key.condition in (held := results.places.get(Place(key.dataset, scene, method), {}))
+        }
+        for scene in scenes
+    }
+    wanted = expected_scenes(key.dataset, scenes)
+    return gap_between(key.metric, records, wanted, key.method, other, one_asset=False)[0]
+
+
+def against_table(found: list[Comparison], numbers: Numbers, other: str) -> Table:
+    """Return a row per comparison."""
+    p = [one.gap.interval.p for one in found if one.gap.interval is not None]
+    together = iter(_holm([value for value in p if value is not None]))
+    rows = []
+    for one in found:
+        key, interval = one.key, one.gap.interval
+        labels = (condition_title(key.condition), title(key.metric), method_title(key.method))
+        holm = next(together) if interval is not None and interval.p is not None else None
+        rows.append(Row(labels, _cells(one, holm, numbers, other), dataset_title(key.dataset)))
+    count = sum(value is not None for value in p)
+    tests = (
+        "p: of the two-sided t test that there is no difference; p, Holm: adjusted for the "
+        f"{count} tests of this table, of which some fall below 0.05 by chance (Holm, 1979)"
+    )
+    caption = f"Every method against {method_title(other)}, view by view, under the same condition."
+    heads = ("Condition", "Metric", "Method")
+    return Table(LABEL, caption, heads, _COLUMNS, tuple(rows), (*_NOTES, tests)).with_common_notes()
+
+
+def against_findings(found: list[Comparison], other: str) -> Iterator[Finding]:
+    """Yield what the comparisons by PSNR say, a sentence per dataset and condition."""
+    cases = (one for one in found if one.key.metric == "psnr" and one.gap.signed is not None)
+    for (dataset, condition), own in groupby(cases, key=lambda one: (one.key.dataset, one.key.condition)):
+        said = [_said(one) for one in own]
+        where = f"Against {method_title(other)} on {dataset_title(dataset)}, {condition_title(condition)}"
+        yield Finding("against", f"{where}: {'; '.join(said)}.", LABEL)
+
+
+def p_text(p: float) -> str:
+    """Return a p as it is printed."""
+    return f"{p:.3f}" if p >= 0.001 else "< 0.001"
+
+
+def _said(one: Comparison) -> str:
+    gap, interval = one.gap, one.gap.interval
+    assert gap.signed is not None
+    assert interval is not None
+    better = gap.signed >= 0
+    far = digits(abs(gap.signed), SHOWN["psnr"].decimals)
+    said = f"{method_title(one.key.method)} is {far} dB {'better' if better else 'worse'}"
+    parts = [interval.over]
+    if interval.ends is not None:
+        low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
+        parts.append(f"95 % interval {digits(low, 2)} to {digits(high, 2)}")
+    if interval.p is None:
+        parts.append(f"not tested: {interval.reason}")
+    else:
+        parts.append(f"p {'' if interval.p < 0.001 else '= '}{p_text(interval.p)}")
+    return f"{said} ({', '.join(filter(None, parts))})"
+
+
+def _cells(one: Comparison, holm: float | None, numbers: Numbers, other: str) -> tuple[Cell, ...]:
+    key, gap, interval = one.key, one.gap, one.gap.interval
+    if gap.signed is None or interval is None:
+        return (Cell(NOT_THERE, reason=REASONS.get(gap.reason or "", gap.reason)),) + (Cell(NOT_THERE),) * 5
+    shown = SHOWN[key.metric]
+    both = [numbers.number(key._replace(method=method)) for method in (key.method, other)]
+    notes = tuple(dict.fromkeys(note for number in both for note in number.notes))
+    count = f" ({gap.scenes}/{gap.expected})" if gap.partial else ""
+    ends = interval.ends or (None, None)
+    return (
+        Cell(
+            digits(gap.signed, shown.decimals, sign=True) + count, gap.signed, key.metric, shown.unit,
+            notes=notes, present=gap.scenes, expected=gap.expected, interval=interval,
+        ),
+        *(
+            Cell(NOT_THERE, reason=interval.reason)
+            if end is None
+            else Cell(digits(end, shown.decimals, sign=True), end, key.metric, shown.unit)
+            for end in ends
+        ),
+        *(
+            Cell(NOT_THERE, reason=interval.reason) if p is None else Cell(p_text(p), p)
+            for p in (interval.p, holm)
+        ),
+        Cell(interval.over, interval.over),
+    )  # fmt: skip
+
+
+def _holm(p: list[float]) -> list[float]:
+    """Return p adjusted for their number n: the least times n, the next times n - 1, and never falling."""
+    adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0
+    for rank, place in enumerate(sorted(adjusted, key=p.__getitem__)):
+        least = adjusted[place] = max(least, min(1.0, p[place] * (len(p) - rank)))
+    return list(adjusted.values())
