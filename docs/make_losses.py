@@ -118,9 +118,9 @@ def captures(device: str | None) -> dict[Row, Figures]:
     found = {}
     for method in BLENDED:
         asset, camera = capture(method, CAPTURE), capture_camera(620, 411)
-        official = draw(asset, camera, device=device)
+        official = draw(asset, camera, device=device, background="black")
         found[Row(method, f"synthetic capture of {CAPTURE:,} faces, 620 x 411")] = {
-            choice: [psnr(draw(asset, camera, device=device, **options), official)]
+            choice: [psnr(draw(asset, camera, device=device, background="black", **options), official)]
             for choice, options in CHOICES.items()
         }
     return found

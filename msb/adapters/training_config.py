@@ -6,13 +6,16 @@ Nothing in the file is evaluated; values are parsed as literals.
 from __future__ import annotations
 
 import ast
+import re
 import warnings
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.files import read_file
+from msb.scenes.datasets.trained import SAW_TEST_VIEWS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 MAX_BYTES = 1 << 16
@@ -44,7 +47,20 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
         text = "cfg_args is not one line Namespace(name=value, ...); it was ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG_FILE", text, severity="warning", pointer="cfg_args")]
-    return values, (path,), []
+    seen = finding("CHECKPOINT_CONFIG_VALUE", SAW_TEST_VIEWS, severity="warning", pointer="eval")
+    return values, (path,), [seen] if values.get("eval") is False else []
+
+
+def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the values of `cfg_args` say for the manifest's key `training`: no path of a machine."""
+    found: dict[str, Any] = {}
+    if isinstance(held_back := arguments.get("eval"), bool):
+        found["eval"] = held_back
+    if isinstance(folder := arguments.get("images"), str) and folder.isprintable():
+        found["images"] = re.split(r"[/\\]", folder.rstrip("/\\"))[-1][:200]
+    if type(resolution := arguments.get("resolution")) is int and abs(resolution) < 1 << 31:
+        found["resolution"] = resolution
+    return found
 
 
 def read_text(path: Path) -> str:

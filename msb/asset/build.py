@@ -63,6 +63,7 @@ class Description:
     color_space: str = "srgb"
     coordinate_frame: CoordinateFrame = field(default_factory=CoordinateFrame)
     source: Source = field(default_factory=Source)
+    training: Parameters = field(default_factory=dict)
 
 
 def build_asset(
@@ -128,6 +129,7 @@ def build_asset(
         color_space=description.color_space,
         coordinate_frame=description.coordinate_frame,
         source=description.source,
+        training=description.training,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     for item in check_manifest(manifest.to_dict()):

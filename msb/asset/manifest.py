@@ -133,6 +133,8 @@ class Manifest(_Record):
     coordinate_frame: CoordinateFrame
     source: Source
     buffers: dict[str, BufferSpec]
+    training: Parameters = field(default_factory=dict)
+    """What the training's files say of how it was trained; empty, and absent from the file, if nothing."""
     format: str = FORMAT
     version: str = VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
@@ -142,6 +144,8 @@ class Manifest(_Record):
         """Return the manifest as JSON data in the file's key order."""
         data: dict[str, Any] = _lists(asdict(self))
         extra = data.pop("extra")
+        if not data["training"]:
+            del data["training"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}
         buffers = data.pop("buffers")
         return {**ordered, **data, **extra, "buffers": buffers}

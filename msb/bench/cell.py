@@ -91,6 +91,7 @@ def compute(job: Job) -> Done:
         reason=failed,
         checkpoint=None if job.model is None else job.model.checkpoint,
         asset=None if job.model is None else job.model.asset,
+        trained=job.trained,
         **record,
     )
     write_result(job.folder, result)

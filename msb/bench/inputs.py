@@ -18,13 +18,14 @@ from msb.bench.quality import image_measures
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
 from msb.files import file_sha256
-from msb.scenes.datasets import scaled_note
+from msb.scenes.datasets import scaled_note, trained_otherwise
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from msb.bench.job import Inputs, Job, Part
+    from msb.bench.models import Model
     from msb.bench.protocol_tables import TrialTable
     from msb.bench.renders import Renders
     from msb.scenes.datasets import Scene, SceneAt
@@ -77,6 +78,12 @@ class Known:
         self.warnings |= dict.fromkeys(found)
         self._scenes[scene.root] = scene
         return scene
+
+    def trained(self, model: Model, at: SceneAt, place: Path | None) -> Iterator[str]:
+        """Yield what the model's training did otherwise, and remember it as a warning about `place`."""
+        for text in trained_otherwise(model.training, model.background, self.scene(at)):
+            self.warnings[f"CHECKPOINT_CONFIG_VALUE: {place}: {text}"] = None
+            yield text
 
     def notes(self) -> list[str]:
         """Return what the user should know of all that was read."""

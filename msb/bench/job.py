@@ -55,6 +55,8 @@ class Job:
     chamfer_data : Path, optional
     chamfer_seed : int
     trial : TrialTable, optional
+    trained : tuple of str
+        What the model's training did otherwise, as `trained_otherwise` says it.
     """
 
     root: Path
@@ -77,6 +79,7 @@ class Job:
     chamfer_data: Path | None = None
     chamfer_seed: int = 0
     trial: TrialTable | None = None
+    trained: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

@@ -7,6 +7,8 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import Field
+
 from msb.adapters.exporter import detect, finish, read_model
 from msb.adapters.locate import locate
 from msb.asset import Asset, is_asset, load, write_asset
@@ -18,7 +20,7 @@ from msb.bench.folder import Results, check_run
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import File, Record
 from msb.errors import CheckpointError, MsbError
-from msb.scenes.colors import parse_color
+from msb.scenes.datasets import stated_background
 
 _MAX_BYTES = 1 << 20
 
@@ -35,6 +37,8 @@ class Model(Record):
         The asset's file; its `bytes` is the sum of the sizes of the files in the container.
     background : (3,) floats, optional
         The background of the method's official evaluation, if the checkpoint records it.
+    training : dict
+        The manifest's key of that name.
     stamps : tuple of (path, bytes, time)
         Stamps of all files of source and asset; while these are unchanged, the hashes are valid.
     asked : str
@@ -47,6 +51,7 @@ class Model(Record):
     checkpoint: File | None
     asset: File
     background: tuple[float, float, float] | None
+    training: dict[str, bool | int | str] = Field(default_factory=dict)
     stamps: tuple[tuple[str, int, int], ...]
     asked: str
     warnings: tuple[str, ...] = ()
@@ -127,7 +132,8 @@ def prepare_model(task: ModelTask) -> Model:
         method=asset.manifest.method,
         checkpoint=_checkpoint(asset, source),
         asset=held.model_copy(update={"bytes": sum(size for _, size in inside)}),
-        background=parse_color("official", asset.manifest.appearance.get("background")),
+        background=stated_background(asset.manifest),
+        training=asset.manifest.training,
         stamps=tuple(stamp(file) for file in (*files, *_files(path))),
         asked=_asked(task),
         warnings=tuple(warning.to_line(source) for warning in asset.warnings),

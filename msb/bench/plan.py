@@ -272,6 +272,7 @@ class Planner:
             return None if template is None else self.file.resolve(template, **names)
 
         scene = self.scene_at(pair, model, cell.method)
+        trained = () if model is None else tuple(self.known.trained(model, scene, pair.model))
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
         variant = self._variant(cell)
         chamfer = protocol.chamfer
@@ -296,6 +297,7 @@ class Planner:
             chamfer_data=None if chamfer is None else path(chamfer.data),
             chamfer_seed=0 if chamfer is None else chamfer.seed,
             trial=protocol.trial if cell.condition == "exported_mesh" else None,
+            trained=trained,
         )
 
     def scene_at(self, pair: Pair, model: Model | None, method: str) -> SceneAt:

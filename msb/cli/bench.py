@@ -49,7 +49,7 @@ def bench(
     chosen: Chosen = None,
     size: Size = None,
     scale: Scale = None,
-    background: Background = "black",
+    background: Background = None,
     frames: Annotated[
         int, typer.Option("--repeat", min=1, metavar="N", help="Time at least N frames ...")
     ] = 100,

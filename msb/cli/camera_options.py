@@ -32,7 +32,12 @@ Chosen = Annotated[
 Size = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images in pixels.")]
 Scale = Annotated[float | None, typer.Option(metavar="FACTOR", help="Size relative to the cameras' own.")]
 Background = Annotated[
-    str, typer.Option(metavar="COLOR", help="black, white, #rrggbb, r,g,b in 0..1, or official.")
+    str | None,
+    typer.Option(
+        metavar="COLOR",
+        help="black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; where the asset states "
+        "none, its method's, else black.",
+    ),
 ]
 Assignments = Annotated[
     list[str] | None,
@@ -126,16 +131,19 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def parse_background(text: str, asset: Asset | None) -> tuple[float, float, float]:
-    """Return the colour that `text` names; "official" is the background of `asset`, which must be given then.
+def parse_background(text: str | None, asset: Asset | None) -> tuple[float, float, float]:
+    """Return the colour that `text` names, None the asset's own; "official" must be stated in the asset.
 
     Raises
     ------
     UsageError
         `USAGE`.
     """
-    from msb.scenes.colors import parse_color
+    from msb.scenes.colors import BLACK, parse_color
+    from msb.scenes.datasets import own_background
 
+    if text is None:
+        return BLACK if asset is None else own_background(asset.manifest)
     official = "official, which only an asset has"
     if asset is not None:
         official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))

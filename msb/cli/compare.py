@@ -52,7 +52,7 @@ class CompareOptions:
     layout: Layout = "side"
     tiers: list[str] | None = None
     pair: str | None = None
-    background: str = "white"
+    background: str | None = None
     assignments: list[str] | None = None
     supersample: int = 1
     device: str | None = None
@@ -82,7 +82,7 @@ def compare(
     pair: Annotated[
         str | None, typer.Option(metavar="A,B", help="Tiers that wipe and difference show at first.")
     ] = None,
-    background: Background = "white",
+    background: Background = None,
     assignments: Assignments = None,
     supersample: Supersample = 1,
     device: DeviceName = None,
@@ -146,6 +146,7 @@ def _comparison(
 ) -> Comparison:
     from msb.asset.settings import effective_settings, parse_overrides
     from msb.cli.camera_options import parse_background
+    from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
     views = _views(options)
@@ -158,6 +159,9 @@ def _comparison(
     settings = parse_overrides(asset.manifest.method, options.assignments or [])
     effective_settings(asset.manifest, settings)  # refuses what the asset cannot be drawn with
     color = parse_background(options.background, asset)
+    own = stated_background(asset.manifest)
+    if own not in (None, color) and any(view.photograph for view in views):
+        output.note(f"{path.name}: {over_another(own, color)}")
     return Comparison(
         path.name, asset, tiers, missing, tuple(views), settings, options.supersample, color, options.device
     )

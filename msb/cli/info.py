@@ -51,6 +51,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
 
     m = asset.manifest
     method, frame = lookup(m.method), m.coordinate_frame
+    look = {name: value for name, value in m.appearance.items() if name != "background"}
     console = output.console()
     table = plain_table("", "")
     table.show_header = False
@@ -60,9 +61,11 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
         ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
         ("sphere", f"radius {m.bounding_sphere.radius:.6g} around {_point(m.bounding_sphere.center)}"),
-        ("appearance", f"{_parameters(m.appearance)}; SH degree {m.sh_degree}; {m.color_space}"),
+        ("appearance", f"{_parameters(look)}; SH degree {m.sh_degree}; {m.color_space}"),
         ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
         ("compositing", _parameters(m.compositing)),
+        ("background", _background(m)),
+        *([("training", _training(m))] if m.training else []),
         ("frame", f"{frame.handedness}-handed, up {frame.up}, {frame.units} units"),
         *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
         *(("setting", f"{name} = {setting_text(s.value)} ({s.source})") for name, s in m.settings.items()),
@@ -81,6 +84,21 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         buffers.add_row(name, shape, spec.dtype, spec.domain, f"{spec.byte_length:,}")
     buffers.add_row("all", "", "", "", f"{size:,}")
     console.print(buffers)
+
+
+def _background(manifest: Manifest) -> str:
+    from msb.scenes.datasets import color_name, own_background, stated_background
+
+    name = color_name(own_background(manifest))
+    return name if stated_background(manifest) else f"{name}; the asset states none"
+
+
+def _training(manifest: Manifest) -> str:
+    """Return in words what the training's files say."""
+    texts = {name: f"{name} {value}" for name, value in manifest.training.items() if name != "eval"}
+    if (held_back := manifest.training.get("eval")) is not None:
+        texts["eval"] = "test views held back" if held_back else "on the test views, too"
+    return ", ".join(texts.values())
 
 
 def _tier(manifest: Manifest, tier: Tier) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -28,6 +29,7 @@ from msb.cli.scene_options import (
     ImageFolder,
     Split,
     about_scene,
+    note_training,
     refuse_beside_scene,
     scene_for,
     views_of,
@@ -91,7 +93,7 @@ def render(
     ] = None,
     size: Size = None,
     scale: Scale = None,
-    background: Background = "black",
+    background: Background = None,
     form: Annotated[
         Literal["png", "npy", "exr"], typer.Option("--format", help="Format of the images.")
     ] = "png",
@@ -160,6 +162,8 @@ def render(
     color = parse_background(background, asset)
     if place is not None and not is_given(context, "background"):
         color = place.background  # a default that a file sets is no wish to draw what does not count
+    if place is not None:
+        note_training(asset, replace(place, background=color), path, output)
     settings = _settings(asset, assignments)
     modes = chosen_modes(order, sampling)
     for each in tiers:
@@ -208,7 +212,6 @@ def _views(
     output: Output,
 ) -> list[Camera]:
     """Return the cameras that the options describe."""
-    from dataclasses import replace
 
     from msb.cli.camera_options import around, cameras_at
     from msb.scenes import interpolated

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.asset import Asset
+    from msb.cli.output import Output
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
@@ -29,14 +30,24 @@ def scene_for(asset: Asset, path: Path, image_folder: str | None) -> Scene:
     InputError, SceneError
     """
     from msb.paths import given_path
-    from msb.scenes.colors import parse_color
-    from msb.scenes.datasets import dataset_of, scene_at
+    from msb.scenes.datasets import dataset_of, scene_at, stated_background
 
     manifest = asset.manifest
-    own = parse_color("official", manifest.appearance.get("background"))
+    own = stated_background(manifest)
     dataset = dataset_of(path)
     at = scene_at(given_path(path), dataset, manifest.method, own_background=own, image_folder=image_folder)
     return at.read()
+
+
+def note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
+    """Print what the asset's training did otherwise, unless its reader has warned of it already."""
+    from msb.scenes.datasets import stated_background, trained_otherwise
+
+    said = {warning.message for warning in asset.warnings}
+    manifest = asset.manifest
+    for text in trained_otherwise(manifest.training, stated_background(manifest), scene):
+        if text not in said:
+            output.note(f"{path}: {text}")
 
 
 def views_of(scene: Scene, split: Split) -> list[Camera]:

@@ -47,7 +47,7 @@ def web(
     cameras: Cameras = None,
     chosen: Chosen = None,
     scale: Scale = None,
-    background: Background = "white",
+    background: Background = None,
     assignments: Assignments = None,
     up: Up = None,
     quantise: Annotated[

@@ -27,7 +27,7 @@ def why(
     chosen: Chosen = None,
     size: Size = None,
     scale: Scale = None,
-    background: Background = "white",
+    background: Background = None,
     assignments: Assignments = None,
     save: Annotated[
         Path | None,
@@ -69,16 +69,18 @@ def why(
         views = around(asset, count, *(parse_size(size) if size else (width, height)))
     else:
         views = cameras_at(cameras, chosen, size, scale, output)
+    color = parse_background(background, asset)
     with output.counted("drawing", len(CAUSES)) as step, about(path):
         causes = find(
             asset,
             views,
-            background=parse_background(background, asset),
+            background=color,
             settings=dict(parse_overrides(asset.manifest.method, assignments or [])),
             device=device,
             step=step,
         )
-    where = {"views": len(views), "cameras": "turntable" if cameras is None else cameras}
+    where: dict[str, Any] = {"views": len(views), "cameras": "turntable" if cameras is None else cameras}
+    where["background"] = list(color)
     head = {"schema": SCHEMA, "path": str(path), "method": asset.manifest.method, **where}
     output.write_json({**head, "causes": [cause.to_dict() for cause in causes]})
     if save is not None:

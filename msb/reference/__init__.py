@@ -21,6 +21,7 @@ from msb.reference.frame import ReferenceFrame
 from msb.reference.modes import Modes
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
+from msb.scenes.datasets import own_background
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,7 +34,7 @@ __all__ = ["ReferenceFrame", "render_reference"]
 def render_reference(
     asset: Asset,
     camera: Camera,
-    background: Sequence[float] | str = (0, 0, 0),
+    background: Sequence[float] | str | None = None,
     settings: Mapping[str, Any] | None = None,
     dtype: type[Any] = np.float32,
     order: Order = "tile",
@@ -47,8 +48,8 @@ def render_reference(
     camera : Camera
         OpenCV axes, for every method. A principal point off the middle shifts the image of the three
         splatting methods, whose official code ignores it, and enters DiffSoup's with upstream's sign.
-    background : sequence of 3 floats, or str
-        In the stored colour space; as for `msb.Renderer.render`.
+    background : sequence of 3 floats, or str, optional
+        In the stored colour space; as for `msb.Renderer.render`, with its default.
     settings : mapping, optional
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
@@ -89,6 +90,8 @@ def render_reference(
     values = effective_settings(asset.manifest, settings)
     check_modes(order, sampling)
     check_drawable(asset)
+    if background is None:
+        background = own_background(asset.manifest)
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
     # Dropped faces are computed with too, and give what they give.
     with np.errstate(all="ignore"):

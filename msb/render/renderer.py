@@ -25,6 +25,7 @@ from msb.render.backend import (
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
+from msb.scenes.datasets import own_background
 
 if TYPE_CHECKING:
     import os
@@ -106,6 +107,7 @@ class Renderer:
         check_supported(asset, tier)
         self.tier = tier
         self._official = asset.manifest.appearance.get("background")
+        self._background = own_background(asset.manifest)
         self._by = name or tier
         make = find_renderer(self._by)
         with blaming(self._by):
@@ -125,16 +127,16 @@ class Renderer:
         """The `platform`, `name` and `kind` of what draws, if that is no OpenCL device."""
         return getattr(self._backend, "device_info", None)
 
-    def render(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Frame:
+    def render(self, camera: Camera, background: Background | None = None) -> Frame:
         """Return what `camera` sees, over `background`.
 
         Parameters
         ----------
         camera : Camera
-        background : (3,) array_like of float, or str
+        background : (3,) array_like of float, or str, optional
             Red, green and blue in the asset's colour space, all finite. Or a text as on the command line:
-            "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the model was
-            trained with.
+            "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset states.
+            Default: "official"; where the asset states none, that of its method, which is black for meshes.
 
         Raises
         ------
@@ -152,7 +154,7 @@ class Renderer:
             names = (item.name for item in fields(Frame))
             return Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
 
-    def draw(self, camera: Camera, background: Background = (0.0, 0.0, 0.0)) -> Drawn:
+    def draw(self, camera: Camera, background: Background | None = None) -> Drawn:
         """Draw what `camera` sees and wait for it, but read nothing back; return how long the device took.
 
         A renderer that cannot do that reads its frame back. Parameters and errors are those of `render`.
@@ -164,8 +166,10 @@ class Renderer:
         with blaming(self._by):
             return self._backend.draw(*checked)
 
-    def _checked(self, camera: Camera, background: Background) -> tuple[Camera, Color]:
+    def _checked(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
         check_type("camera", camera, Camera, A_CAMERA)
+        if background is None:
+            return camera, self._background
         return camera, check_background(background, self._official)
 
     def memory(self) -> Mapping[str, int]:
@@ -194,7 +198,7 @@ def render(
     asset: Asset | str | os.PathLike[str],
     camera: Camera,
     tier: Tier = "standard",
-    background: Background = (0.0, 0.0, 0.0),
+    background: Background | None = None,
     settings: Mapping[str, Any] | None = None,
     device: Any = None,
     **options: Any,
@@ -210,8 +214,8 @@ def render(
     camera : Camera
     tier : {"standard", "dedicated", "reference"}
         The plain mesh as any engine shows it, the method's own look, or that look in NumPy.
-    background : (3,) array_like of float, or str
-        Red, green and blue, or a text such as "white" or "official", as `Renderer.render` takes it.
+    background : (3,) array_like of float, or str, optional
+        Red, green and blue, or a text such as "white", as `Renderer.render` takes it; its default, too.
     settings : mapping, optional
         Overrides of the asset's settings.
     device : str, optional

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from msb.report.numbers import QUALITY
+from msb.report.numbers import MEAN, QUALITY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,6 +34,11 @@ def with_setups(
         if (described := next(filter(None, map(_described, conditions.values())), None))
     }
     notes: dict[tuple[str, str], dict[str, None]] = {}
+    trained: dict[tuple[str, str, str], dict[str, None]] = {}
+    for (dataset, scene, method), conditions in records.items():
+        for text in dict.fromkeys(text for one in conditions.values() for text in one.trained):
+            trained.setdefault((dataset, scene, method), {})[text] = None
+            trained.setdefault((dataset, MEAN, method), {})[f"{scene}: {text}"] = None
     for place, own in setups.items():
         others = [one for other, one in setups.items() if other[:2] == place[:2]]
         for what, value in own.items():
@@ -44,7 +49,14 @@ def with_setups(
         if place.dataset in _OVER_WHITE and own["background"] == "white":
             notes.setdefault((place.dataset, place.method), {})[WHITE] = None
     return {
-        key: replace(number, notes=(*number.notes, *notes.get((key.dataset, key.method), ())))
+        key: replace(
+            number,
+            notes=(
+                *number.notes,
+                *notes.get((key.dataset, key.method), ()),
+                *trained.get((key.dataset, key.scene, key.method), ()),
+            ),
+        )
         if key.metric in QUALITY and number.value is not None
         else number
         for key, number in values.items()

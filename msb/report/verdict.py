@@ -99,6 +99,7 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
         ),
         *(replace(_runs(name, records[name]), short=f"real time {condition_title(name)}") for name in timed),
         *(replace(one, short="editing") for one in _structure(records)),
+        *_trained(records),
         *_notes(place, numbers),
     ]
     return Verdict(place, tuple(statements), tuple(tried_tasks(loaded.get("exported_mesh"), pictures=False)))
@@ -186,6 +187,12 @@ def _structure(records: Mapping[str, Result]) -> Iterator[Statement]:
         share = record.audit["metrics"].get("nonmanifold_vertex_ratio")
         why = "" if share is None else f": {100 * share:.0f} % of its vertices are non-manifold"
         yield Statement("UNKNOWN", use, f"The audit of this record holds no verdict{why}.")
+
+
+def _trained(records: Mapping[str, Result]) -> Iterator[Statement]:
+    found = dict.fromkeys(text for one in records.values() for text in one.trained)
+    if found:
+        yield Statement("NOTE", "Training", f"{_capital('; '.join(found))}.")
 
 
 def _notes(place: Place, numbers: Numbers) -> Iterator[Statement]:

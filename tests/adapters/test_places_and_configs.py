@@ -11,6 +11,7 @@ import pytest
 import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.errors import CheckpointError, InputError
+from msb.scenes.datasets.trained import SAW_TEST_VIEWS
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, write_model, write_web_export
 
@@ -248,6 +249,25 @@ def test_cfg_args_are_literals(text: str, tmp_path: Path) -> None:
         assert [w.code for w in warnings] == ["CHECKPOINT_CONFIG_FILE"]
     else:
         assert (values, files, warnings) == (expected, (tmp_path / "cfg_args",), [])
+
+
+@pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
+def test_what_cfg_args_say_of_the_training_is_kept_without_a_path(method: str, tmp_path: Path) -> None:
+    folder = write_model(tmp_path, method, getattr(models, method)())
+    values = r"source_path='/home/me/s', images='C:\\me\\images_2/', resolution=-1, white_background=True"
+    (tmp_path / "cfg_args").write_text(f"Namespace({values}, eval=False)")
+    asset = msb.export(folder)
+    assert asset.manifest.training == {"eval": False, "images": "images_2", "resolution": -1}
+    assert asset.manifest.appearance["background"] == "#ffffff"
+    assert [w.message for w in asset.warnings] == [SAW_TEST_VIEWS]
+    (tmp_path / "cfg_args").write_text("Namespace(eval=1, images=3, resolution=1.5)")
+    assert msb.export(folder).manifest.training == {}
+
+
+def test_diffsoup_keeps_the_size_of_its_training(tmp_path: Path) -> None:
+    values = {**models.diffsoup(), "H": 60, "W": 80}
+    kept = msb.export(write_model(tmp_path, "diffsoup", values)).manifest
+    assert kept.training == {"width": 80, "height": 60}
 
 
 def test_a_checkpoint_without_cfg_args_is_complete_but_for_the_background(tmp_path: Path) -> None:

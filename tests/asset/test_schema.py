@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 import random
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import jsonschema
 import pytest
 
 from msb.asset import Manifest
+from msb.asset.check import check_manifest
 from msb.asset.manifest import (
     DTYPES,
     BoundingSphere,
@@ -165,8 +166,17 @@ def test_objects_have_the_keys_of_their_dataclass(schema: dict[str, Any], kind: 
 
 def test_the_manifest_has_the_keys_of_its_dataclass() -> None:
     names = {field.name for field in fields(Manifest)} - {"extra"}
-    assert set(PROPERTIES) == names == set(SCHEMA["required"])
-    assert list(mesh().manifest.to_dict()) == SCHEMA["required"]
+    assert set(PROPERTIES) == names == {*SCHEMA["required"], "training"}
+    plain = mesh().manifest
+    assert list(plain.to_dict()) == SCHEMA["required"]
+    trained = replace(plain, training={"eval": False, "images": "images_4"})
+    assert Manifest.from_dict(trained.to_dict()) == trained
+    assert not check_manifest(trained.to_dict())
+
+
+@pytest.mark.parametrize("wrong", [{"eval": 0}, {"images": "/home/me/images"}, {"width": 0}, {"seed": 1}])
+def test_a_training_that_is_not_as_described_is_a_finding(wrong: dict[str, Any]) -> None:
+    assert check_manifest(replace(mesh().manifest, training=wrong).to_dict())
 
 
 @pytest.mark.parametrize(

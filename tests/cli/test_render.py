@@ -203,6 +203,24 @@ def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, t
     assert not (tmp_path / "out").exists()
 
 
+def test_what_a_training_did_otherwise_than_the_scene_asks_for_is_noted(msb: Msb, tmp_path: Path) -> None:
+    model = tmp_path / "model"
+    shutil.copytree(ROOT / "tests/tiny/models/walled/triangle_splatting", model)
+    said = "images='images', resolution=-1, white_background=False, eval=False"
+    (model / "cfg_args").write_text(f"Namespace({said})")
+    asset = tmp_path / "model.triasset"
+    exported = msb("export", model, asset)
+    seen = "it was trained on the test views (eval=False): its numbers on them are not comparable"
+    assert exported.err.count(seen) == 1
+    scene = ("--scene", SCENE, "--camera", "0", "-o", tmp_path / "out", "--force")
+    for place in (model, asset):
+        drawn = msb("render", *scene, "--background", "white", place)
+        assert drawn.err.count(seen) == 1
+        assert "it was trained over black and is drawn over white" in drawn.err
+        assert "trained on photographs of 256 x 192 pixels and is evaluated at 64 x 48" in drawn.err
+    assert "drawn over" not in msb("render", *scene, asset).err
+
+
 @pytest.mark.slow
 def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_model(
     msb: Msb, tmp_path: Path

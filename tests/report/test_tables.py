@@ -290,6 +290,26 @@ def test_another_image_folder_is_noted(tmp_path: Path) -> None:
     assert note not in numbers.number(Key("mipnerf360", "room", "two_dts", "non_engine", "psnr")).notes
 
 
+def test_what_a_training_did_otherwise_stands_under_every_quality_table(tmp_path: Path) -> None:
+    text = "it was trained on the test views (eval=False): its numbers on them are not comparable"
+    for method in ("two_dts", "triangle_splatting"):
+        for condition in ("non_engine", "dedicated", "standard"):
+            made = make_result("tanksandtemples", "train", method, condition)
+            trained = (text,) if method == "two_dts" else ()
+            write(tmp_path, made.model_copy(update={"trained": trained}))
+    numbers = collect(read_results(tmp_path))
+    shown = [
+        tables.native_summary(numbers),
+        tables.renderer_comparison(numbers, "tanksandtemples"),
+        tables.scene_comparison(numbers, "tanksandtemples"),
+        *(tables.per_scene(numbers, "tanksandtemples", one) for one in ("non_engine", "standard")),
+    ]
+    for table in shown:
+        assert any(text in note for note in (*table.notes, *table.footnotes())), table.label
+    key = Key("tanksandtemples", "train", "triangle_splatting", "standard", "psnr")
+    assert not any(text in note for note in numbers.number(key).notes)
+
+
 def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> None:
     paper = paper_numbers()
     scene = Key("mipnerf360", "treehill", "triangle_splatting", "non_engine", "psnr", "paper")

@@ -53,6 +53,14 @@ def test_a_record_that_says_good_is_read_as_ok(tmp_path: Path) -> None:
     assert verdict.statements[-1].mark == "YES"
 
 
+def test_a_training_on_the_test_views_is_noted(tmp_path: Path) -> None:
+    made = make_result("capture", "desk", "mesh_splatting", "dedicated")
+    write(tmp_path, made.model_copy(update={"trained": ("it was trained on the test views",)}))
+    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
+    (noted,) = [one for one in verdict.statements if one.use == "Training"]
+    assert (noted.mark, noted.why) == ("NOTE", "It was trained on the test views.")
+
+
 @pytest.mark.parametrize(("loss", "mark"), [(-0.2, "YES"), (0.99, "YES"), (1.0, "WITH CARE"), (3.0, "NO")])
 def test_looks_follow_the_loss_and_say_what_they_are_held_against(
     tmp_path: Path, loss: float, mark: str

@@ -7,6 +7,7 @@ MLP turns the features seen by a pixel and its view direction into a colour.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,6 +97,9 @@ def read(place: Place, content: Content, options: Options) -> Model:
     settings = Settings("diffsoup", options.settings)
     settings.add("layout", layout, "checkpoint", place.file)
     description = describe(settings, level, _up(values.get("up")), "sigmoid")
+    size = {name: values.get(name[0].upper()) for name in ("width", "height")}
+    if all(type(side) is int and 0 < side < 1 << 31 for side in size.values()):
+        description = replace(description, training=size)
     return Model(buffers, domains(buffers), description, place.root, (place.file,), tuple(warnings))
 
 

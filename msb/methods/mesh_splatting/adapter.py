@@ -15,7 +15,7 @@ import numpy as np
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
-from msb.adapters.training_config import read_cfg_args
+from msb.adapters.training_config import read_cfg_args, training_of
 from msb.asset import Description
 from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
@@ -23,6 +23,8 @@ from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
@@ -71,8 +73,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     if "pixel_count" not in tensors:
         settings.add("opacity_floor", _OLDER_FLOOR, "default")
     arguments, files, warnings = read_cfg_args(place.root)
-    white = arguments.get("white_background")
-    description = _description(settings, degree, white if isinstance(white, bool) else None)
+    description = _description(settings, degree, arguments)
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "vertex")
     files = (place.file, *files)
     return Model(buffers, domains, description, place.root, files, (*tensors.warnings, *warnings))
@@ -97,16 +98,16 @@ def _read_mesh(place: Place, options: Options) -> Model:
     buffers["f_dc"] = np.clip((colors - np.float32(0.5)) / np.float32(SH_C0), -4, 4)
     buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
     settings.add("opacity_floor", _OLDER_FLOOR, "default")
-    description = _description(settings, 0, None)
+    description = _description(settings, 0, {})
     return Model(buffers, {"f_dc": "vertex", "opacity": "vertex"}, description, place.root, (place.file,))
 
 
-def _description(settings: Settings, degree: int, white: bool | None) -> Description:
+def _description(settings: Settings, degree: int, arguments: Mapping[str, Any]) -> Description:
     stored = settings.finish(degree)
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
-    if white is not None:
+    if isinstance(white := arguments.get("white_background"), bool):
         appearance["background"] = background(white)
     return Description(
         method="mesh_splatting",
@@ -116,6 +117,7 @@ def _description(settings: Settings, degree: int, white: bool | None) -> Descrip
         appearance=appearance,
         compositing={"kind": "front_to_back"},
         settings=stored,
+        training=training_of(arguments),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
-from msb.adapters.training_config import read_cfg_args
+from msb.adapters.training_config import read_cfg_args, training_of
 from msb.asset import Description
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         appearance=appearance,
         compositing={"kind": "front_to_back"},
         settings=settings.finish(degree),
+        training=training_of(arguments),
     )
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
     files = (place.file, *files)

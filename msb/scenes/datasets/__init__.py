@@ -12,10 +12,17 @@ from msb.scenes.datasets.evaluated import SceneAt, scene_at
 from msb.scenes.datasets.layout import find_layout, find_scenes
 from msb.scenes.datasets.neus import read_matrices
 from msb.scenes.datasets.read import dataset_of, read_scene
-from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
+from msb.scenes.datasets.rulebook import (
+    OURS,
+    RULES,
+    evaluation_background,
+    own_background,
+    stated_background,
+)
 from msb.scenes.datasets.rules import Photographs, Rules
 from msb.scenes.datasets.scaled import recorded_note, scaled_note
 from msb.scenes.datasets.scene import Scene
+from msb.scenes.datasets.trained import over_another, trained_otherwise
 
 __all__ = [
     "CUSTOM",
@@ -34,9 +41,13 @@ __all__ = [
     "evaluation_background",
     "find_layout",
     "find_scenes",
+    "over_another",
+    "own_background",
     "read_matrices",
     "read_scene",
     "recorded_note",
     "scaled_note",
     "scene_at",
+    "stated_background",
+    "trained_otherwise",
 ]

@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from msb.methods import METHODS
+from msb.scenes.colors import parse_color
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.rules import Photographs, Rules
 
 if TYPE_CHECKING:
+    from msb.asset.manifest import Manifest
     from msb.scenes.colors import Color
 
 OURS = "ours"
@@ -57,3 +59,17 @@ def evaluation_background(dataset: str, method: str | None = None, own: Color | 
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
     return fixed or own or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
+
+
+def stated_background(manifest: Manifest) -> Color | None:
+    """Return the background of the model's official evaluation, None if the asset does not state it."""
+    return parse_color("official", manifest.appearance.get("background"))
+
+
+def own_background(manifest: Manifest) -> Color:
+    """Return the colour over which a model is drawn where nobody names another and no dataset has its own.
+
+    Every command and the Python interface take it: what the asset states, else what its method's official
+    evaluation has, else black.
+    """
+    return evaluation_background(CUSTOM, manifest.method, stated_background(manifest))

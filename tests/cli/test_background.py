@@ -1,0 +1,95 @@
+"""The colour behind a model is one, what the model states, in every command; another is said."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from msb.scenes import turntable, write_cameras
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.conftest import Msb
+
+MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "triangle_splatting"
+SCENE = ROOT / "tests" / "tiny" / "scenes" / "mipnerf360" / "pebble"
+GRAY = "#336699"
+GRAY_NUMBERS = [0.2, 0.4, 0.6]
+
+
+@pytest.fixture(scope="module")
+def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cameras") / "views.json"
+    write_cameras(turntable((0, 0, 0), 3, up=(0, 1, 0), count=1, width=24, height=16, fov_y=0.7), path)
+    return path
+
+
+def drawn_over(msb: Msb, asset: Path, cameras: Path, out: Path, *more: str) -> dict[str, list[float]]:
+    """Return command -> the background over which it draws."""
+    views = ("--cameras", cameras, *more)
+
+    def document(command: str, *args: object) -> Any:
+        result = msb(command, *views, *args, "--json", "-", asset)
+        assert result.status == 0, result.err
+        return result.json["background"]
+
+    found = {"render": document("render", "-o", out / "images", "--force"), "why": document("why")}
+    for tier in ("standard", "dedicated"):
+        page = out / f"{tier}.html"
+        options = ("--no-verify",) if tier == "dedicated" else ()
+        result = msb("web", *views, "--tier", tier, "--force", *options, "-o", page, asset)
+        assert result.status == 0, result.err
+        (text,) = set(re.findall(r'"background": ?(\[[^]]*\])(?=[^{}]*"daylight")', page.read_text()))
+        found[f"web {tier}"] = json.loads(text)
+    page = out / "compare.html"
+    tiers = ("--tiers", "dedicated,standard", "--html", page, "--force")
+    result = msb("compare", *views, *tiers, asset)
+    assert result.status == 0, result.err
+    (color,) = re.findall(r"background (#[0-9a-f]{6}|white|black)\"", page.read_text())
+    names = {"white": "#ffffff", "black": "#000000"}
+    hexed = names.get(color, color)
+    found["compare"] = [int(hexed[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("stated", "color"), [(GRAY, GRAY_NUMBERS), (None, [0.0, 0.0, 0.0])])
+def test_every_command_draws_over_what_the_asset_states_else_over_one_colour(
+    msb: Msb, cameras: Path, tmp_path: Path, stated: str | None, color: list[float]
+) -> None:
+    asset = tmp_path / "model.triasset"
+    assert msb("export", "--form", "folder", MODEL, asset).status == 0
+    manifest = json.loads((asset / "manifest.json").read_text())
+    manifest["appearance"].pop("background")
+    manifest["appearance"] |= {} if stated is None else {"background": stated}
+    (asset / "manifest.json").write_text(json.dumps(manifest))
+    found = drawn_over(msb, asset, cameras, tmp_path)
+    assert found == dict.fromkeys(found, pytest.approx(color))
+
+
+@pytest.mark.slow
+def test_another_background_than_the_models_is_said_where_photographs_are_compared(
+    msb: Msb, tmp_path: Path
+) -> None:
+    args = ("--cameras", SCENE, "--images", SCENE / "images_4", "--tiers", "dedicated,truth")
+    args = (*args, "--html", tmp_path / "c.html", "--force", MODEL)
+    said = "triangle_splatting: it was trained over black and is drawn over white"
+    assert said in msb("compare", "--background", "white", *args).err
+    assert said not in msb("compare", *args).err
+    assert said not in msb("compare", "--background", "official", *args).err
+
+
+def test_info_says_the_background_and_the_training_plainly(msb: Msb, tmp_path: Path) -> None:
+    lines = msb("info", MODEL).out.splitlines()
+    assert "background black" in [" ".join(line.split()) for line in lines]
+    assert any("test views held back" in line for line in lines)
+    shutil.copytree(MODEL, tmp_path / "model")
+    (tmp_path / "model" / "cfg_args").unlink()
+    lines = msb("info", tmp_path / "model").out.splitlines()
+    assert "background black; the asset states none" in [" ".join(line.split()) for line in lines]
