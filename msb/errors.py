@@ -1066,8 +1066,8 @@ CODES: dict[str, Code] = {
                 "Correct it, or give the settings with --set.",
             ),
             "CHECKPOINT_CONFIG_VALUE": (
-                "A configuration has a value that its key cannot take.",
-                "Correct it, or give the setting with --set.",
+                "A configuration has a value that its key cannot take, or one that changes what numbers mean.",
+                "Correct it, or give the setting with --set; train as the benchmark evaluates.",
             ),
         },
     ),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.files import read_file
-from msb.scenes.datasets.trained import SAW_TEST_VIEWS
+from msb.scenes.datasets.trained import saw_test_views
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,8 +47,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
         text = "cfg_args is not one line Namespace(name=value, ...); it was ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG_FILE", text, severity="warning", pointer="cfg_args")]
-    seen = finding("CHECKPOINT_CONFIG_VALUE", SAW_TEST_VIEWS, severity="warning", pointer="eval")
-    return values, (path,), [seen] if values.get("eval") is False else []
+    return values, (path,), [saw_test_views()] if values.get("eval") is False else []
 
 
 def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -81,9 +81,9 @@ class Known:
 
     def trained(self, model: Model, at: SceneAt, place: Path | None) -> Iterator[str]:
         """Yield what the model's training did otherwise, and remember it as a warning about `place`."""
-        for text in trained_otherwise(model.training, model.background, self.scene(at)):
-            self.warnings[f"CHECKPOINT_CONFIG_VALUE: {place}: {text}"] = None
-            yield text
+        for found in trained_otherwise(model.training, model.background, self.scene(at)):
+            self.warnings[found.to_line(place)] = None
+            yield found.message
 
     def notes(self) -> list[str]:
         """Return what the user should know of all that was read."""

@@ -329,8 +329,7 @@ class Result(Record):
     repairs: dict[str, Any] | None = None
     """The document of `msb repair --compare --json`, in the same condition; pictures lie in "repairs"."""
     training: Training | None = None
-    trained: tuple[Name, ...] = ()
-    """Sentences on what the model's training did otherwise: its split, background or size."""
+    trained: tuple[Name, ...] = ()  # sentences on its split, background or size, where they are others
     renderer_timing: RendererTiming | None = None
     """Of the method's own renderer, measured elsewhere; condition non_engine only."""
     reasons: dict[Name, Reason] = {}

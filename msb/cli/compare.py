@@ -161,7 +161,7 @@ def _comparison(
     color = parse_background(options.background, asset)
     own = stated_background(asset.manifest)
     if own not in (None, color) and any(view.photograph for view in views):
-        output.note(f"{path.name}: {over_another(own, color)}")
+        output.note(over_another(own, color).to_line(path))
     return Comparison(
         path.name, asset, tiers, missing, tuple(views), settings, options.supersample, color, options.device
     )

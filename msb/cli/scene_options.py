@@ -45,9 +45,9 @@ def note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> Non
 
     said = {warning.message for warning in asset.warnings}
     manifest = asset.manifest
-    for text in trained_otherwise(manifest.training, stated_background(manifest), scene):
-        if text not in said:
-            output.note(f"{path}: {text}")
+    for found in trained_otherwise(manifest.training, stated_background(manifest), scene):
+        if found.message not in said:
+            output.note(found.to_line(path))
 
 
 def views_of(scene: Scene, split: Split) -> list[Camera]:

@@ -11,7 +11,7 @@ import pytest
 import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.errors import CheckpointError, InputError
-from msb.scenes.datasets.trained import SAW_TEST_VIEWS
+from msb.scenes.datasets.trained import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, write_model, write_web_export
 
@@ -259,7 +259,7 @@ def test_what_cfg_args_say_of_the_training_is_kept_without_a_path(method: str, t
     asset = msb.export(folder)
     assert asset.manifest.training == {"eval": False, "images": "images_2", "resolution": -1}
     assert asset.manifest.appearance["background"] == "#ffffff"
-    assert [w.message for w in asset.warnings] == [SAW_TEST_VIEWS]
+    assert [w.message for w in asset.warnings] == [saw_test_views().message]
     (tmp_path / "cfg_args").write_text("Namespace(eval=1, images=3, resolution=1.5)")
     assert msb.export(folder).manifest.training == {}
 

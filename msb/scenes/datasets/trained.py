@@ -6,7 +6,7 @@ import contextlib
 import re
 from typing import TYPE_CHECKING, Any
 
-from msb.errors import MsbError
+from msb.errors import Finding, MsbError, finding
 from msb.paths import SpelledFiles
 from msb.scenes.datasets.describe import color_name
 from msb.scenes.image_size import image_size
@@ -18,14 +18,13 @@ if TYPE_CHECKING:
     from msb.scenes.datasets.scene import Scene
     from msb.scenes.datasets.sizes import Size
 
-SAW_TEST_VIEWS = "it was trained on the test views (eval=False): its numbers on them are not comparable"
 _FACTORS = (1, 2, 4, 8)
 _WIDEST = 1600
 """Values of the option resolution that divide, and the width that -1 allows: 3DGS and what follows it."""
 
 
-def trained_otherwise(training: Mapping[str, Any], own: Color | None, scene: Scene) -> Iterator[str]:
-    """Yield a sentence for each way in which the training differs from how `scene` is evaluated.
+def trained_otherwise(training: Mapping[str, Any], own: Color | None, scene: Scene) -> Iterator[Finding]:
+    """Yield a warning for each way in which the training differs from how `scene` is evaluated.
 
     Parameters
     ----------
@@ -36,25 +35,34 @@ def trained_otherwise(training: Mapping[str, Any], own: Color | None, scene: Sce
     scene : Scene
     """
     if training.get("eval") is False:
-        yield SAW_TEST_VIEWS
+        yield saw_test_views()
     if own is not None and own != scene.background:
         yield over_another(own, scene.background)
     there = scene.test[0].width, scene.test[0].height
     size = _size(training, scene)
     if size is not None and max(abs(a - b) for a, b in zip(size, there, strict=True)) > 1:
         before, now = (f"{width} x {height}" for width, height in (size, there))
-        yield (
+        yield _otherwise(
             f"it was trained on photographs of {before} pixels and is evaluated at {now}: its numbers are "
             "not those of a model that was trained at that size"
         )
 
 
-def over_another(own: Color, drawn: Color) -> str:
-    """Return the sentence on a model that is drawn over another colour than the one it was trained over."""
-    return (
+def saw_test_views() -> Finding:
+    """Return the warning about a model that was trained on all views."""
+    return _otherwise("it was trained on the test views (eval=False): its numbers on them are not comparable")
+
+
+def over_another(own: Color, drawn: Color) -> Finding:
+    """Return the warning about a model that is drawn over another colour than the one it was trained over."""
+    return _otherwise(
         f"it was trained over {color_name(own)} and is drawn over {color_name(drawn)}: where the background "
         "shows, it differs from photographs for that alone"
     )
+
+
+def _otherwise(text: str) -> Finding:
+    return finding("CHECKPOINT_CONFIG_VALUE", text, severity="warning")
 
 
 def _size(training: Mapping[str, Any], scene: Scene) -> Size | None:
