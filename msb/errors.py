@@ -1066,7 +1066,7 @@ CODES: dict[str, Code] = {
                 "Correct it, or give the settings with --set.",
             ),
             "CHECKPOINT_CONFIG_VALUE": (
-                "A configuration has a value that its key cannot take, or one that changes what numbers mean.",
+                "A configuration has a value that its key cannot take, or that changes what numbers mean.",
                 "Correct it, or give the setting with --set; train as the benchmark evaluates.",
             ),
         },
