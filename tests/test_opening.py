@@ -123,6 +123,17 @@ def test_a_path_that_no_file_can_have_is_not_found(read: Callable[[str], Any]) -
     assert caught.value.code == "FILE_NOT_FOUND"
 
 
+@pytest.mark.parametrize("letters", [260, 5000])
+@pytest.mark.parametrize(
+    "read",
+    [msb.audit, msb.open, msb.load, msb.export, msb.repair, msb.trial, msb.validate, msb.read_cameras],
+)
+def test_a_name_that_is_too_long_is_unreadable(read: Callable[[str], Any], letters: int) -> None:
+    with pytest.raises(InputError) as caught:
+        read("x" * letters)
+    assert caught.value.code in ("FILE_NOT_FOUND", "FILE_UNREADABLE")
+
+
 def test_what_is_not_finite_is_audited_but_not_opened(tmp_path: Path) -> None:
     points = np.array([[0, 0, np.nan], *NEAR[1:]])
     with (tmp_path / "nan.ply").open("wb") as file:

@@ -171,10 +171,9 @@ def test_commands_keep_status_and_output(
     package: Callable[..., Path], msb_command: Msb, demo_asset: Path
 ) -> None:
     folder = package(
-        "[msb.methods]\nx = their_x\ny = their_y\n[msb.renderers]\nz = their_z:Z\n",
+        "[msb.methods]\nx = their_x\ny = their_y\n",
         their_x="print('hello')\nimport sys; sys.exit()",
         their_y="raise KeyboardInterrupt",
-        their_z="import sys; sys.exit()",
     )
     where = {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
     audit = msb_command("audit", "--json", "-", "--fail-on", "nonmanifold_edges>0", demo_asset, **where)
@@ -182,6 +181,12 @@ def test_commands_keep_status_and_output(
     assert audit.json["schema"] == "msb.audit/1"
     lines = audit.err.replace("warning: ", "").splitlines()
     assert [line.partition(":")[0] for line in lines] == ["METHOD_NOT_LOADED"] * 2 + ["GATE_FAILED"]
+
+
+@pytest.mark.slow
+def test_devices_lists_all_beside_a_broken_renderer(package: Callable[..., Path], msb_command: Msb) -> None:
+    folder = package("[msb.renderers]\nz = their_z:Z\n", their_z="import sys; sys.exit()")
+    where = {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
     devices = msb_command("devices", "--json", "-", **where)
     assert devices.status == 0
     (row,) = (row for row in devices.json["renderers"] if row["name"] == "z")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from msb.errors import CheckpointError, InputError, MsbError
-from msb.files import open_error
+from msb.files import is_file, open_error
 from msb.meshes import MESH_SUFFIXES
 from msb.methods import METHODS
 from msb.paths import given_path
@@ -51,7 +51,7 @@ class Place:
 
 def is_checkpoint(path: Path) -> bool:
     """Return whether `path` is named like a checkpoint: a torch file, or an output folder of a method."""
-    if path.is_file():
+    if is_file(path):
         return path.suffix.lower() in TORCH_SUFFIXES or _is_declared(path)
     return _pick(path) is not None
 
@@ -70,8 +70,8 @@ def locate(path: str | os.PathLike[str]) -> Place:
     path = given_path(path)
     try:
         is_folder = path.is_dir()
-    except ValueError:  # a NUL in the name
-        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path) from None
+    except (OSError, ValueError) as error:
+        raise open_error(error, path, "file or folder") from error
     if not is_folder:
         if not os.path.lexists(path):
             raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
@@ -139,7 +139,7 @@ def _pick(folder: Path) -> Path | None:
     """
     try:
         return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
-    except PermissionError as error:
+    except OSError as error:
         raise open_error(error, folder) from error
 
 

@@ -177,11 +177,11 @@ def is_asset(path: Path) -> bool:
     Raises
     ------
     InputError
-        `FILE_UNREADABLE`: there is no permission to look into it.
+        `FILE_UNREADABLE`: there is no permission to look into it, or its name is too long.
     """
     try:
         return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
-    except PermissionError as error:
+    except OSError as error:
         raise open_error(error, path) from error
 
 

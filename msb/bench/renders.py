@@ -10,7 +10,7 @@ from msb.bench.checked import read_bytes
 from msb.bench.digest import list_sha256
 from msb.bench.records import File
 from msb.errors import InputError, MetricError, shorten
-from msb.files import file_sha256
+from msb.files import file_sha256, is_folder
 from msb.metrics.image_files import read_image
 from msb.metrics.pairs import images_below
 from msb.paths import normal_form
@@ -61,7 +61,7 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
     MetricError
         METRIC_IMAGE_NAMES: an image is missing, or there is one too many.
     """
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)
     found = images_below(folder)
     names = [normal_form(name) for name in image_names(cameras)]

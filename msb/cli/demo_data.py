@@ -29,9 +29,10 @@ def demo_data(
     """
     from msb.atomic import check_place
     from msb.demo import PROTOCOL, RESULTS, is_demo, write_demo
+    from msb.files import is_folder
 
     output = Output(None, quiet, verbose, force)
-    if target.is_dir() and not any(target.iterdir()):
+    if is_folder(target) and not any(target.iterdir()):
         check_place(target, folder=True)
     else:
         output.check_free(target, folder=True)

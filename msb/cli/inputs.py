@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from msb.adapters.locate import is_checkpoint
 from msb.asset import ASSET_SUFFIX, is_asset
 from msb.errors import InputError
+from msb.files import open_error
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:
@@ -29,9 +30,13 @@ def expand(path: Path) -> list[Path]:
     Raises
     ------
     InputError
-        `FILE_NOT_FOUND`, or `FILE_NOT_RECOGNISED` for a folder without any.
+        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` for a folder without any.
     """
-    if path.is_dir() and not is_asset(path) and not is_checkpoint(path):
+    try:
+        is_folder = path.is_dir()
+    except OSError as error:
+        raise open_error(error, path) from error
+    if is_folder and not is_asset(path) and not is_checkpoint(path):
         found = sorted(_below(path))
         if not found:
             wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))

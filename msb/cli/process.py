@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import signal
@@ -19,7 +20,6 @@ from msb.cli.output import log, say, silence
 from msb.errors import (
     EXIT_INTERRUPTED,
     EXIT_OK,
-    InputError,
     MsbError,
     OutputError,
     UsageError,
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 _INTERNAL = 70
 """EX_SOFTWARE, the status of a bug of ours; nothing that a user can cause has it."""
+_NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
 
 def run(app: typer.Typer, name: str) -> int:
@@ -153,10 +154,11 @@ def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError |
         return error
     if hasattr(error, "format_message"):  # the command-line library's own usage errors
         return UsageError("USAGE", _usage_text(error, name, defaults))
-    if isinstance(error, PermissionError) and error.filename is not None:
+    if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
         # Looking whether there is a file raises it, too. What is written has its own error: `msb.atomic`.
-        text = f"it cannot be read: {error.strerror}"
-        return InputError("FILE_UNREADABLE", text, file=error.filename)
+        from msb.files import open_error
+
+        return open_error(error, error.filename)
     if isinstance(error, MemoryError):
         say("OUT_OF_MEMORY: there is not enough memory for this input")
         return None

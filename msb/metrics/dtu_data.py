@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.errors import InputError, MetricError, shorten
-from msb.files import library_reason, regular_file
+from msb.files import is_folder, library_reason, regular_file
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 from msb.paths import given_path
@@ -75,7 +75,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
         text = f"the scan is {shorten(str(scan), 20)}; it must be a whole number from 1 to {MAX_SCAN}"
         raise MetricError("METRIC_ARGUMENT", text, limit=MAX_SCAN)
     folder = given_path(dataset_dir)
-    if not folder.is_dir():
+    if not is_folder(folder):
         text = "there is no such folder; it must hold Points/stl and ObsMask"
         raise InputError("FILE_NOT_FOUND", text, file=folder)
     grid_file = folder / "ObsMask" / f"ObsMask{scan}_10.mat"

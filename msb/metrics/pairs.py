@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.errors import InputError, MetricError, shorten
+from msb.files import open_error
 from msb.metrics.image_files import IMAGE_SUFFIXES
 from msb.paths import given_path, normal_form
 
@@ -78,10 +79,8 @@ def pair_images(
 def _is_folder(path: Path) -> bool:
     try:
         path.stat()
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path) from error
     except (OSError, ValueError) as error:
-        raise InputError("FILE_UNREADABLE", "it cannot be looked at", file=path) from error
+        raise open_error(error, path, "file or folder") from error
     return path.is_dir()
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from msb.bench.folder import Results
 from msb.bench.records import CONDITIONS, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
-from msb.files import file_sha256
+from msb.files import file_sha256, is_folder
 from msb.paths import given_path
 from msb.report import repairs, trials
 
@@ -136,7 +136,7 @@ def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultS
 
 
 def _read_folder(root: Path) -> list[Loaded]:
-    if not root.is_dir():
+    if not is_folder(root):
         raise InputError("FILE_NOT_FOUND", "there is no such folder of results", file=root)
     files = Results(root).records()
     if not files:

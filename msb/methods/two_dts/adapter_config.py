@@ -9,6 +9,7 @@ import yaml
 
 from msb.adapters.training_config import missing, read_text, unusable
 from msb.errors import CheckpointError, Finding, InputError, finding
+from msb.files import is_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +51,7 @@ def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[P
         `FILE_NOT_FOUND`, for a file that was given.
     """
     if given is not None:
-        if not given.is_file():
+        if not is_file(given):
             raise InputError("FILE_NOT_FOUND", "there is no such file", file=given)
         return _config_of(given), (given,), []
     ignored: list[Finding] = []
