@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 Weld = Literal["exact"] | float
 
-_AT_ONCE = 1 << 6
-"""Positions that are compared at once where hashes are equal: mostly the first few say all."""
 MAX_PAIRS = 1 << 26
 """Most pairs within the weld distance: 1 GiB of indices. Real welds have about one pair per vertex."""
 
@@ -85,24 +83,24 @@ def merged_vertices(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], N
 def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether the exact weld would join any two faces of a soup.
 
-    Their positions are hashed, and only those of equal hashes are compared: a small part of an audit's time.
+    Positions are hashed to 32 bits and sorted; only those whose hash repeats are compared.
     """
-    points = _as_stored(vertices)[faces].reshape(-1, 3)
-    factors = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)  # odd, with mixed bits
-    columns = points.view(np.uint32).T
-    hashes: Any = sum(
-        column.astype(np.uint64) * np.uint64(factor) for column, factor in zip(columns, factors, strict=True)
-    )
-    first, second, third = hashes.reshape(-1, 3).T
-    once = ~np.logical_or.reduce([np.isnan(column) for column in points.T])
-    once[1::3] &= second != first  # corners of one face that coincide join nothing
-    once[2::3] &= (third != first) & (third != second)
-    ordered = np.sort(hashes[once])
+    bits, corners = _as_stored(vertices).view(np.uint32), faces.reshape(-1)
+    hashes = bits[:, 0] * np.uint32(0x9E3779B1) ^ bits[:, 1] * np.uint32(0x85EBCA77)
+    hashes = (hashes ^ bits[:, 2] * np.uint32(0xC2B2AE3D))[corners]
+    ordered = np.sort(hashes)
     repeated = ordered[1:][ordered[1:] == ordered[:-1]]
-    for start in range(0, len(repeated), _AT_ONCE):
-        alike = points[np.isin(hashes, repeated[start : start + _AT_ONCE]) & once]
-        if len(np.unique(alike, axis=0)) < len(alike):
+    start, count = 0, 64  # where corners coincide, the first few hashes mostly show it
+    while start < len(repeated):
+        bucket = np.zeros(1 << 20, bool)
+        bucket[repeated[start : start + count] >> 12] = True
+        corner = np.flatnonzero(bucket[hashes >> 12])
+        rows = np.column_stack([bits[corners[corner]], corner // 3])
+        rows = rows[~np.isnan(rows[:, :3].astype(np.uint32).view(np.float32)).any(axis=1)]
+        rows = np.unique(rows, axis=0)  # corners of one face that coincide join nothing
+        if (rows[1:, :3] == rows[:-1, :3]).all(axis=1).any():
             return True
+        start, count = start + count, count << 8
     return False
 
 
