@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Adapter(Protocol):
-    """The functions that an adapter module has."""
+    """The functions that an adapter module has; its `KEYS`, if any, are those of each of its state dicts."""
 
     def recognises(self, content: Content) -> bool:
         """Return whether the content is a model of this method, by features that only this method has."""
@@ -157,8 +158,24 @@ def _detect(content: Content) -> str:
         what = f"it holds a {type(value).__name__}"
     else:
         what = "its content is not what its name promises"
-    text = f"{what}; that is no model of {', '.join(asked)}"
+    text = f"{what}; that is no model of {', '.join(asked)}{_nearest(value, asked)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
+
+
+def _nearest(value: object, asked: Mapping[str, Adapter]) -> str:
+    """Return which method most of the keys of `value` are of, and what it calls the others; "" if of none."""
+    parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
+    keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
+    known = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in asked.items()}
+    name = max(known, key=lambda name: len(known[name] & keys) / (len(known[name]) or 1))
+    missing = sorted(known[name] - keys)
+    if 2 * len(missing) > len(known[name]) or not known[name]:
+        return ""
+    lacks = []
+    for key in missing:
+        alike = difflib.get_close_matches(key, sorted(keys - known[name]), 1)
+        lacks.append(f"{key}, which may be {shorten(alike[0], 40)} here" if alike else key)
+    return f"; nearest: {name}, but for {' and '.join(lacks)}"
 
 
 def _recognising(content: Content, asked: Mapping[str, Adapter]) -> str | None:

@@ -81,15 +81,23 @@ def locate(path: str | os.PathLike[str]) -> Place:
         below = [folder for folder in _folders(path) if _pick(folder) is not None]
         if len(below) == 1:
             return locate(below[0])
+        bare = [] if below else bare_models(path)
+        if len(bare) == 1:
+            return _of_file(bare[0])
         text = "it is not the output folder of a method we know; docs/export.md shows how these look"
-        if below:
-            names = ", ".join(folder.name for folder in below[:8])
-            text = f"it holds {len(below)} checkpoints ({names}); give one of them"
+        if several := below or bare:
+            names = ", ".join(each.name for each in several[:8])
+            text = f"it holds {len(several)} checkpoints ({names}); give one of them"
         raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=path)
     if not file.exists():
         text = f"{file.relative_to(path)} is missing: the latest iteration has no model"
         raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=path, pointer=file.name)
     return _of_file(file)
+
+
+def bare_models(folder: Path) -> list[Path]:
+    """Return the torch files in a folder that looks like no method's; a single one is taken for the model."""
+    return [folder / name for name in sorted(_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
 
 
 def _of_file(file: Path) -> Place:

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msb.adapters.locate import is_checkpoint
+from msb.adapters.locate import bare_models, is_checkpoint, locate
 from msb.asset import ASSET_SUFFIX, is_asset
 from msb.errors import InputError
 from msb.files import open_error
@@ -31,6 +31,8 @@ def expand(path: Path) -> list[Path]:
     ------
     InputError
         `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` for a folder without any.
+    CheckpointError
+        `CHECKPOINT_UNKNOWN`: the folder holds several torch files, any of which may be the model.
     """
     try:
         is_folder = path.is_dir()
@@ -38,6 +40,9 @@ def expand(path: Path) -> list[Path]:
         raise open_error(error, path) from error
     if is_folder and not is_asset(path) and not is_checkpoint(path):
         found = sorted(_below(path))
+        if not found and bare_models(path):
+            locate(path)  # which refuses several
+            return [path]
         if not found:
             wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
             text = f"the folder holds no checkpoint and none of {wanted}"

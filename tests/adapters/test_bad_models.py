@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 import msb
+from msb.adapters.exporter import adapters
 from msb.errors import MsbError, Unsupported, UsageError
 from tests.adapters import models
 from tests.adapters.models import VALUES, write_model, write_web_export
@@ -111,6 +112,30 @@ def refused(path: Path, **options: Any) -> MsbError:
 def test_two_dts_tuple(value: Callable[[Any], Any], text: str, tmp_path: Path) -> None:
     error = refused(write_model(tmp_path, "two_dts", value(models.two_dts())))
     assert text in error.message
+
+
+@pytest.mark.parametrize(
+    ("method", "key", "said"),
+    [
+        ("triangle_splatting", "triangles_points", "triangles_points, which may be my_triangles_points here"),
+        ("mesh_splatting", "features_dc", None),  # its indices show whose it is
+        ("two_dts", "_f_dc", None),
+        ("diffsoup", "V", None),
+    ],
+)
+def test_keys_that_nearly_fit_name_the_nearest_method(
+    method: str, key: str, said: str | None, tmp_path: Path
+) -> None:
+    value = VALUES[method]()
+    value["my_" + key.strip("_")] = value.pop(key)
+    message = refused(write_model(tmp_path, method, value)).message
+    assert (f"nearest: {method}, but for {said}" if said else f'it has no key "{key}"') in message
+
+
+@pytest.mark.parametrize("method", VALUES)
+def test_the_keys_that_a_method_names_are_in_its_checkpoints(method: str) -> None:
+    adapter: Any = adapters()[method]
+    assert set(adapter.KEYS) <= VALUES[method]().keys()
 
 
 @pytest.mark.parametrize("method", VALUES)

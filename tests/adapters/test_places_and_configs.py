@@ -10,10 +10,11 @@ import pytest
 
 import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
+from msb.cli.inputs import expand
 from msb.errors import CheckpointError, InputError
 from msb.scenes.datasets.trained import saw_test_views
 from tests.adapters import models
-from tests.adapters.models import GOLDEN, write_model, write_web_export
+from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,6 +75,19 @@ def test_paths_that_hold_nothing(tmp_path: Path) -> None:
         msb.export("a\0b")
     with pytest.raises(CheckpointError, match="it is not the output folder of a method we know"):
         msb.export(tmp_path)
+
+
+def test_a_folder_with_one_bare_model_is_that_model_and_of_several_one_is_to_be_given(tmp_path: Path) -> None:
+    file = write_model(tmp_path / "run", "triangle_splatting", VALUES["triangle_splatting"]())
+    model = next(file.rglob("*.pt"))
+    (tmp_path / "r").mkdir()
+    shutil.copy(model, tmp_path / "r" / "my_model.pt")
+    assert msb.open(tmp_path / "r").manifest.method == "triangle_splatting"
+    assert expand(tmp_path / "r") == [tmp_path / "r"]
+    shutil.copy(model, tmp_path / "r" / "other.pt")
+    for read in (msb.open, expand):
+        with pytest.raises(CheckpointError, match=r"2 checkpoints \(my_model.pt, other.pt\); give one"):
+            read(tmp_path / "r")
 
 
 def test_a_latest_iteration_without_its_model_is_not_passed_over(tmp_path: Path) -> None:

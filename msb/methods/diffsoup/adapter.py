@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
+KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
 FEATURES = 7
 MAX_LEVEL = 8
 """The highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples a triangle."""

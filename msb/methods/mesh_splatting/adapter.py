@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
+KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
 _OLDER_FLOOR = 0.9999
 """The opacity floor that the loader of Triangle Splatting 2 and the re-import of a PLY impose."""
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
+KEYS = ("triangles_points", "features_dc", "features_rest", "opacity", "sigma", "active_sh_degree")
 _NOT_OURS = {"_triangle_indices", "vertex_weight"}
 
 

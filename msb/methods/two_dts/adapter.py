@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from msb.errors import Finding
     from msb.meshes.ply_table import PlyTable
 
-_KEYS = {"_vertex", "_opacity", "_f_dc", "_f_rest"}
+KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
 _UPSTREAM: dict[str, tuple[str, Any]] = {
@@ -50,7 +50,7 @@ def recognises(content: Content) -> bool:
         isinstance(value, tuple)
         and bool(value)
         and isinstance(value[0], dict)
-        and bool(_KEYS & value[0].keys())
+        and not value[0].keys().isdisjoint(KEYS)
     )
 
 
