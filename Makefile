@@ -27,7 +27,8 @@ $(FOR_TEST): EXTRAS := crosscheck,distributed,test,trial,view
 $(FOR_DOCS): EXTRAS := docs
 
 $(FOR_DEMO) $(FOR_TEST) $(FOR_DOCS): pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	@echo "installing $(EXTRAS) into $(VENV): minutes, once"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
 	@touch $@
 
 demo: $(FOR_DEMO)

@@ -145,6 +145,12 @@ config_app = _Typer(
 config_app.command(epilog=config.EPILOG)(with_shared(config.show))
 app.add_typer(config_app, name="config")
 
+
+@config_app.callback(invoke_without_command=True)
+def _config(context: typer.Context) -> None:
+    _help_alone(context)
+
+
 audit_app = _Typer(name="msb-audit", pretty_exceptions_enable=False, **_PLAIN)
 audit_app.command(epilog=audit.EPILOG)(with_shared(audit.audit))
 
@@ -152,6 +158,11 @@ audit_app.command(epilog=audit.EPILOG)(with_shared(audit.audit))
 @app.callback(invoke_without_command=True)
 def _root(context: typer.Context, version: Version = False) -> None:
     """Decide whether a trained triangle or mesh splatting model is a usable graphics asset."""
+    _help_alone(context)
+
+
+def _help_alone(context: typer.Context) -> None:
+    """Print the help of a group whose command is not given."""
     if context.invoked_subcommand is None:
         from msb.cli.output import echo
 

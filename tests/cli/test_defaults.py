@@ -208,3 +208,10 @@ def test_msb_audit_reads_the_table_of_audit(tmp_path: Path, demo_asset: Path) ->
     )
     assert done.returncode == 1
     assert "GATE_FAILED" in done.stderr
+
+
+def test_config_alone_shows_its_commands_as_msb_alone_does(msb: Msb) -> None:
+    result = msb("config")
+    assert (result.status, result.err) == (0, "")
+    assert result.out.startswith("Usage: msb config")
+    assert "  show  " in result.out

@@ -10,6 +10,7 @@ import pytest
 from msb_viewers.detail import cluster
 from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE
 from msb_viewers.palette import NEUTRAL, STYLES
+from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import Colors, read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import GREEN, RED, model_of
@@ -87,6 +88,8 @@ def test_any_size_gives_finite_positions(scale: float) -> None:
 def test_a_soup_says_so_and_draws_no_boundary() -> None:
     model = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     assert SOUP_NOTE in model.notes
+    assert "1" not in SOUP_NOTE  # a picture has no keys; the window names the one that draws them
+    assert ViewState.first(model).message == f"{SOUP_NOTE} 1: draw them"
     assert "boundary_edges" not in model.shown_by_default()
 
 

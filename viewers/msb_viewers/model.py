@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from msb.topology.analysis import Analysis
     from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-SOUP_NOTE = (
-    "Triangle soup: no two faces share a vertex, so every edge is a boundary. They are not drawn; 1 does."
-)
+SOUP_NOTE = "Triangle soup: no two faces share a vertex, so every edge is a boundary; these are not drawn."
 CLEAN_NOTE = "Nothing wrong: closed, manifold, consistently wound."
 EMPTY_NOTE = "There is no face to draw."
 _WORST_FIRST = (

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from msb.errors import UsageError, shorten
+from msb_viewers.model import SOUP_NOTE
 from msb_viewers.palette import size_label
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ class ViewState:
         if shown or state.active not in model.layers:
             state.active = (shown or list(model.layers))[0]
         state.message = "H: help" if not model.notes else model.notes[0]
+        state.message += " 1: draw them" if SOUP_NOTE in model.notes[:1] else ""
         return state
 
     def toggle(self, kind: str) -> None:
