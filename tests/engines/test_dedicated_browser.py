@@ -252,6 +252,33 @@ def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
         assert psnr is None or psnr > 55, (order, sampling)
 
 
+@pytest.mark.parametrize("when", ["idle", "compiling"])
+def test_a_lost_device_stays_said_and_so_does_that_nothing_is_drawn(
+    when: str, with_webgpu: InBrowser
+) -> None:
+    script = f"""
+        await ready;
+        const {{ lost }} = official;
+        const changing = "{when}" === "compiling" ? setMode({{ order: "none" }}) : null;
+        official.device.destroy();
+        await Promise.all([lost, changing]);
+        await new Promise((done) => setTimeout(done, 100));
+        const said = [byId("note").hidden, byId("note").textContent, byId("shown").value];
+        const told = new Promise((done) => canvas.addEventListener("webglcontextlost", done));
+        gl.getExtension("WEBGL_lose_context").loseContext();
+        await told;
+        return [...said, byId("note").textContent];"""
+    hidden, said, shown, nothing = with_webgpu(
+        page_of(golden_views("triangle_splatting")[:1]).encoded(), script
+    )
+    assert (hidden, shown) == (False, "standard")
+    assert said.startswith("The graphics device was lost")
+    assert said.endswith(
+        "This is the standard tier: the mesh as any engine draws it; reload the page for the dedicated tier."
+    )
+    assert nothing.endswith(" WebGL was lost, too, so nothing is drawn; reload the page.")
+
+
 def test_a_page_of_many_faces_opens_and_takes_at_most_a_hundred_bytes_a_face(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -103,6 +103,35 @@ def test_a_camera_of_the_list_shows_what_our_renderer_draws(in_browser: InBrowse
     assert (difference <= 1).mean() > 0.995
 
 
+def test_it_opens_at_the_first_camera_that_was_given(in_browser: InBrowser) -> None:
+    script = (
+        "await ready; return [byId('cameras').value, state.view.width, state.fitted, byId('panel').open];"
+    )
+    page = the_page(cameras=[VIEW, camera(40, 30, 20.0, (20.0, 15.0))])
+    assert in_browser(page, script) == ["0", 200, False, False]
+    assert in_browser(page, script, "?camera=1", (1280, 800)) == ["1", 40, False, True]
+    assert in_browser(the_page(), script)[::2] == ["", True]
+
+
+def test_where_webgl_is_lost_it_says_that_nothing_is_drawn_until_it_is_back(in_browser: InBrowser) -> None:
+    script = """
+        await ready;
+        const pause = (done) => setTimeout(done, 100);  // a context comes back only after its loss was told
+        const heard = (name) => new Promise((done) => canvas.addEventListener(name, () => pause(done)));
+        const picture = () => { showNow(); return canvas.toDataURL(); };
+        const before = picture(), losing = gl.getExtension("WEBGL_lose_context"), said = [];
+        for (const [name, act] of [["lost", "loseContext"], ["restored", "restoreContext"]]) {
+          const told = heard(`webglcontext${name}`);
+          losing[act]();
+          await told;
+          said.push(byId("message").textContent);
+        }
+        return [said, picture() === before];"""
+    said, same = in_browser(the_page(cameras=[VIEW]), script)
+    assert said == ["WebGL was lost, so nothing is drawn; reload the page.", ""]
+    assert same
+
+
 def test_colours_taken_as_linear_come_out_lighter(in_browser: InBrowser) -> None:
     page = the_page(cameras=[VIEW])
     exact, linear = (

@@ -13,6 +13,16 @@ const INSTEAD = about.standard.grey
   : "This is the standard tier: the mesh as any engine draws it";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
+// Why there is no dedicated tier, if so; what is shown instead is said anew when WebGL comes and goes.
+let why = "", cure = "";
+function noteInstead() {
+  note(`${why} ${gl.isContextLost() ? "WebGL was lost, too, so nothing is drawn; reload the page" : INSTEAD + cure}.`);
+}
+webGlLost = (lost) => {
+  if (why) noteInstead();
+  else note(lost ? "WebGL was lost, so the standard tier is not drawn; reload the page for it." : "");
+};
+
 // ---- arrays
 
 // Arrays that the standard mesh needs are kept until it is made.
@@ -151,8 +161,8 @@ async function setMode(changed) {
   note("Compiling shaders ...");
   try {
     await official.use(number);
-    note("");
-  } catch (error) { note(String(error.message || error).slice(0, 300)); }
+    if (official) note("");
+  } catch (error) { if (official) note(String(error.message || error).slice(0, 300)); }
 }
 for (const [name, texts] of [["order", ORDERS], ["sampling", SAMPLINGS]]) {
   const there = Object.keys(texts).filter((key) => about.plans.some((plan) => plan[name] === key));
@@ -171,7 +181,6 @@ async function openFirst() {
   const kept = {};
   byId("name").textContent = byId("name").title = start.name;
   for (const part of document.querySelectorAll("#panel select, #panel input, #panel button")) part.disabled = true;
-  let why = "";
   try {
     official = await Dedicated.open(about, top_, (name) => arrayOf(name, kept), waitFor);
     official.device.onuncapturederror = (event) => note(`The graphics device refuses a frame: ${event.error.message.slice(0, 200)}`);
@@ -180,8 +189,9 @@ async function openFirst() {
       official = null;
       byId("shown").value = "standard";
       layOut();
-      note(`The graphics device was lost${info.message ? ` (${info.message.slice(0, 120)})` : ""}. ` +
-        `${INSTEAD}; reload the page for the dedicated tier.`);
+      why = `The graphics device was lost${info.message ? ` (${info.message.slice(0, 120)})` : ""}.`;
+      cure = "; reload the page for the dedicated tier";
+      noteInstead();
       show();
     });
   } catch (error) { why = String(error.message || error).slice(0, 300); }
@@ -200,7 +210,7 @@ async function openFirst() {
   for (const option of byId("shown").options) option.disabled = option.value !== "standard" && !official;
   if (about.standard.grey) for (const part of ["option[value=standard]", "b:last-of-type"]) document.querySelector(part).textContent = "grey triangles";
   byId("shown").value = official ? "dedicated" : "standard";
-  if (!official) note(`${why} ${INSTEAD}.`);
+  if (!official) noteInstead();
   if (official) byId("frame").title = official.name;
   say("");
   for (const part of document.querySelectorAll("#panel select, #panel input, #panel button")) part.disabled = false;

@@ -18,11 +18,19 @@ renderer.autoClear = false;
 renderer.setPixelRatio(1);
 renderer.toneMapping = THREE.NoToneMapping;
 if (THREE.ColorManagement) THREE.ColorManagement.legacyMode = true;
-const floats = gl.getExtension("EXT_color_buffer_float") !== null;
 // Depth 1 at the near plane and 0 infinitely far, in float32, loses nothing to a far plane; where a browser
 // cannot (no EXT_clip_control), the usual -1 .. 1, without a far plane either.
-const clip = gl.getExtension("EXT_clip_control");
-if (clip) clip.clipControlEXT(clip.LOWER_LEFT_EXT, clip.ZERO_TO_ONE_EXT);
+function extended() {
+  const clip = gl.getExtension("EXT_clip_control");
+  if (clip) clip.clipControlEXT(clip.LOWER_LEFT_EXT, clip.ZERO_TO_ONE_EXT);
+  return { floats: gl.getExtension("EXT_color_buffer_float") !== null, clip: clip !== null };
+}
+const { floats, clip } = extended();
+
+// Whether a browser's graphics process has ended; three.js makes its things anew when there is another.
+let webGlLost = (lost) => say(lost ? "WebGL was lost, so nothing is drawn; reload the page." : "");
+canvas.addEventListener("webglcontextlost", () => webGlLost(true));
+canvas.addEventListener("webglcontextrestored", () => { extended(); webGlLost(false); show(); });
 
 const scene = new THREE.Scene();
 const camera = new THREE.PerspectiveCamera();

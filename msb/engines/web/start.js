@@ -5,7 +5,7 @@ async function main() {
   byId("panel").hidden = asked.has("bare");
   const other = start.dedicated ? "mesh" : "dedicated";
   for (const part of document.querySelectorAll(`[data-for=${other}]`)) part.hidden = true;
-  byId("panel").open = window.innerWidth > 600;
+  byId("panel").open = window.innerWidth > 1200;
   setColors(asked.get("colors") !== "linear");
   byId("up").value = start.up;
   byId("background").value = "#" + start.background
@@ -13,7 +13,8 @@ async function main() {
   setCameras(start.cameras);
   if (!await openFirst(asked)) return false;
   const wanted = asked.get("camera");
-  const index = wanted === null ? -1 : views.findIndex((view, i) => view.name === wanted || String(i) === wanted);
+  const index = wanted === null ? Math.min(0, views.length - 1)
+    : views.findIndex((view, i) => view.name === wanted || String(i) === wanted);
   if (index >= 0) byId("cameras").value = String(index);
   if (index >= 0) choose(index); else fit();
   return true;
