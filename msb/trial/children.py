@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from msb.trial.limits import end_with_parent, limit_memory
 from msb.trial.mesh import load_mesh
 from msb.trial.registry import TASKS
 from msb.trial.task import Made, Reply
+from msb.trial.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -61,9 +63,10 @@ def run_attempt(
     All files are in a folder that is removed. The child is ended at its limit, and by whatever ends this
     call: an interrupt, an error, a signal that raises.
     """
+    unit = None if attempt.any_unit else Unit.of(mesh)
     with shared_folder("msb-trial-") as folder:
-        mesh.save(folder)
-        for key, array in arrays.items():
+        (mesh if unit is None else unit.enter(mesh)).save(folder)
+        for key, array in (arrays if unit is None else unit.enter_points(arrays)).items():
             write_npy(folder / f"given.{key}.npy", array)
         words = (task.name, attempt.library, str(folder), str(limits.memory))
         start = time.monotonic()
@@ -86,7 +89,10 @@ def run_attempt(
         finally:
             end(child)
         check_written(child.returncode)
-        return _reply(folder, child.returncode, limits)
+        reply = _reply(folder, child.returncode, limits)
+    if reply.made is None or unit is None:
+        return reply
+    return replace(reply, made=unit.leave(reply.made, task.powers))
 
 
 def command(task: str, library: str, folder: str, memory: str) -> list[str]:

@@ -21,7 +21,8 @@ def offer(mesh: TriedMesh) -> tuple[Any, Numbers]:
     import manifold3d
 
     given = manifold3d.Mesh(
-        vert_properties=mesh.vertices, tri_verts=np.ascontiguousarray(mesh.faces, np.uint32)
+        vert_properties=np.ascontiguousarray(mesh.vertices, np.float32),
+        tri_verts=np.ascontiguousarray(mesh.faces, np.uint32),
     )
     solid = manifold3d.Manifold(given)
     said = solid.status()

@@ -31,6 +31,7 @@ class TriedMesh:
     Attributes
     ----------
     vertices : (V, 3) float32
+        float64 between us and a library.
     faces : (F, 3) int64
         Vertex numbers, all in range.
     colors : (V, 3) float32
@@ -38,7 +39,7 @@ class TriedMesh:
     uv : (V, 2) float32, optional
     """
 
-    vertices: NDArray[np.float32]
+    vertices: NDArray[np.floating[Any]]
     faces: NDArray[np.int64]
     colors: NDArray[np.float32]
     uv: NDArray[np.float32] | None = None
@@ -89,7 +90,7 @@ def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:
             raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
         if not np.isfinite(array).all():
             raise ValueError(f"{key} of the mesh {name} are not all finite")
-        found[key] = array.astype(np.int64 if key == "faces" else np.float32)
+        found[key] = array if key == "vertices" else array.astype(np.int64 if key == "faces" else np.float32)
     if found["faces"].size and not 0 <= found["faces"].min() <= found["faces"].max() < len(found["vertices"]):
         raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")
     return TriedMesh(**found)

@@ -21,7 +21,10 @@ Numbers = dict[str, Any]
 
 @dataclass
 class Made:
-    """What an attempt leaves: numbers as JSON has them, meshes to draw and keep, and further arrays."""
+    """What an attempt leaves: numbers as JSON has them, meshes to draw and keep, and further arrays.
+
+    Arrays (n, 3) of floating numbers are points.
+    """
 
     numbers: Numbers = field(default_factory=dict)
     meshes: dict[str, TriedMesh] = field(default_factory=dict)
@@ -41,11 +44,15 @@ class Attempt:
     work : callable
         A function of the mesh, the task's parameters and the arrays that `Task.prepare` made. What it raises
         is reported as the library's words.
+    any_unit : bool
+        Whether it is handed the mesh as stored, because no coordinate reaches a library: else it gets, and
+        makes, meshes and points in the unit of `msb.trial.units`.
     """
 
     library: str
     modules: tuple[str, ...]
     work: Callable[[TriedMesh, Mapping[str, Any], Mapping[str, NDArray[Any]]], Made]
+    any_unit: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,8 @@ class Task:
         A function of the numbers to a short text for a table.
     parameters : mapping
         What the attempts are told.
+    powers : mapping of str to int
+        Names of the attempts' numbers that are lengths (1), areas (2) or volumes (3).
     prepare : callable, optional
         Makes arrays for the attempts from the pictures.
     picture : callable, optional
@@ -109,6 +118,7 @@ class Task:
     judge: Callable[[TriedMesh, Mapping[str, Made], Look], Judgement]
     says: Callable[[Numbers], str]
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    powers: Mapping[str, int] = field(default_factory=dict)
     prepare: Callable[[TriedMesh, Look], dict[str, NDArray[Any]]] | None = None
     picture: Callable[[TriedMesh, Mapping[str, Made], Look], NDArray[Any] | None] | None = None
 

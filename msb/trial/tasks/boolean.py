@@ -95,6 +95,7 @@ TASKS = (
         (Attempt("manifold3d", ("manifold3d",), _work),),
         _judge,
         _says,
+        powers={"volume": 3, "volume_left": 3, "volume_taken": 3},
         picture=_picture,
     ),
 )

@@ -46,7 +46,7 @@ def _fast_simplification(
     count = np.maximum(np.bincount(into, minlength=len(vertices)), 1)
     sums = [np.bincount(into, mesh.colors[used, k], len(vertices)) for k in range(3)]
     colors = (np.stack(sums, axis=1) / count[:, None]).astype(np.float32)
-    return Made({}, {"mesh": TriedMesh(vertices.astype(np.float32), kept.astype(np.int64), colors)})
+    return Made({}, {"mesh": TriedMesh(vertices, kept.astype(np.int64), colors)})
 
 
 def _pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]) -> Made:
@@ -59,7 +59,7 @@ def _pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, N
     meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, parameters["percent"]))
     found = meshes.current_mesh()
     made = TriedMesh(
-        found.vertex_matrix().astype(np.float32),
+        found.vertex_matrix(),
         found.face_matrix().astype(np.int64),
         found.vertex_color_matrix()[:, :3].astype(np.float32),
     )

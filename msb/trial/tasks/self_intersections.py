@@ -73,7 +73,7 @@ TASKS = (
     Task(
         "self_intersections",
         "Self-intersections, slivers",
-        (Attempt("numpy", ("numpy",), _work),),
+        (Attempt("numpy", ("numpy",), _work, any_unit=True),),
         _judge,
         _says,
         picture=_picture,

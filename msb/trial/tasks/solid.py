@@ -113,6 +113,7 @@ TASKS = (
         (Attempt("manifold3d", ("manifold3d",), _manifold), Attempt("trimesh", ("trimesh",), _trimesh)),
         _judge,
         _says,
+        powers={"volume": 3},
         picture=_picture,
     ),
 )

@@ -188,7 +188,7 @@ TASKS = (
     Task(
         "subdivide",
         "Loop subdivision",
-        (Attempt("libigl", ("igl",), _work),),
+        (Attempt("libigl", ("igl",), _work, any_unit=True),),
         _judge,
         _says,
         picture=_picture,

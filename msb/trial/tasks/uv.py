@@ -29,7 +29,7 @@ def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]])
     import xatlas
 
     atlas = xatlas.Atlas()
-    atlas.add_mesh(mesh.vertices, mesh.faces.astype(np.uint32))
+    atlas.add_mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     atlas.generate()
     original, faces, uv = atlas[0]
     original, faces, uv = original.astype(np.int64), faces.astype(np.int64), uv.astype(np.float32)

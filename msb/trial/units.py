@@ -1,0 +1,78 @@
+"""The unit of length that libraries work in, whatever that of the asset is.
+
+Libraries have absolute limits: xatlas drops faces of less than 1e-7, and the first errors that
+fast-simplification lets pass are of 1e-6. So each is handed the mesh about its middle, in a unit of which the
+usual face has an area of 1; with the whole mesh of size 1 a far-flung face would make the others too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.trial.geometry import areas
+from msb.trial.task import Made
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from msb.trial.mesh import TriedMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A length, and the point (3,) that places are counted from, in the asset's coordinates."""
+
+    length: float
+    middle: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, mesh: TriedMesh) -> Unit:
+        """Return the unit in which libraries are handed `mesh`."""
+        sizes = areas(mesh.vertices, mesh.faces)
+        sizes = sizes[sizes > 0]
+        length = float(np.sqrt(np.median(sizes))) if len(sizes) else mesh.diagonal
+        used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
+        return cls(length or 1.0, np.median(used, axis=0) if len(used) else np.zeros(3))
+
+    def enter(self, mesh: TriedMesh) -> TriedMesh:
+        """Return the asset's mesh in this unit, its vertices in float64."""
+        return replace(mesh, vertices=self._entered(mesh.vertices))
+
+    def enter_points(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Return the arrays, those of points in this unit."""
+        return {name: self._entered(one) if _are_points(one) else one for name, one in arrays.items()}
+
+    def leave(self, made: Made, powers: Mapping[str, int]) -> Made:
+        """Return what was made in this unit in that of the asset.
+
+        Parameters
+        ----------
+        made : Made
+        powers : mapping of str to int
+            Of numbers that are lengths, areas or volumes: 1, 2 or 3.
+        """
+        numbers = {
+            name: value * self.length ** powers[name] if name in powers and value is not None else value
+            for name, value in made.numbers.items()
+        }
+        meshes = {
+            name: replace(one, vertices=self._left(one.vertices).astype(np.float32))
+            for name, one in made.meshes.items()
+        }
+        arrays = {name: self._left(one) if _are_points(one) else one for name, one in made.arrays.items()}
+        return Made(numbers, meshes, arrays)
+
+    def _entered(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        return np.asarray((points.astype(np.float64) - self.middle) / self.length)
+
+    def _left(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        return np.asarray(points.astype(np.float64) * self.length + self.middle)
+
+
+def _are_points(array: NDArray[Any]) -> bool:
+    return array.ndim == 2 and array.shape[1] == 3 and array.dtype.kind == "f"
