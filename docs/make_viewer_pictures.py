@@ -110,7 +110,7 @@ def tutorial_picture() -> Image.Image:
         command = [sys.executable, "-m", "msb", "compare", *options]
         scene = STUBS / "scenes" / "mipnerf360" / "pebble"
         subprocess.run(
-            [*command, "--cameras", str(scene), "--images", str(scene / "images_4"), str(asset)], check=True
+            [*command, "--cameras", str(scene), "--image-folder", "images_4", str(asset)], check=True
         )
         return Image.open(picture).convert("RGB")
 

@@ -68,7 +68,13 @@ def compare(
     chosen: Chosen = None,
     images: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="The cameras' photographs. Default: where the dataset says."),
+        typer.Option(
+            "--image-folder",
+            "--images",
+            metavar="NAME|FOLDER",
+            help="The photographs' folder in the scene, e.g. images_2, or any other. Default: where the "
+            "dataset says, or else the largest that are there.",
+        ),
     ] = None,
     scale: Scale = None,
     layout: Annotated[Layout, typer.Option(help="How pictures are shown at first.")] = "side",
@@ -151,7 +157,7 @@ def _comparison(
 
     views = _views(options)
     if views and not any(view.photograph for view in views):
-        output.note(f"{options.cameras}: no photograph of its cameras is there; --images FOLDER names them")
+        output.note(f"{options.cameras}: no photograph of its cameras is there; --image-folder names them")
     tiers, missing = choose_tiers(asset, views, options.tiers, headless=headless)
     if options.tiers is None and headless and "reference" not in tiers:
         text = f"{asset.manifest.face_count:,} faces take NumPy minutes a view; --tiers names it if wanted"
@@ -169,17 +175,24 @@ def _comparison(
 
 def _views(options: CompareOptions) -> list[View]:
     if options.cameras is None:
-        given = {"camera": options.chosen, "images": options.images, "scale": options.scale}
+        given = {"camera": options.chosen, "image-folder": options.images, "scale": options.scale}
         refuse(given, "needs --cameras PATH")
         return []
     from msb.cli.camera_options import choose_cameras
     from msb.scenes import read_cameras
+    from msb.scenes.datasets import photographs_beside
     from msb_viewers.deployment.views import dataset_views
 
     cameras = choose_cameras(read_cameras(options.cameras), options.chosen, None, None)
     place = Path(options.cameras)
     beside = place if place.is_dir() else place.parent
-    return dataset_views(cameras, options.images, options.scale, beside=beside)
+    images = options.images
+    if images is not None:
+        images = beside / images if (beside / images).is_dir() else images
+    elif not any(camera.image_path and camera.image_path.is_file() for camera in cameras):
+        found = photographs_beside(place, cameras)
+        images = None if found is None else found[0]
+    return dataset_views(cameras, images, options.scale, beside=beside)
 
 
 def _write(state: CompareState, options: CompareOptions, files: Files, output: Output) -> None:

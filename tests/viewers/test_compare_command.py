@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 VIEWS = ROOT / "data_stubs" / "views.json"
 FAST = ("--tiers", "dedicated,standard")
+SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 
 
 def compare(*args: object, **env: str) -> Any:
@@ -99,12 +100,26 @@ def test_a_method_without_any_of_the_tiers_is_status_4(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.parametrize("more", [(), ("--image-folder", "images_8"), ("--image-folder", SCENE / "images_8")])
+def test_photographs_of_a_scene_are_found_as_render_finds_them(more: tuple[Any, ...], tmp_path: Path) -> None:
+    out = tmp_path / "c.html"
+    shown = compare(
+        *("--cameras", SCENE, "--camera", "0", "--tiers", "standard,truth", "--html", out, *more),
+        ROOT / "data_stubs" / "models" / "walled" / "triangle_splatting",
+    )
+    assert shown.returncode == 0, shown.stderr
+    meta = meta_of(out.read_text())
+    assert [tier["tier"] for tier in meta["tiers"]] == ["truth", "standard"]
+    assert meta["views"][0]["width"] == (120 if more else 240)
+    assert meta["views"][0]["decibels"]["standard truth"] > 10
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "code", "status"),
     [
         (["--camera", "1", "--html", "a.html"], "USAGE", 2),
-        (["--images", "x", "--html", "a.html"], "USAGE", 2),
+        (["--image-folder", "x", "--html", "a.html"], "USAGE", 2),
         (["--tiers", "best", "--html", "a.html"], "VIEW_TIER", 2),
         (["--tiers", "truth", "--html", "a.html"], "VIEW_TIER", 2),
         (["--pair", "standard", "--html", "a.html"], "VIEW_TIER", 2),

@@ -20,7 +20,7 @@ from msb.scenes.datasets.rulebook import (
     stated_background,
 )
 from msb.scenes.datasets.rules import Photographs, Rules
-from msb.scenes.datasets.scaled import recorded_note, scaled_note
+from msb.scenes.datasets.scaled import photographs_beside, recorded_note, scaled_note
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.datasets.trained import over_another, trained_otherwise
 
@@ -43,6 +43,7 @@ __all__ = [
     "find_scenes",
     "over_another",
     "own_background",
+    "photographs_beside",
     "read_matrices",
     "read_scene",
     "recorded_note",

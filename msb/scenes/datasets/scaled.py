@@ -64,27 +64,33 @@ def recorded_note(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> st
     cameras : sequence of Camera
         At least one, as recorded.
     """
+    view = cameras[0]
+    found = photographs_beside(path, cameras)
+    if found is None or view.width < _FAR * found[1][0]:
+        return None
+    folder, size = found
+    return (
+        f"the cameras are drawn as recorded, at {view.width} x {view.height} pixels; the photographs in "
+        f"{shorten(folder.name, 40)} have {_text(size)}: --scale {size[0] / view.width:.4g} draws "
+        "at their size"
+    )
+
+
+def photographs_beside(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> tuple[Path, Size] | None:
+    """Return the folder of the largest photographs of a COLMAP scene, and their size; arguments as above."""
     place = given_path(path)
     model = find_model(place) if is_folder(place) else None
     if model is None:
         return None
     root = next((above.parent for above in (model, model.parent) if above.name == "sparse"), model)
-    view = cameras[0]
-    sizes: dict[Size, str] = {}
+    sizes: dict[Size, Path] = {}
     for folder in folders(root):
         with contextlib.suppress(MsbError):
-            file = SpelledFiles(folder).find(str(view.name))
+            file = SpelledFiles(folder).find(str(cameras[0].name))
             size = _stored(file) if folder.name.startswith("images") else None
             if size is not None:
-                sizes[size] = folder.name
-    if not sizes or view.width < _FAR * max(sizes)[0]:
-        return None
-    largest = max(sizes)
-    return (
-        f"the cameras are drawn as recorded, at {view.width} x {view.height} pixels; the photographs in "
-        f"{shorten(sizes[largest], 40)} have {_text(largest)}: --scale {largest[0] / view.width:.4g} draws "
-        "at their size"
-    )
+                sizes[size] = folder
+    return (sizes[max(sizes)], max(sizes)) if sizes else None
 
 
 def _stored(file: Path) -> Size | None:

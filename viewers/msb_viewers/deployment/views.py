@@ -76,7 +76,7 @@ def dataset_views(
         `CAMERA_IMAGE`: a photograph's size cannot be read.
     """
     if images is not None and not images.is_dir():
-        raise UsageError("USAGE", "--images: there is no such folder", file=images)
+        raise UsageError("USAGE", "--image-folder: there is no such folder", file=images)
     views = []
     folder = images or beside
     files = None if folder is None else SpelledFiles(folder)
@@ -92,7 +92,7 @@ def dataset_views(
         views.append(View(camera.name or f"camera {index}", camera, photograph, why))
     if images is not None and not any(view.photograph for view in views):
         names = ", ".join(view.name for view in views[:3])
-        text = f"--images: it holds no image named like a camera ({names}, ...)"
+        text = f"--image-folder: it holds no image named like a camera ({names}, ...)"
         raise UsageError("USAGE", text, file=images)
     return views
 
