@@ -9,9 +9,14 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
+from typer.main import get_command
 
 import msb
 from data_stubs.make import splat_like_asset
+from msb.cli.app import app
+from msb.cli.defaults import single_commands
+from msb.errors import CODES, CheckpointError, MeshFileError, SceneError
+from msb.metrics.registry import IMAGE_METRICS
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -96,6 +101,34 @@ def test_the_reference_has_everything_public() -> None:
 
 
 @pytest.mark.slow
+def test_every_option_and_every_metric_has_a_word_in_the_docs() -> None:
+    pages = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")]
+    said = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", "".join(pages)))
+    silent = {
+        f"msb {name} {'/'.join(param.opts)}"
+        for name, command in single_commands(get_command(app)).items()
+        for param in command.params
+        if param.param_type_name == "option" and said.isdisjoint(param.opts)
+    }
+    assert not silent
+    metrics = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    assert not [each.title for each in IMAGE_METRICS.values() if f"## {each.title}" not in metrics]
+
+
+def test_every_code_of_an_error_is_in_a_test() -> None:
+    """Those of files that are read have tests of their own, which hold each to a bad file."""
+    tests = "".join(
+        path.read_text(encoding="utf-8")
+        for path in (ROOT / "tests").rglob("*.py")
+        if path.name != "test_docs.py"
+    )
+    of_files = (SceneError, MeshFileError, CheckpointError)
+    others = [
+        code for code, one in CODES.items() if one.kind not in of_files and not code.startswith("TRIASSET_")
+    ]
+    assert not [code for code in others if not re.search(rf"\b{code}\b", tests)]
+
+
 def test_nothing_cites_a_document_that_is_not_here() -> None:
     for folder in ("msb", "viewers", "tests", "fuzz", "docs", "benchmarks", "data_stubs"):
         for path in (ROOT / folder).rglob("*"):

@@ -93,8 +93,11 @@ def test_two_images_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) 
         picture(tmp_path / "pred" / f"{name}.png")
     with pytest.raises(MetricError, match="the same name, in different Unicode normal forms; leave one"):
         metrics.pair_images(tmp_path / "pred", tmp_path / "pred")
-    with pytest.raises(InputError, match=r"2 files in it are called .* in different Unicode normal forms"):
+    with pytest.raises(
+        InputError, match=r"2 files in it are called .* different Unicode normal forms"
+    ) as caught:
         SpelledFiles(tmp_path / "pred").find(f"{COMPOSED}.png")
+    assert caught.value.code == "FILE_NAMES_ALIKE"
 
 
 def renamed(folder: Path, file: str, old: str, new: str) -> None:

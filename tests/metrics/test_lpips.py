@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 import warnings
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 
 from msb import metrics
 from msb.errors import InputError, MetricError
+from msb.metrics import vgg
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, VGG_FILE, VGG_SHA256, read_heads, read_vgg, weights_source
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 from tests.metrics.synthetic_vgg import synthetic_vgg
@@ -118,6 +121,17 @@ def test_the_package_s_linear_layers_are_version_0_1() -> None:
     assert [len(head) for head in heads] == [64, 128, 256, 512, 512]
     assert all((head >= 0).all() for head in heads)
     assert sha256 == HEADS_SHA256
+
+
+def test_linear_layers_that_cannot_be_read_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vgg, "check_extra", lambda: None)
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace())
+    monkeypatch.setattr(
+        vgg.importlib.util, "find_spec", lambda _: SimpleNamespace(origin="/nowhere/__init__.py")
+    )
+    with pytest.raises(MetricError, match=r"/nowhere/weights/v0.1/vgg.pth: it cannot be read") as caught:
+        read_heads()
+    assert caught.value.code == "METRIC_LPIPS_HEADS"
 
 
 def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
