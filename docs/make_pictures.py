@@ -22,7 +22,7 @@ PAPER = TerminalTheme(
         *[(30, 80, 170), (130, 50, 140), (0, 120, 130), (120, 124, 130)],
     ],
 )
-# Rich's own frame loads a web font; ours needs nothing from anywhere.
+# After the frame of Textualize/rich (MIT), which loads a web font; this one needs nothing from anywhere.
 FRAME = """<svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg">
 <style>
 .{unique_id}-matrix {{ font-family: ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace;

@@ -1,5 +1,6 @@
 /* Search on pages that are opened from the disk, where browsers start no worker: what the worker would run
-   runs in a hidden frame instead, and messages go to and fro as they would. Nothing is fetched. */
+   runs in a hidden frame instead, and messages go to and fro as they would. Nothing is fetched.
+   The design is that of squidfunk/iframe-worker (MIT). */
 if (location.protocol === "file:") {
   window.Worker = class extends EventTarget {
     constructor(url) {
