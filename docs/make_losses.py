@@ -26,7 +26,7 @@ from benchmarks.dedicated_scenes import BLENDED, is_connected, model
 from benchmarks.dedicated_scenes import camera as capture_camera
 from data_stubs.made_models import TRAINED
 from msb.methods import METHODS
-from msb.why import CAUSES, EQUAL, Cause, why
+from msb.why import CAUSES, EQUAL, why
 from tests.golden.views import scenes, views
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def causes(folder: Path) -> str:
     head = ["cause", *TITLES.values()]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for row in zip(*found.values(), strict=True):
-        lines.append(f"| {row[0].title} | " + " | ".join(map(_loss, row)) + " |")
+        lines.append(f"| {row[0].title} | " + " | ".join(_decibels(one.db) for one in row) + " |")
         worst = min((one for one in row if one.db is not None), key=lambda one: one.db or 0.0)
         if worst.without is not None and worst.with_it is not None:
             gap = np.ones((len(worst.without), GAP, 3), np.float32)
@@ -180,14 +180,16 @@ def causes(folder: Path) -> str:
                 [np.concatenate([worst.without, gap, worst.with_it], axis=1)],
                 folder / f"why_{worst.name}.png",
             )
-    assert len(lines) == len(CAUSES) + 2
+    totals = (_decibels(one.total.db) for one in found.values())
+    lines.append(f"| **All of it at once** | {' | '.join(totals)} |")
+    assert len(lines) == len(CAUSES) + 3
     return "\n".join(lines)
 
 
-def _loss(cause: Cause) -> str:
-    if cause.db is None:
+def _decibels(db: float | None) -> str:
+    if db is None:
         return "--"
-    return "equal" if cause.db >= EQUAL else f"{cause.db:.1f}"
+    return "equal" if db >= EQUAL else f"{db:.1f}"
 
 
 def main() -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from msb.asset.manifest import StoredSetting
 from msb.errors import UsageError, shorten
 from msb.methods import ORDERS, SAMPLINGS, lookup
 
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from msb.asset.manifest import Manifest
+    from msb.asset.reader import Asset
     from msb.methods import SettingValue
 
 _BOOLS = {"true": True, "yes": True, "on": True, "1": True}
@@ -37,6 +40,19 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
         values["sh_degree"] = manifest.sh_degree
     values.update({name: stored.value for name, stored in manifest.settings.items()})
     return {**values, **overrides}
+
+
+def with_settings(asset: Asset, overrides: Mapping[str, Any]) -> Asset:
+    """Return `asset` as if it stored `overrides`, so that all that is made of it has them.
+
+    Raises
+    ------
+    UsageError
+        The errors of `effective_settings`.
+    """
+    values = effective_settings(asset.manifest, overrides)
+    stored = {name: StoredSetting(values[name], "flag") for name in overrides}
+    return replace(asset, manifest=replace(asset.manifest, settings={**asset.manifest.settings, **stored}))
 
 
 def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, SettingValue]:

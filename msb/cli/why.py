@@ -12,7 +12,9 @@ from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose
 from msb.cli.output import Output, plain_table
 
 if TYPE_CHECKING:
-    from msb.why import Cause
+    from collections.abc import Iterator
+
+    from msb.why import Cause, Causes
 
 EPILOG = epilog(
     "msb why --size 160x120 data_stubs/models/pebble/two_dts",
@@ -45,7 +47,9 @@ def why(
     """Say why an export looks worse than the render: what each cause costs, in dB.
 
     The asset is drawn with each cause and without it, everything else alike. Below 30 dB the difference is
-    plain to see, above 40 dB it is not. Without --cameras eight views around the asset are drawn.
+    plain to see, above 40 dB it is not. The last lines are of all of it at once: the standard tier against
+    the method's own look, what engine settings mend of that, and what only a bake could. Without --cameras
+    eight views around the asset are drawn.
     """
     from msb.asset.settings import parse_overrides
     from msb.cli.camera_options import cameras_at, parse_background, parse_size
@@ -70,7 +74,7 @@ def why(
     else:
         views = cameras_at(cameras, chosen, size, scale, output)
     color = parse_background(background, asset)
-    with output.counted("drawing", len(CAUSES)) as step, about(path):
+    with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
         causes = find(
             asset,
             views,
@@ -82,7 +86,8 @@ def why(
     where: dict[str, Any] = {"views": len(views), "cameras": "turntable" if cameras is None else cameras}
     where["background"] = list(color)
     head = {"schema": SCHEMA, "path": str(path), "method": asset.manifest.method, **where}
-    output.write_json({**head, "causes": [cause.to_dict() for cause in causes]})
+    listed = [cause.to_dict() for cause in causes]
+    output.write_json({**head, "causes": listed, "total": causes.total.to_dict()})
     if save is not None:
         _save(causes, save)
     if output.prints_text:
@@ -101,7 +106,7 @@ def _save(causes: list[Cause], folder: Path) -> None:
             write_image(folder / f"{cause.name}.png", picture, "png")
 
 
-def _print(causes: list[Cause], head: dict[str, Any], save: Path | None, output: Output) -> None:
+def _print(causes: Causes, head: dict[str, Any], save: Path | None, output: Output) -> None:
     from rich.markup import escape
 
     from msb.why import EQUAL
@@ -117,10 +122,45 @@ def _print(causes: list[Cause], head: dict[str, Any], save: Path | None, output:
         db = "equal" if cause.db is None or cause.db >= EQUAL else f"{cause.db:.1f}"
         table.add_row(cause.title, db, "" if output.quiet else escape(cause.how_to_see))
     console.print(table)
+    for line in _total(causes, output.quiet):
+        console.print(line, soft_wrap=output.quiet)
     if save is not None and not output.quiet:
         console.print(f"pictures, each without and with its cause: {escape(str(save))}", soft_wrap=True)
     absent = [one for one in causes if not one.applies]
     if absent and not output.quiet:
         console.print("\nNot causes here:")
-        for cause in absent:
-            console.print(f"- {escape(cause.title)}: {escape(str(cause.reason))}")
+        reasons = {cause.title: cause.reason for cause in absent}
+        if causes.total.reason is not None:
+            reasons["All of it at once"] = causes.total.reason
+        for title, reason in reasons.items():
+            console.print(f"- {escape(title)}: {escape(str(reason))}")
+
+
+def _total(causes: Causes, quiet: bool) -> Iterator[str]:
+    """Yield what all causes do at once, and what of it can be mended where."""
+    from msb.why import EQUAL
+    from msb.why.total import TITLE
+
+    total = causes.total
+
+    def decibels(db: float | None) -> str:
+        return "equal" if db is None or db >= EQUAL else f"{db:.1f} dB"
+
+    if total.db is None:
+        return
+    yield f"\n[bold]{TITLE}: {decibels(total.db)}[/bold]"
+    if quiet:
+        return
+    sampled = "" if total.right == total.db else ", supersampled as in training"
+    yield (
+        f"- Engine settings: {decibels(total.wrong)} with all of them wrong (lit, back faces culled, colours "
+        f"taken for linear); {decibels(total.right)} is what is left with all of them right (unlit, "
+        f"two-sided, colours as they are{sampled})."
+    )
+    of = {cause.name: f"{cause.title.lower()} ({decibels(cause.db)})" for cause in causes}
+    if total.bakes:
+        together = "" if len(total.bakes) == 1 else f"; together {decibels(total.baked)}"
+        yield (
+            "- What is left no setting mends, only a bake (faces and colours made anew for an opaque mesh) "
+            f"or the method's own shader: {', '.join(of[name] for name in total.bakes)}{together}."
+        )

@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.metrics import psnr
+from msb.asset.settings import with_settings
 from msb.opening import as_asset
 from msb.scenes.around import around
+from msb.scenes.colors import check_background
+from msb.scenes.datasets import own_background
 from msb.why.causes import CAUSES
-from msb.why.views import DoesNotApplyError, Views
+from msb.why.total import Total, measured_total
+from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, difference
 
 if TYPE_CHECKING:
     import os
@@ -27,12 +30,10 @@ if TYPE_CHECKING:
     from msb.why.causes import Known
     from msb.why.views import Image
 
-__all__ = ["CAUSES", "EQUAL", "TURNTABLE", "Cause", "why"]
+__all__ = ["CAUSES", "EQUAL", "TURNTABLE", "Cause", "Causes", "Total", "why"]
 
 TURNTABLE = (8, 640, 480)
 """The number of views without cameras, and their width and height in pixels."""
-EQUAL = 90.0
-"""dB from which on images differ by rounding alone."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +86,21 @@ class Cause:
         }
 
 
+class Causes(list[Cause]):
+    """What each cause costs, and as `total` what all of them do at once."""
+
+    total: Total
+
+
 def why(
     asset: Asset | str | os.PathLike[str],
     cameras: Sequence[Camera] | None = None,
     *,
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    background: Sequence[float] | str | None = None,
     settings: Mapping[str, Any] | None = None,
     device: str | None = None,
     step: Callable[[], None] = lambda: None,
-) -> list[Cause]:
+) -> Causes:
     """Return what each cause of a worse look costs this asset.
 
     Parameters
@@ -102,48 +109,55 @@ def why(
         An asset, or the path of anything that `msb.open` takes.
     cameras : sequence of Camera, optional
         The views; a turntable around the asset if not given.
-    background : (3,) floats
+    background : (3,) floats, or str, optional
+        As for `msb.render`, with its default.
     settings : mapping, optional
-        Values that replace settings that the asset stores.
+        Values that replace settings that the asset stores, in all that is drawn.
     device : str, optional
         The OpenCL device.
     step : callable
-        Called after each cause.
+        Called after each cause, and after the total.
 
     Returns
     -------
     list of Cause
-        One for each of `CAUSES`, also for those that do not apply.
+        One for each of `CAUSES`, also for those that do not apply. Its attribute `total` is all at once.
 
     Raises
     ------
     UsageError, AssetError, DeviceError
         The errors of `msb.Renderer`.
     """
-    found = as_asset(asset)
+    found = with_settings(as_asset(asset), settings or {})
     count, width, height = TURNTABLE
-    seen = around(found, count, width, height) if cameras is None else cameras
-    views = Views(found, seen, background, settings or {}, device)
-    causes = []
+    seen = around(found, count, width, height) if cameras is None else list(cameras)
+    stated = found.manifest.appearance.get("background")
+    color = own_background(found.manifest) if background is None else check_background(background, stated)
+    views = Views(found, seen, color, device)
+    causes = Causes()
     for known in CAUSES:
         causes.append(_measured(known, views))
         step()
+    causes.total = measured_total(views, {cause.name: cause.db for cause in causes})
+    step()
     return causes
 
 
 def _measured(known: Known, views: Views) -> Cause:
     texts = (known.how_to_see, known.remedy)
     try:
-        with_it, without = ([_image(one) for one in images] for images in known.measure(views))
+        with_it, without = ([clipped(one) for one in images] for images in known.measure(views))
     except DoesNotApplyError as error:
         return Cause(known.name, known.title, False, None, str(error), *texts)
     errors = [float(((a - b) ** 2).mean()) for a, b in zip(with_it, without, strict=True)]
     worst = int(np.argmax(errors))
-    # Over all views at once: a mean of PSNR would be infinite as soon as two images are equal.
-    pixels = [np.concatenate([image.reshape(-1, 1, 3) for image in images]) for images in (with_it, without)]
-    db = psnr(*pixels)
-    return Cause(known.name, known.title, True, db, None, *texts, without[worst], with_it[worst])
-
-
-def _image(drawn: Any) -> Image:
-    return np.clip(np.asarray(getattr(drawn, "image", drawn), np.float32), 0, 1)
+    return Cause(
+        known.name,
+        known.title,
+        True,
+        difference(with_it, without),
+        None,
+        *texts,
+        without[worst],
+        with_it[worst],
+    )

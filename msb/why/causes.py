@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.adapters.official import official_exporter
-from msb.asset.look import daylight, up_axis
+from msb.asset.look import daylight, stored_threshold, up_axis, visible_faces
+from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.errors import Unsupported
 from msb.meshes import Mesh, read_mesh
@@ -23,78 +24,112 @@ from msb.why.views import DoesNotApplyError, Views
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from msb.asset import Asset
+    from msb.render import Frame
     from msb.why.views import Image
 
 _FULL = np.float32(20.0)
 """A logit of opacity that is 1 to the last bit but a few."""
+_HARD: dict[str, dict[str, float]] = {"gaussian_power": {"gamma": 1000.0}, "edge_window": {"sigma": 1e-9}}
+"""Kernel of a coverage -> the settings at which it is 1 inside a face up to its edges, and 0 outside."""
+_HARD_LOGARITHM = np.float32(-30.0)
+"""The same of Triangle-Splatting's stored sigma: the least that it can have is 0.01 + exp(-30)."""
 _Pair = tuple[list[Any], list[Any]]
 _Measure = Callable[[Views], _Pair]
-
-
-def _view_dependence(views: Views) -> _Pair:
-    manifest = views.asset.manifest
-    if "sh_degree" not in lookup(manifest.method).settings:
-        raise DoesNotApplyError("its colours are not spherical harmonics that could be cut to a constant")
-    if not manifest.sh_degree:
-        raise DoesNotApplyError("its colours are the same from everywhere")
-    return views.own(settings={"sh_degree": 0}), views.official()
+_Change = tuple["Asset", dict[str, Any]]
+"""A changed model, and settings to draw it with."""
 
 
 def _supersampling(views: Views) -> _Pair:
     manifest = views.asset.manifest
-    for name in ("supersample", "render_up_scale"):
-        stored = manifest.settings.get(name)
-        value = views.settings.get(name, None if stored is None else stored.value)
-        if value is not None and value > 1:
-            return views.own(settings={name: 1}), views.official()
+    if found := samples(views):
+        return views.own(settings=dict.fromkeys(found, 1)), views.official()
     if why_not(manifest, "dedicated") is None:
         raise DoesNotApplyError("its own renderer takes one sample a pixel, too")
     return views.plain(), views.of_mesh(views.mesh(), supersample=4)
 
 
+def samples(views: Views) -> dict[str, int]:
+    """Return the setting by which the method's own renderer takes several samples a pixel, empty if none."""
+    values = effective_settings(views.asset.manifest)
+    found = {name: values.get(name) for name in ("supersample", "render_up_scale")}
+    return {name: value for name, value in found.items() if isinstance(value, int) and value > 1}
+
+
 def _shading(views: Views) -> _Pair:
+    return views.of_mesh(lit(views)), views.plain()
+
+
+def lit(views: Views) -> Mesh:
+    """Return the mesh as an engine's lamp lights it."""
     mesh = with_vertex_colors(views.colored_mesh())
     colors = _floats(mesh.vertex_colors)[mesh.faces]
-    lit = colors * daylight(mesh.vertices, mesh.faces, up_axis(views.asset))[:, None, None]
+    light = colors * daylight(mesh.vertices, mesh.faces, up_axis(views.asset))[:, None, None]
     corners = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    shaded = Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), corners, lit.reshape(-1, 3).astype(np.float32))
-    return views.of_mesh(shaded), views.plain()
+    return Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), corners, light.reshape(-1, 3).astype(np.float32))
 
 
 def _linear_colors(views: Views) -> _Pair:
     views.colored_mesh()
-    twice = [
+    return taken_for_linear(views.plain()), views.plain()
+
+
+def taken_for_linear(frames: list[Frame]) -> list[Image]:
+    """Return the images with one sRGB curve too many on what is no background."""
+    return [
         np.where(frame.alpha[..., None] > 0, _srgb(np.clip(frame.image, 0, 1)), frame.image)
-        for frame in views.plain()
+        for frame in frames
     ]
-    return twice, views.plain()
 
 
 def _back_faces(views: Views) -> _Pair:
-    mesh = views.mesh()
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    culled = []
-    for camera in views.cameras:
-        world_to_camera = np.asarray(camera.world_to_camera)
-        eye = -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
-        front = ((eye - corners[:, 0]) * normal).sum(axis=1) > 0
-        shown = replace(mesh, faces=mesh.faces[front], face_colors=_rows(mesh.face_colors, front))
-        if front.any():
-            one = Views(views.asset, [camera], views.background, {}, views.device)
-            culled += [frame.image for frame in one.of_mesh(shown)]
-        else:
-            background = np.asarray(views.background, np.float32)
-            culled.append(np.broadcast_to(background, (camera.height, camera.width, 3)))
-    return culled, views.plain()
+    return views.culled(views.mesh()), views.plain()
 
 
-def _opacity(views: Views) -> _Pair:
-    asset = views.asset
+def _constant(asset: Asset) -> _Change:
+    """Return `asset` in colours that are the same from everywhere."""
+    if "sh_degree" not in lookup(asset.manifest.method).settings:
+        raise DoesNotApplyError("its colours are not spherical harmonics that could be cut to a constant")
+    if not effective_settings(asset.manifest)["sh_degree"]:
+        raise DoesNotApplyError("its colours are the same from everywhere")
+    return asset, {"sh_degree": 0}
+
+
+def _opaque(asset: Asset) -> _Change:
+    """Return `asset` with faces of opacity 1, but for those that its threshold hides."""
     if asset.manifest.opacity.get("encoding") != "logit" or "opacity" not in asset.buffers:
         raise DoesNotApplyError("its faces have no opacity of their own")
-    opaque = {**asset.buffers, "opacity": np.full_like(asset.buffers["opacity"], _FULL)}
-    return views.own(replace(asset, buffers=opaque)), views.official()
+    stored = asset.buffers["opacity"]
+    shown = visible_faces(asset, stored_threshold(asset))
+    full = np.full_like(stored, _FULL)
+    return _with(asset, opacity=full if shown is None else np.where(shown, full, stored)), {}
+
+
+def _hard(asset: Asset) -> _Change:
+    """Return `asset` with faces that cover all of their inside alike, and nothing else."""
+    kernel = str(asset.manifest.coverage["kernel"])
+    if kernel == "solid":
+        raise DoesNotApplyError("its faces have hard edges already")
+    if kernel == "incentre_window" and "sigma" in asset.buffers:
+        return _with(asset, sigma=np.full_like(asset.buffers["sigma"], _HARD_LOGARITHM)), {}
+    settings = _HARD.get(kernel, {})
+    if not settings or settings.keys() - lookup(asset.manifest.method).settings.keys():
+        raise DoesNotApplyError(f"how its coverage, {kernel}, is drawn with hard edges is not known")
+    return asset, settings
+
+
+def _without(change: Callable[[Asset], _Change]) -> _Measure:
+    """Return how to measure what a change of the model costs in its own look."""
+
+    def measure(views: Views) -> _Pair:
+        asset, settings = change(views.asset)
+        return views.own(asset, settings=settings), views.official()
+
+    return measure
+
+
+def _with(asset: Asset, **buffers: NDArray[Any]) -> Asset:
+    return replace(asset, buffers={**asset.buffers, **buffers})
 
 
 def _exporter(views: Views) -> _Pair:
@@ -126,19 +161,23 @@ def _floats(colors: NDArray[Any] | None) -> Image:
     return values.astype(np.float32) / np.float32(255 if values.dtype == np.uint8 else 1)
 
 
-def _rows(values: NDArray[Any] | None, keep: NDArray[np.bool_]) -> NDArray[Any] | None:
-    return None if values is None else values[keep]
-
-
 def _srgb(linear: Image) -> Image:
     """Return linear light as sRGB (IEC 61966-2-1), as an engine shows it."""
     curve = 1.055 * linear ** np.float32(1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
+BAKED: dict[str, Callable[[Asset], _Change]] = {
+    "view_dependence": _constant,
+    "opacity": _opaque,
+    "soft_edges": _hard,
+}
+"""What an opaque mesh cannot have, whatever the engine: name of the cause -> the model without it."""
+
+
 @dataclass(frozen=True)
 class Known:
-    """What is known of a cause before it is measured. {set} in texts is the option that it is drawn with."""
+    """What is known of a cause before it is measured."""
 
     name: str
     title: str
@@ -151,7 +190,7 @@ CAUSES = (
     Known(
         "view_dependence",
         "View dependence dropped",
-        _view_dependence,
+        _without(_constant),
         "Walk around it: highlights stay where they are on the surface. msb render --tier dedicated --set "
         "sh_degree=0 draws it so.",
         "Evaluate all spherical harmonics in the shader, or bake colours for the views that matter.",
@@ -188,9 +227,16 @@ CAUSES = (
     Known(
         "opacity",
         "Opacity dropped",
-        _opacity,
+        _without(_opaque),
         "Faint faces stand before the surface as solid flakes.",
         "Blend with the stored opacity; or train with a term that makes it 0 or 1.",
+    ),
+    Known(
+        "soft_edges",
+        "Soft edges made hard",
+        _without(_hard),
+        "Faces end in a line where the render fades them out: splinters. msb compare shows both.",
+        "Draw it with the method's own shader (docs/porting.md); or train with edges that end hard.",
     ),
     Known(
         "exporter",

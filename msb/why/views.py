@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from msb.asset.tiers import why_not
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+from msb.metrics import psnr
 from msb.render import Renderer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from msb.asset import Asset
@@ -20,6 +23,10 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
     Image = NDArray[np.float32]
+
+
+EQUAL = 90.0
+"""dB from which on images differ by rounding alone."""
 
 
 class DoesNotApplyError(Exception):
@@ -34,20 +41,18 @@ class Views:
         asset: Asset,
         cameras: Sequence[Camera],
         background: tuple[float, float, float],
-        settings: Mapping[str, Any],
         device: str | None,
     ) -> None:
-        self.asset, self.cameras, self.background = asset, cameras, background
-        self.settings, self.device = settings, device
+        self.asset, self.cameras, self.background, self.device = asset, cameras, background, device
         self._official: list[Image] | None = None
         self._plain: list[Frame] | None = None
 
     def own(self, asset: Asset | None = None, **options: Any) -> list[Image]:
-        """Return images of the dedicated tier; `settings` among the options are added to those given."""
+        """Return images of the dedicated tier, of another asset of its method or with other settings."""
         why = why_not(self.asset.manifest, "dedicated")
         if why is not None:
             raise DoesNotApplyError(why)
-        settings = {**self.settings, **options.pop("settings", {})}
+        settings = options.pop("settings", {})
         frames = self._drawn(asset or self.asset, "dedicated", settings, outputs=(), **options)
         return [frame.image for frame in frames]
 
@@ -74,13 +79,42 @@ class Views:
     def plain(self) -> list[Frame]:
         """Return the frames of the standard tier as `msb render` draws it."""
         if self._plain is None:
-            self._plain = self.of_mesh(self.mesh())
+            self.mesh()  # refuses an asset that has no such tier
+            self._plain = self._drawn(self.asset, "standard", {})
         return self._plain
 
     def of_mesh(self, mesh: Mesh, **settings: Any) -> list[Frame]:
         """Return the frames of any mesh on the standard tier."""
         return self._drawn(asset_from_mesh(mesh), "standard", settings)
 
+    def culled(self, mesh: Mesh) -> list[Frame]:
+        """Return the frames of a mesh on the standard tier whose back faces are not drawn."""
+        corners = mesh.vertices[mesh.faces].astype(np.float64)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        frames = []
+        for camera in self.cameras:
+            world_to_camera = np.asarray(camera.world_to_camera)
+            eye = -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
+            front = ((eye - corners[:, 0]) * normal).sum(axis=1) > 0
+            faces = mesh.faces[front]
+            if not front.any():  # an asset has a face: one without area, which is not drawn
+                front[0], faces = True, np.zeros((1, 3), mesh.faces.dtype)
+            colors = None if mesh.face_colors is None else mesh.face_colors[front]
+            one = Views(self.asset, [camera], self.background, self.device)
+            frames += one.of_mesh(replace(mesh, faces=faces, face_colors=colors))
+        return frames
+
     def _drawn(self, asset: Asset, tier: Any, settings: Mapping[str, Any], **options: Any) -> list[Frame]:
         with Renderer(asset, tier, self.device, settings, **options) as renderer:
             return [renderer.render(camera, self.background) for camera in self.cameras]
+
+
+def clipped(drawn: Any) -> Image:
+    """Return a frame or an image as a screen shows it."""
+    return np.clip(np.asarray(getattr(drawn, "image", drawn), np.float32), 0, 1)
+
+
+def difference(ones: Sequence[Any], others: Sequence[Any]) -> float:
+    """Return the PSNR in dB of all views at once: a mean is infinite as soon as two images are equal."""
+    pixels = [np.concatenate([clipped(one).reshape(-1, 1, 3) for one in images]) for images in (ones, others)]
+    return psnr(*pixels)

@@ -1,0 +1,105 @@
+"""`why` adds up: its total is what the two renderers' images say, and settings reach every row."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset.settings import with_settings
+from msb.meshes import Mesh
+from msb.meshes.assets import asset_from_mesh
+from msb.scenes.datasets import read_scene
+from msb.why import Cause, why
+from tests.conftest import ROOT, TETRAHEDRON
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from msb.why import Causes
+
+MODELS = ROOT / "data_stubs" / "models"
+SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
+VIEWS = [view.scaled(0.5) for view in read_scene(SCENE).test[:2]]
+LOOK = {"up": (0.0, 1.0, 0.0), "width": 48, "height": 36, "fov_y": 0.9}
+CAMERA = msb.Camera.look_at((0.5, -0.5, 3), (0, 0, 0), **LOOK)  # type: ignore[arg-type]
+
+
+def pixels(asset: msb.Asset, tier: str, settings: Mapping[str, float] | None = None) -> np.ndarray:
+    with msb.Renderer(asset, tier, settings=settings) as renderer:  # type: ignore[arg-type]
+        images = [renderer.render(view).image.clip(0, 1).reshape(-1, 1, 3) for view in VIEWS]
+    return np.concatenate(images)
+
+
+def by_name(causes: Causes) -> dict[str, Cause]:
+    return {cause.name: cause for cause in causes}
+
+
+def test_the_total_is_that_of_the_images_of_both_renderers() -> None:
+    asset = msb.open(MODELS / "walled" / "triangle_splatting")
+    causes = why(asset, (view for view in VIEWS))  # a generator, which is gone after one pass
+    total = causes.total
+    plain = msb.metrics.psnr(pixels(asset, "standard"), pixels(asset, "dedicated"))
+    assert total.db == total.right == pytest.approx(plain, abs=1e-6)
+    assert 17.5 < plain < 19
+    assert total.wrong is not None
+    assert total.wrong < plain - 3
+    # The largest cause of a soup with soft edges, and the three that only a bake mends make up the whole.
+    assert total.bakes == ("soft_edges", "opacity", "view_dependence")
+    assert by_name(causes)["soft_edges"].db == pytest.approx(21.3, abs=0.7)
+    assert total.baked == pytest.approx(plain, abs=0.7)
+    written = total.to_dict()
+    assert (written["db"], written["equal"], written["reason"]) == (total.db, False, None)
+    assert written["engine_settings"] == {"wrong_db": total.wrong, "right_db": total.right}
+    assert written["bake"] == {"db": total.baked, "causes": list(total.bakes)}
+
+
+@pytest.mark.slow
+def test_an_engine_that_supersamples_as_the_method_does_has_less_left() -> None:
+    asset = msb.open(MODELS / "walled" / "mesh_splatting")
+    causes = why(asset, VIEWS)
+    expected = msb.metrics.psnr(pixels(asset, "standard", {"supersample": 4}), pixels(asset, "dedicated"))
+    assert causes.total.right == pytest.approx(expected, abs=1e-6)
+    assert causes.total.db is not None
+    assert causes.total.db < expected
+    # Its edges are hard already: sigma is 0.0001 after training.
+    hard = by_name(causes)["soft_edges"].db
+    assert hard is not None
+    assert hard > 60
+    assert "soft_edges" not in causes.total.bakes
+
+
+@pytest.mark.slow
+def test_where_one_of_the_two_looks_is_not_there_the_total_says_so() -> None:
+    neural = why(MODELS / "walled" / "diffsoup", [CAMERA])
+    assert by_name(neural)["soft_edges"].reason == "its faces have hard edges already"
+    vertices, faces = TETRAHEDRON
+    mesh = why(asset_from_mesh(Mesh(vertices, faces.astype(np.int64))), [CAMERA])
+    for total in (neural.total, mesh.total):
+        assert total.db is None
+        assert total.reason
+        assert total.to_dict()["db"] is None
+
+
+@pytest.mark.parametrize("value", [0.5, None])
+def test_settings_that_are_given_measure_what_the_same_settings_stored_would(value: float | None) -> None:
+    asset = msb.open(MODELS / "walled" / "two_dts")
+    other = with_settings(asset, {"ste_threshold": None if value else 0.5})
+    asked = by_name(why(other, [CAMERA], settings={"ste_threshold": value}))
+    stored = by_name(why(with_settings(asset, {"ste_threshold": value}), [CAMERA]))
+    before = by_name(why(other, [CAMERA]))
+    assert {name: cause.db for name, cause in asked.items()} == {n: cause.db for n, cause in stored.items()}
+    for name in ("shading", "linear_colors", "back_faces", "opacity", "engine_order"):
+        assert asked[name].db != before[name].db, name
+    # Faces that a threshold hides stay hidden when the others are made opaque.
+    assert (asked["opacity"].db == float("inf")) == (value is not None)
+
+
+def test_the_plain_mesh_is_the_standard_tier_with_the_settings() -> None:
+    asset = msb.open(MODELS / "walled" / "two_dts")
+    shading = by_name(why(asset, [CAMERA], settings={"ste_threshold": 0.5}))["shading"]
+    drawn = msb.render(asset, CAMERA, tier="standard", settings={"ste_threshold": 0.5}).image.clip(0, 1)
+    assert shading.without is not None
+    assert np.array_equal(shading.without, drawn)
