@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import msb as library
-from msb.asset import build_asset
-from msb.cli.app import app
 from msb.cli.gates import PROFILES, parse_gate
 from msb.meshes import Mesh, write_mesh
 from msb.report import paper_row
@@ -395,23 +391,3 @@ def test_explain_prints_formula_section_and_peers(msb: Msb) -> None:
     wrong = msb("audit", "--explain", "nonmanifold_vertx_ratio")
     assert wrong.status == 2
     assert "nonmanifold_vertex_ratio" in wrong.err
-
-
-def test_checkpoint_value_errors_name_the_asset(msb: Msb, tmp_path: Path) -> None:
-    points, faces = TETRAHEDRON
-    asset = build_asset({"positions": points, "indices": faces.astype(np.uint32)}, {})
-    library.save(asset, tmp_path / "bad.triasset", form="folder")
-    indices = np.array([[0, 1, 2], [0, 1, 9], [1, 2, 3], [0, 3, 2]], "<u4")
-    (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(indices.tobytes())
-    result = msb("audit", tmp_path / "bad.triasset")
-    assert result.status == 3
-    assert result.err.startswith(f"MESH_INDEX_OUT_OF_RANGE: {tmp_path / 'bad.triasset'}: face 1 is (0, 1, 9)")
-
-
-def test_a_peer_that_disagrees_fails_the_audit(book: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    row = {"peer": "igl", "quantity": "components", "theirs": 2, "ours": 1, "verdict": "disagrees"}
-    made = SimpleNamespace(skipped={}, to_rows=lambda: ({**row, "version": "1", "why": "?"},))
-    monkeypatch.setattr("msb.topology.crosscheck.cross_check", lambda *_: made)
-    done = CliRunner().invoke(app, ["audit", "-q", "--cross-check", str(book)])
-    assert done.exit_code == 1
-    assert f"CROSS_CHECK_DISAGREES: {book}: igl says components is 2, we say 1" in done.output
