@@ -15,6 +15,7 @@ from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
 from msb.report.numbers import (
     MEAN,
+    ON_CPU,
     QUALITY,
     GapKey,
     Key,
@@ -228,7 +229,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
         yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"
     elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
-        yield f"measured on a {result.timing.device_kind.upper()} device{_device(result)}"
+        kind = ON_CPU if result.timing.device_kind == "cpu" else "measured on a device that is no GPU"
+        yield f"{kind}{_device(result)}"
 
 
 def _device(result: Result) -> str:

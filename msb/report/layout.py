@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS
 from msb.report.metric_format import SHOWN, printed_value, text
+from msb.report.numbers import ON_CPU
 from msb.report.table import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
@@ -126,7 +127,8 @@ def _rows(layout: Layout, lines: Sequence[Line], numbers: Numbers) -> list[Row]:
     keys = [key for line in lines for key in line.keys]
     cells = [number_cell(key.metric, numbers.number(key)) for key in keys]
     if layout.best_of is not None:
-        groups = [layout.best_of(key) for key in keys]
+        noted = [any(note.startswith(ON_CPU) for note in numbers.number(key).notes) for key in keys]
+        groups = [None if cpu else layout.best_of(key) for key, cpu in zip(keys, noted, strict=True)]
         cells = mark_best(cells, groups, alone=numbers.of_paper)  # as the paper does
     rows, start = [], 0
     for line in lines:

@@ -31,6 +31,8 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""
 
 QUALITY = tuple(IMAGE_METRICS)
+ON_CPU = "measured on a CPU device"
+"""Begins the note on a rate that says as much of what else the machine did: it is not marked as the best."""
 
 
 class Key(NamedTuple):

@@ -110,7 +110,8 @@ def _looks(
 ) -> Statement:
     """Judge a condition's renderings by how much they look like Non-Engine's, where both files are there.
 
-    Where they are not, the loss of PSNR to the photographs has to do.
+    Where they are not, the loss of PSNR to the photographs has to do. Without Non-Engine, Standard is held
+    against Dedicated.
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
@@ -121,29 +122,37 @@ def _looks(
     tier = "standard" if condition == "standard" else "dedicated"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
+    start, why = "non_engine", ""
+    lacks = (
+        "the images of the official renderer cannot be compared"
+        if start in loaded
+        else "the protocol has no images of the official renderer"
+    )
+    if tier == "standard" and gaps is not None and (gap is None or gap.signed is None):
+        start, gap = "dedicated", gaps["port"]
+        why = f" Held against the dedicated tier of this run, as {lacks}."
     if gap is None or gap.signed is None:
-        return Statement(
-            "UNKNOWN", use, f"PSNR {number.value:.2f} dB; there is nothing comparable to hold it against."
-        )
-    before = numbers.number(Key(*place, "non_engine", "psnr"))
+        return Statement("UNKNOWN", use, f"PSNR {number.value:.2f} dB; {lacks}, so nothing to judge it by.")
+    before = numbers.number(Key(*place, start, "psnr"))
     own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
+    own = "the dedicated tier" if start == "dedicated" else own
     values = f"{abs(gap.signed):.2f} dB (PSNR {before.value:.2f} to {number.value:.2f} dB)"
     if before.value is not None and before.value < SHOWS_NOTHING:
-        why = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
-        return Statement("UNKNOWN", use, f"{why} (PSNR here {number.value:.2f} dB).")
-    alike = likeness(loaded["non_engine"], loaded[condition])
+        far = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
+        return Statement("UNKNOWN", use, f"{far} (PSNR here {number.value:.2f} dB).{why}")
+    alike = likeness(loaded[start], loaded[condition])
     if alike is not None:
         part = f" of {alike.views} of {alike.of} views" if alike.views < alike.of else ""
         mark, how = next((mark, how) for least, mark, how in _ALIKE if alike.psnr >= least)
         change = "loses" if gap.signed >= 0 else "gains"
         between = f"{alike.psnr:.1f} dB between the two renderings{part}"
-        return Statement(mark, use, f"{how} {own}: {between}; to the photographs it {change} {values}.")
+        return Statement(mark, use, f"{how} {own}: {between}; to the photographs it {change} {values}.{why}")
     if gap.signed < SMALL_LOSS:
         how = "loses" if gap.signed >= 0 else "gains"
-        return Statement("YES", use, f"Looks as in {own}: {how} {values}.")
+        return Statement("YES", use, f"Looks as in {own}: {how} {values}.{why}")
     if gap.signed < LARGE_LOSS:
-        return Statement("WITH CARE", use, f"Visibly worse than in {own}: loses {values}.")
-    return Statement("NO", use, f"Looks different from {own}: loses {values}.")
+        return Statement("WITH CARE", use, f"Visibly worse than in {own}: loses {values}.{why}")
+    return Statement("NO", use, f"Looks different from {own}: loses {values}.{why}")
 
 
 def _could_run(record: Result | None) -> bool:

@@ -9,10 +9,12 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from msb.errors import formula_safe
 from msb.report.safe_names import plain_text
+from msb.report.table import NOT_THERE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,8 +71,10 @@ def markdown(table: Table) -> str:
 def latex(table: Table) -> str:
     r"""Return the table as a LaTeX float; needs booktabs and graphicx, and UTF-8.
 
-    A table too wide for the page is made to fit. ``\label{tab:LABEL}`` names it.
+    A table too wide for the page is made to fit. Columns without a value are left out, and a note names them.
+    ``\label{tab:LABEL}`` names the table.
     """
+    table = _without_empty_columns(table)
     marks = table.footnotes()
     count = len(table.heads)
     lines = [
@@ -147,6 +151,28 @@ def _markdown_cell(cell: Cell, marks: dict[str, str]) -> str:
     text = f"**{text}**" if cell.bold else text
     found = ",".join(marks[note] for note in cell.footnotes)
     return f"{text}<sup>{found}</sup>" if found else text
+
+
+def _without_empty_columns(table: Table) -> Table:
+    """Return the table without the columns of which every cell is --, with a note that says why they are."""
+    cells = [[row.cells[number] for row in table.rows] for number in range(len(table.columns))]
+    kept = [number for number, own in enumerate(cells) if any(cell.text != NOT_THERE for cell in own)]
+    if not kept or len(kept) == len(cells):
+        return table
+    titles = {table.columns[number].title for number in kept}
+    left = [number for number in range(len(cells)) if number not in kept]
+    names = dict.fromkeys(
+        " ".join((*column.groups, column.title)) if column.title in titles else column.title
+        for column in (table.columns[number] for number in left)
+    )
+    why = dict.fromkeys(note for number in left for cell in cells[number] for note in cell.footnotes)
+    reasons = f" ({'; '.join(why)})" if why else ""
+    return replace(
+        table,
+        columns=tuple(table.columns[number] for number in kept),
+        rows=tuple(replace(row, cells=tuple(row.cells[n] for n in kept)) for row in table.rows),
+        notes=(*table.notes, f"left out, because no cell has a value: {', '.join(names)}{reasons}"),
+    )
 
 
 def _latex_headings(table: Table) -> list[str]:

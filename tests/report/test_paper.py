@@ -102,6 +102,10 @@ def words_of(label: str, cell: dict[str, Any]) -> list[str]:
     return [datasets[cell["dataset"]], title_of(cell), SOURCES[cell["source"]], title]
 
 
+def test_no_sentence_of_the_paper_comes_with_its_numbers() -> None:
+    assert [path.name for path in FOLDER.glob("*.json") if "caption" in json.loads(path.read_text())] == []
+
+
 @pytest.mark.parametrize("label", PAPER_TABLES)
 def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
     table = printed()[label]

@@ -230,6 +230,18 @@ def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("kind", ["gpu", "cpu"])
+def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind: str) -> None:
+    for method in ("two_dts", "mesh_splatting"):
+        made = make_result("capture", "desk", method, "dedicated")
+        assert made.timing is not None
+        timing = made.timing.model_copy(update={"device_kind": kind, "fps": float(100 + len(method))})
+        write(tmp_path, made.model_copy(update={"timing": timing}))
+    row = tables.per_scene(collect(read_results(tmp_path)), "capture", "dedicated").rows[0]
+    bold = {cell.metric for cell in row.cells if cell.bold}
+    assert ("fps" in bold, "psnr" in bold) == (kind == "gpu", True)
+
+
 def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
     made = make_result("tanksandtemples", "train", "two_dts", "non_engine")
     assert made.quality is not None

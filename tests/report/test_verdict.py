@@ -109,6 +109,29 @@ def test_looks_are_those_of_the_two_renderings(
     assert (dedicated.mark, said in dedicated.why) == (mark, True), dedicated
 
 
+@pytest.mark.parametrize("pictures", [True, False])
+def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: Path, pictures: bool) -> None:
+    for condition, psnr in (("dedicated", 30.0), ("standard", 28.5)):
+        made = make_result("capture", "desk", "two_dts", condition)
+        made = made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, None)})
+        write(tmp_path, made, images=pictures)
+    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
+    said = {one.use: one for one in verdict.statements}
+    plain = said["A plain mesh in any engine (Standard)"]
+    assert plain.mark == "WITH CARE"
+    assert "in the dedicated tier: " in plain.why
+    assert ("dB between the two renderings" in plain.why) is pictures
+    assert plain.why.endswith(
+        "loses 1.50 dB (PSNR 30.00 to 28.50 dB). Held against the dedicated tier of this run, as the "
+        "protocol has no images of the official renderer."
+    )
+    dedicated = said["A model with its own shaders (Dedicated)"]
+    assert (dedicated.mark, dedicated.why) == (
+        "UNKNOWN",
+        "PSNR 30.00 dB; the protocol has no images of the official renderer, so nothing to judge it by.",
+    )
+
+
 @pytest.mark.parametrize(
     ("p95", "kind", "mark"),
     [

@@ -23,7 +23,7 @@ HOSTILE = (
 def hostile_table() -> Table:
     cell = Cell("1.00", 1.0, "psnr", "dB", bold=True, notes=(HOSTILE,))
     columns = (Column(HOSTILE, (HOSTILE,)), Column("b"))
-    return Table("x", HOSTILE, ("Scene",), columns, (Row((HOSTILE,), (cell, Cell("--"))),), (HOSTILE,))
+    return Table("x", HOSTILE, ("Scene",), columns, (Row((HOSTILE,), (cell, Cell("N/A"))),), (HOSTILE,))
 
 
 def tables() -> list[Table]:
@@ -45,7 +45,7 @@ def test_latex_is_balanced_and_every_row_has_all_columns(table: Table) -> None:
     assert len(re.findall(r"\$", plain)) % 2 == 0
     assert re.findall(r"\\begin\{(\w+\*?)\}", text) == re.findall(r"\\end\{(\w+\*?)\}", text)[::-1]
     body = text.split(r"\toprule")[1].split(r"\bottomrule")[0]
-    width = len(table.heads) + len(table.columns)
+    width = len(re.findall("[lc]", text.split("{tabular}")[1].split("\n")[0]))
     for line in body.splitlines():
         if not line.endswith(r"\\") or rf"\multicolumn{{{width}}}" in line:
             continue
@@ -116,3 +116,16 @@ def test_slugs_are_plain_and_do_not_collide() -> None:
     assert slugs[:2] == ["garden", "scan24"]
     assert len(set(slugs)) == len(names)
     assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}", found) for found in slugs)
+
+
+def test_latex_leaves_out_columns_without_a_value_and_says_so() -> None:
+    columns = tuple(Column(title, (method,)) for method in ("A", "B") for title in ("PSNR", "LPIPS", "FPS"))
+    gone = Cell("--", reason="LPIPS: no weights")
+    cells = [(Cell("1.0"), gone, Cell("9"), Cell("2.0"), gone, Cell("--"))] * 2
+    rows = tuple(Row((name,), own) for name, own in zip(("x", "y"), cells, strict=True))
+    table = Table("t", "Caption", ("Scene",), columns, rows)
+    text = latex(table)
+    assert r"\begin{tabular}{@{}lccc@{}}" in text
+    assert r"x & 1.0 & 9 & 2.0 \\" in text
+    assert "left out, because no cell has a value: LPIPS, B FPS (LPIPS: no weights)." in text
+    assert "LPIPS" in markdown(table).splitlines()[2], "elsewhere nothing is left out"
