@@ -10,6 +10,7 @@ import typer
 from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
+from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from msb.bench.records import Result
@@ -100,6 +101,9 @@ def report(
     if table is None and target is not None:
         _check_target(target, folders or [], output)
     printed = None if table is None and target is not None else _printed(formats, wanted)
+    if printed is None and not {"md", "tex", "html"}.isdisjoint(wanted):
+        # Before anything else is missed that a report can do without.
+        need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     made = _make(
         folders or [], published, views or [], allow_mixed, not no_paper, not printed, against, output
     )

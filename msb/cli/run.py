@@ -239,14 +239,17 @@ def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> N
     ):
         if output.quiet:
             break
-        right = tuple(range(3, 3 + len(headers)))
-        table = plain_table("Scene", "Method", "Condition", *headers, "", right=right)
+        right = tuple(range(2, 2 + len(headers)))
+        table = plain_table("Scene, method", "Condition", *headers, "", right=right)
         for column in table.columns[:-1]:
             column.no_wrap = True
-        for row, state in group:
-            _, *names = row.planned.cell.names
-            cells = [_cell(value, decimals[name]) for name, value in _numbers(row).items()]
-            table.add_row(*map(escape, names), *cells, escape(state))
+        # A scene has a line of its own: beside its methods a long name would break the lines of a terminal.
+        for scene, own in groupby(group, lambda one: one[0].planned.cell.scene):
+            table.add_row(escape(scene))
+            for row, state in own:
+                _, _, method, condition = row.planned.cell.names
+                cells = [_cell(value, decimals[name]) for name, value in _numbers(row).items()]
+                table.add_row(f"  {escape(method)}", escape(condition), *cells, escape(state))
         console.print(f"[bold]{escape(dataset)}[/bold]")
         console.print(table)
         console.print()

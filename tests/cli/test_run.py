@@ -51,6 +51,25 @@ def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_scene_of_a_long_name_breaks_no_line_of_a_terminal(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "a_scene_of_27_letters_12345").symlink_to(SCENE)
+    text = f"""
+results = "results"
+[[datasets]]
+name = "nerf_synthetic"
+path = "scenes"
+[[methods]]
+name = "triangle_splatting"
+model = {json.dumps(str(MODEL.parent / "triangle_splatting"))}
+"""
+    (tmp_path / "p.toml").write_text(text)
+    lines = msb("run", "--dry-run", tmp_path / "p.toml", COLUMNS="80").out.splitlines()
+    assert [len(line.split()) for line in lines[2:6]] == [1, 8, 8, 8]
+    assert max(map(len, lines[:-1])) <= 80
+
+
+@pytest.mark.slow
 def test_render_draws_the_views_of_a_scene_as_a_run_scores_them(
     msb: Msb, results: Path, tmp_path: Path
 ) -> None:
@@ -81,7 +100,7 @@ def test_a_dry_run_says_last_and_once_what_is_missing_and_ends_with_3(msb: Msb, 
     (tmp_path / "paper.toml").write_bytes(example("paper"))
     result = msb("run", "--dry-run", "paper.toml", cwd=tmp_path)
     assert result.status == 3
-    assert "bicycle   two_dts             dedicated" in result.out
+    assert "\n  two_dts             dedicated" in result.out
     assert "770 cells: 682 blocked, 88 N/A" in result.out
     lines = result.err.splitlines()
     assert len([line for line in lines if not line.startswith("EXTRA_MISSING")]) == 17
