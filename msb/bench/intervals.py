@@ -46,14 +46,14 @@ class Interval:
     """
 
     ends: tuple[float, float] | None
-    over: str = ""
+    over: str
     p: float | None = None
     reason: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON data of a number."""
         data: dict[str, Any] = {"interval": None if self.ends is None else list(self.ends)}
-        data |= {"interval_over": self.over} if self.over else {}
+        data["interval_over"] = self.over
         data |= {"p": self.p, "significant": excludes_zero(self)} if self.p is not None else {}
         return data | ({} if self.reason is None else {"interval_reason": self.reason})
 
@@ -84,7 +84,7 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):
-        return Interval(None, reason=NO_VIEWS)
+        return Interval(None, "no views", reason=NO_VIEWS)
     one = len(counts) == 1
     values = np.asarray(scenes[0] if one else [np.mean(views) for views in scenes], float)
     over = f"{counts[0]} view{'s' if counts[0] > 1 else ''} of one scene" if one else f"{len(counts)} scenes"

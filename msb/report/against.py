@@ -106,12 +106,18 @@ def against_table(found: list[Comparison], numbers: Numbers, other: str) -> Tabl
 
 
 def against_findings(found: list[Comparison], other: str) -> Iterator[Finding]:
-    """Yield what the comparisons by PSNR say, a sentence per dataset and condition."""
-    cases = (one for one in found if one.key.metric == "psnr" and one.gap.signed is not None)
-    for (dataset, condition), own in groupby(cases, key=lambda one: (one.key.dataset, one.key.condition)):
-        said = [_said(one) for one in own]
-        where = f"Against {method_title(other)} on {dataset_title(dataset)}, {condition_title(condition)}"
-        yield Finding("against", f"{where}: {'; '.join(said)}.", LABEL)
+    """Yield what the comparisons by PSNR say, a sentence per dataset, condition and what they are over."""
+    cases = (one for one in found if one.key.metric == "psnr" and one.gap.interval is not None)
+    for (dataset, condition, over), own in groupby(cases, key=_where):
+        where = (
+            f"{method_title(other)} on {dataset_title(dataset)}, {condition_title(condition)}, over {over}"
+        )
+        yield Finding("against", f"Against {where}: {'; '.join(map(_said, own))}.", LABEL)
+
+
+def _where(one: Comparison) -> tuple[str, str, str]:
+    assert one.gap.interval is not None
+    return one.key.dataset, one.key.condition, one.gap.interval.over
 
 
 def p_text(p: float) -> str:
@@ -125,8 +131,9 @@ def _said(one: Comparison) -> str:
     assert interval is not None
     better = gap.signed >= 0
     far = digits(abs(gap.signed), SHOWN["psnr"].decimals)
-    said = f"{method_title(one.key.method)} is {far} dB {'better' if better else 'worse'}"
-    parts = [interval.over]
+    way = "apart" if not float(far) else "better" if better else "worse"
+    said = f"{method_title(one.key.method)} is {far} dB {way}"
+    parts = []
     if interval.ends is not None:
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % interval {digits(low, 2)} to {digits(high, 2)}")
@@ -134,7 +141,7 @@ def _said(one: Comparison) -> str:
         parts.append(f"not tested: {interval.reason}")
     else:
         parts.append(f"p {'' if interval.p < 0.001 else '= '}{p_text(interval.p)}")
-    return f"{said} ({', '.join(filter(None, parts))})"
+    return f"{said} ({', '.join(parts)})"
 
 
 def _cells(one: Comparison, holm: float | None, numbers: Numbers, other: str) -> tuple[Cell, ...]:

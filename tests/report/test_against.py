@@ -55,7 +55,7 @@ def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> 
     assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, wanted.pvalue], rel=1e-9)
     assert holm.value == p.value, "SSIM is equal everywhere, so there is one test"
     assert made.findings[0].sentence == (
-        "Against MeshSplatting on capture, Standard: 2DTS is 0.65 dB better (4 scenes, 95 % interval "
+        "Against MeshSplatting on capture, Standard, over 4 scenes: 2DTS is 0.65 dB better (95 % interval "
         "0.44 to 0.86, p = 0.002)."
     )
     assert better.to_dict()["interval_over"] == "4 scenes"
@@ -68,7 +68,7 @@ def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_
     made = report(tmp_path)
     better, _, _, p, *_ = made.tables["against"].rows[0].cells
     assert (better.text, p.value) == ("-3.00", pytest.approx(ttest_rel(ours, theirs).pvalue, rel=1e-9))
-    assert "2DTS is 3.00 dB worse (3 views of one scene, 95 % interval " in made.findings[0].sentence
+    assert "over 3 views of one scene: 2DTS is 3.00 dB worse (95 % interval " in made.findings[0].sentence
 
 
 def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Path) -> None:

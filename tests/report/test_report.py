@@ -23,6 +23,7 @@ from tests.report.factory import AUDIT, make_result, quality, write, write_resul
 from tests.report.test_writers import HOSTILE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from msb.report.report import Report
@@ -305,3 +306,21 @@ def test_other_scenes_of_a_dataset_have_means_but_no_published_numbers_beside_th
     value = made.numbers.value(Key("mipnerf360", MEAN, "two_dts", "non_engine", "psnr"))
     assert table.rows[0].cells[0].text == f"{value:.2f}"
     assert made.notes[0].startswith("Mip-NeRF 360: no scene is one of the published set")
+
+
+@pytest.mark.slow
+def test_six_methods_fit_a_page_and_what_does_not_is_shaded(
+    tmp_path: Path, in_browser: Callable[..., Any]
+) -> None:
+    for number in range(6):
+        for condition in ("non_engine", "dedicated", "standard", "exported_mesh"):
+            made = make_result("tanksandtemples", "train", "two_dts", condition)
+            cell = made.cell.model_copy(update={"label": f"two_dts_{number}"})
+            write(tmp_path, made.model_copy(update={"cell": cell}))
+    page = report_files(build_report(read_results(tmp_path), pictures=False), formats=["html"])["index.html"]
+    script = """return [...document.querySelectorAll(".scroll")].map((one) => [one.ariaLabel,
+      one.scrollWidth > one.clientWidth, getComputedStyle(one).backgroundImage.includes("gradient")])"""
+    found = in_browser(page, script, size=(1280, 900))
+    assert found[0] == ["Assets", False, True]
+    assert any(cut for _, cut, _ in found)
+    assert all(shaded for _, _, shaded in found)
