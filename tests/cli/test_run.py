@@ -27,7 +27,7 @@ def results(msb: Msb, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cli") / "results"
     result = msb("run", "--scene", SCENE, "-o", folder, MODEL)
     assert result.status == 0, result.err
-    assert "two_dts  dedicated" in result.out
+    assert "\n  two_dts      dedicated" in result.out
     assert "3 cells: 3 done now" in result.out
     return folder
 
