@@ -159,7 +159,7 @@ def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
     for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
         if colors is not None and "color" not in buffers:
             buffers["color"], domains["color"] = colors, domain
-    return StoredMesh(place, buffers, domains, warnings=left_out_finding(mesh))
+    return StoredMesh(place, buffers, domains, up=mesh.up or "unknown", warnings=left_out_finding(mesh))
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:

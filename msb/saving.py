@@ -10,7 +10,7 @@ from msb.asset.writer import FORMS
 from msb.atomic import new_file
 from msb.errors import UsageError, about, shorten
 from msb.meshes import write_mesh
-from msb.meshes.assets import mesh_from_asset, with_colors_for
+from msb.meshes.assets import as_held, mesh_from_asset
 from msb.meshes.formats import written_suffixes
 from msb.paths import given_path
 
@@ -38,7 +38,8 @@ def save(
     asset : Asset
     path : path-like
         `.triasset` takes the asset as it is; `.glb`, `.ply` and the other mesh formats that are written take
-        its standard-tier mesh, as `msb convert` writes it: opaque, with static colours (STL has none).
+        its standard-tier mesh, as `msb convert` writes it: opaque, with static colours (STL has none); `.glb`
+        upright, as glTF says, where it is known what is up.
     overwrite : bool
         Replace what is there. A device or pipe is written through in any case.
     form : {"packed", "folder"}
@@ -70,9 +71,8 @@ def save(
         return
     if form != "packed":
         raise UsageError("USAGE", f"form is for {ASSET_SUFFIX}; {target.name} is a mesh file", file=target)
-    mesh = with_colors_for(mesh_from_asset(asset), suffix)
     with about(asset.path), new_file(target, overwrite=overwrite) as file:
-        write_mesh(mesh, file, suffix=suffix)
+        write_mesh(as_held(mesh_from_asset(asset), suffix), file, suffix=suffix)
 
 
 def output_suffix(path: Path, name: str = "the output") -> str:

@@ -53,7 +53,9 @@ def write_2dts(
     }
     lines = "".join(f"  {name}: {value}\n" for name, value in model.items())
     background = "white" if capture.white else "black"
-    _text(folder / "config.yaml", f"model:\n{lines}trainer:\n  eval_background: {background}\n")
+    dataset = "NerfSynthetic" if capture.synthetic else "MipNerf360"
+    trainer = f"  output_dir: outputs/{dataset}/VanillaTS\n  eval_background: {background}\n"
+    _text(folder / "config.yaml", f"model:\n{lines}trainer:\n{trainer}")
 
 
 def write_diffsoup(folder: Path, values: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.files import read_file
+from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.trained import saw_test_views
 
 if TYPE_CHECKING:
@@ -60,6 +61,28 @@ def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
     if type(resolution := arguments.get("resolution")) is int and abs(resolution) < 1 << 31:
         found["resolution"] = resolution
     return found
+
+
+def named_up(path: Any) -> str:
+    """Return what is up in the dataset that `path` names: +z in NeRF-Synthetic, -y in those from COLMAP.
+
+    "unknown" if it names none. The path is that of the machine that trained: it is not looked at.
+    """
+    names = str(path).lower()
+    for up, words in (("+z", ("synthetic", "blender")), ("-y", ("colmap", "360", "tanks", "tandt", "dtu"))):
+        if any(word in names for word in words):
+            return up
+    return "unknown"
+
+
+def trained_up(arguments: Mapping[str, Any]) -> str:
+    """Return what is up in a training with these `cfg_args`: its scene is from COLMAP or NeRF-Synthetic."""
+    path = arguments.get("source_path")
+    if not isinstance(path, str) or named_up(path) != "unknown":
+        return named_up(path)
+    scene = re.split(r"[/\\]", path.rstrip("/\\"))[-1]
+    objects = DATASETS["nerf_synthetic"].scenes
+    return "+z" if scene in objects and arguments.get("white_background") is True else "-y"
 
 
 def read_text(path: Path) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from msb.meshes import Mesh
 
 EPILOG = epilog(
-    "msb convert data_stubs/splat_like.triasset out/splat_like.glb --up=-y",
+    "msb convert data_stubs/checkpoint out/upright.glb",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
     "msb convert --to triasset data_stubs/models/pebble out/assets",
@@ -55,7 +55,10 @@ def convert(
     ] = None,
     up: Annotated[
         Up | None,
-        typer.Option(help="Axis that points up in IN; OUT is turned so that it is +y. COLMAP scenes: -y."),
+        typer.Option(
+            help="Axis that points up in IN; OUT is turned so that it is +y. COLMAP scenes: -y. "
+            "Default: as stored; for .glb what IN is known to have."
+        ),
     ] = None,
     color: Annotated[
         Literal["stored", "linear"], typer.Option(help="Colours as stored, or sRGB converted to linear.")
@@ -167,9 +170,9 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
     from msb.atomic import new_file
     from msb.cli.inputs import open_asset
-    from msb.cli.mesh_files import beyond_a_mesh, note_losses
+    from msb.cli.mesh_files import beyond_a_mesh, note_losses, note_up
     from msb.meshes import read_mesh, write_mesh
-    from msb.meshes.assets import mesh_from_asset, with_colors_for
+    from msb.meshes.assets import as_held, mesh_from_asset
     from msb.meshes.transform import turned_upright, with_linear_colors
     from msb.opening import is_mesh_file
     from msb.saving import output_suffix
@@ -182,14 +185,16 @@ def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None
         else:
             asset = open_asset(source, output)
             mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
-    fitting = with_colors_for(mesh, suffix)
-    fitting = turned_upright(fitting, wish.up) if wish.up else fitting
-    fitting = with_linear_colors(fitting) if wish.color == "linear" else fitting
+    mesh = turned_upright(mesh, wish.up) if wish.up else mesh
+    mesh = with_linear_colors(mesh) if wish.color == "linear" else mesh
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
-        write_mesh(fitting, file, suffix=suffix)
-    _say(target, _holds(fitting, suffix), output)
-    note_losses(mesh, fitting, target, suffix, left_out, output)
+        held = as_held(mesh, suffix)
+        write_mesh(held, file, suffix=suffix)
+    turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
+    _say(target, [*_holds(held, suffix), *turned], output)
+    note_losses(mesh, held, target, suffix, left_out, output)
+    note_up(mesh, target, suffix, output)
 
 
 def _holds(mesh: Mesh, suffix: str) -> list[str]:
@@ -199,8 +204,7 @@ def _holds(mesh: Mesh, suffix: str) -> list[str]:
     colors = [
         key.replace("_colors", " colours") for key in FORMATS[suffix].keeps if getattr(mesh, key) is not None
     ]
-    vertices = 3 * len(mesh.faces) if suffix == ".stl" else len(mesh.vertices)  # STL shares none
-    return [f"{vertices:,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
+    return [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
 
 
 def _say(target: Path, parts: list[str], output: Output) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -37,20 +39,26 @@ def note_losses(
     from msb.meshes.formats import FORMATS
 
     keeps = FORMATS[suffix].keeps
-    note_soup(len(written.vertices), len(written.faces), target, suffix, output)
-    if mesh.face_colors is not None and written.face_colors is None:
-        text = f"{suffix} has no face colours, so every face gets vertices of its own: a soup"
+    if not np.array_equal(written.faces, mesh.faces):  # it was split
+        if FORMATS[suffix].is_soup:
+            text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
+        else:
+            others = [name for name, each in FORMATS.items() if "face_colors" in each.keeps and each.write]
+            text = (
+                f"{suffix} holds no colours of faces: every face gets vertices of its own, and it is a soup; "
+            )
+            text += f"{', '.join(others)} and .triasset keep them"
         output.note(f"{target}: {text}")
-    no_place = written.vertex_colors is not None and "vertex_colors" not in keeps
+    no_place = not keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None)
     lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]
     if lost:
         output.note(f"{target}: left out: {', '.join(lost)}")
 
 
-def note_soup(vertices: int, faces: int, target: Path, suffix: str, output: Output) -> None:
-    """Say that a format writes the vertices of every face anew, if the faces of the mesh share any."""
+def note_up(mesh: Mesh, target: Path, suffix: str, output: Output) -> None:
+    """Say that a model stays as it is where a format fixes what is up, if that is not known of `mesh`."""
     from msb.meshes.formats import FORMATS
 
-    if FORMATS[suffix].is_soup and vertices < 3 * faces:
-        text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
+    if FORMATS[suffix].up and mesh.up is None:
+        text = "what is up is not known, so nothing is turned: msb convert --up=-y if it comes from COLMAP"
         output.note(f"{target}: {text}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -240,8 +241,9 @@ class _Task:
         """Repair what an asset holds, and write it as one or as its standard-tier mesh."""
         from msb.asset import ASSET_SUFFIX
         from msb.cli.inputs import open_asset
-        from msb.cli.mesh_files import beyond_a_mesh, note_soup
+        from msb.cli.mesh_files import beyond_a_mesh, note_up
         from msb.cli.repair_text import note_turned
+        from msb.meshes.assets import mesh_from_asset
         from msb.repair.assets import repair_asset
         from msb.saving import save
 
@@ -251,13 +253,13 @@ class _Task:
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             done = repair_asset(asset, self.plan, self.options, weights)
         note_turned(done.asset, done, self.output)
+        if self.suffix != ASSET_SUFFIX:
+            mesh = mesh_from_asset(done.asset)
+            written = self.write(mesh, beyond_a_mesh(done.asset))
+            note_up(mesh, self.target, self.suffix, self.output)
+            return replace(done, after=replace(written, path=done.after.path, method=done.after.method))
         with self.output.progress(f"writing {self.target.name}"):
             save(done.asset, self.target, overwrite=True, form=self.form or "packed")
-        if self.suffix != ASSET_SUFFIX:
-            manifest = done.asset.manifest
-            note_soup(manifest.vertex_count, manifest.face_count, self.target, self.suffix, self.output)
-            if lost := beyond_a_mesh(done.asset):
-                self.output.note(f"{self.target}: left out: {', '.join(lost)}")
         return done
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
@@ -271,25 +273,32 @@ class _Task:
 
     def repair_mesh(self) -> Outcome:
         """Repair a mesh file in its own precision."""
-        from msb.atomic import new_file
-        from msb.cli.mesh_files import note_losses
-        from msb.meshes import read_mesh, write_mesh
-        from msb.meshes.assets import with_colors_for
+        from msb.meshes import read_mesh
         from msb.repair.assets import repair_mesh
 
         with self.output.progress(f"reading {self.source.name}"):
             mesh = read_mesh(self.source)
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             made, done = repair_mesh(mesh, self.plan, self.options)
-        fitting: Mesh = with_colors_for(made, self.suffix)
+        return replace(done, after=self.write(made, mesh.left_out))
+
+    def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
+        """Write `made` to a mesh file, and return the audit of what the file holds."""
+        from msb.atomic import new_file
+        from msb.cli.mesh_files import note_losses
+        from msb.meshes import write_mesh
+        from msb.meshes.assets import as_held
+        from msb.topology import audit_arrays
+
         with (
             self.output.progress(f"writing {self.target.name}"),
             about(self.source),
             new_file(self.target) as file,
         ):
-            write_mesh(fitting, file, suffix=self.suffix)
-        note_losses(made, fitting, self.target, self.suffix, mesh.left_out, self.output)
-        return done
+            held = as_held(made, self.suffix)
+            write_mesh(held, file, suffix=self.suffix)
+        note_losses(made, held, self.target, self.suffix, left_out, self.output)
+        return audit_arrays(held.vertices, held.faces)[0]
 
 
 def _write_maps(path: Path, done: Repaired | Outcome) -> None:

@@ -97,6 +97,7 @@ def print_repair(
     console.print(f"Components: {pieces[0]} before, {pieces[1]} after; edges cut: {len(done.cut_edges):,}")
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
     words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
-    if helps := advice(done.after, f"--force -o {words[1]}", words[0]):
+    helps = advice(done.before, f"--force -o {words[1]}", words[0])
+    if helps and all(step.step != "weld" for step in done.steps):
         console.print(helps, soft_wrap=True)
     console.print(f"next: msb view {words[0]} --repaired {words[1]}", soft_wrap=True)

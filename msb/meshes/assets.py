@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
+from msb.asset.manifest import CoordinateFrame
 from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.writing import check_indices
+from msb.meshes.transform import turned_upright
+from msb.meshes.writing import as_float32, check_indices
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +34,10 @@ def asset_from_mesh(mesh: Mesh) -> Asset:
         `TRIASSET_VALUE_NONFINITE` or `TRIASSET_EMPTY`.
     """
     buffers, domains, kind = mesh_buffers(mesh)
-    return build_asset(buffers, domains, Description(appearance={"kind": kind}))
+    description = Description(
+        appearance={"kind": kind}, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
+    )
+    return build_asset(buffers, domains, description)
 
 
 def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], str]:
@@ -81,19 +87,20 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     if why is not None:
         text = f"{asset.manifest.method} on tier standard: {why}"
         raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
-    vertices = asset.buffers["positions"]
+    vertices, frame = asset.buffers["positions"], asset.manifest.coordinate_frame
+    up = None if frame.up == "unknown" else frame.up
     faces = asset.buffers["indices"].astype(np.int64)
     colors = colors_of(asset)
     if colors is None:
-        mesh = Mesh(vertices, faces, None, None)
+        mesh = Mesh(vertices, faces, up=up)
     elif colors.domain == "vertex":
-        mesh = Mesh(vertices, faces, colors.values, None)
+        mesh = Mesh(vertices, faces, colors.values, up=up)
     elif colors.domain == "corner":
-        mesh = _unshared(vertices, faces, colors.values)
+        mesh = _unshared(Mesh(vertices, faces, up=up), colors.values)
     elif asset.manifest.topology == "triangle_soup":
-        mesh = Mesh(vertices, faces, np.repeat(colors.values, 3, axis=0), None)
+        mesh = Mesh(vertices, faces, np.repeat(colors.values, 3, axis=0), up=up)
     else:
-        mesh = Mesh(vertices, faces, None, colors.values)
+        mesh = Mesh(vertices, faces, None, colors.values, up=up)
     keep = visible_faces(asset, stored_threshold(asset))
     return mesh if keep is None or keep.all() else _with_faces(mesh, keep)
 
@@ -105,12 +112,30 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     """
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
-    return _unshared(mesh.vertices, mesh.faces, np.repeat(mesh.face_colors, 3, axis=0))
+    return _unshared(mesh, np.repeat(mesh.face_colors, 3, axis=0))
 
 
-def with_colors_for(mesh: Mesh, suffix: str) -> Mesh:
-    """Return `mesh` with its colours where the format of `suffix` can hold them: mostly at vertices."""
-    return mesh if "face_colors" in FORMATS[suffix].keeps else with_vertex_colors(mesh)
+def as_held(mesh: Mesh, suffix: str) -> Mesh:
+    """Return `mesh` as a file of the format of `suffix` holds it, which is what a verdict on the file judges.
+
+    Colours are where the format has a place for them, mostly at vertices; the mesh is turned upright if the
+    format says what is up, and where that is known; faces have vertices of their own if it shares none.
+
+    Raises
+    ------
+    MeshError
+        `MESH_INDEX_OUT_OF_RANGE`.
+    OutputError
+        `OUTPUT_COORDINATES`: a coordinate is too large for the format's float32.
+    """
+    held = FORMATS[suffix]
+    check_indices(mesh)
+    made = mesh if "face_colors" in held.keeps else with_vertex_colors(mesh)
+    if held.up and made.up:
+        made = turned_upright(made, made.up)
+    if held.is_soup and len(made.vertices) != 3 * len(made.faces):
+        made = _unshared(made, None)
+    return replace(made, vertices=as_float32(made.vertices, held.title)) if held.is_single else made
 
 
 def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
@@ -121,10 +146,10 @@ def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
     number = np.cumsum(used) - 1
     vertex_colors = None if mesh.vertex_colors is None else mesh.vertex_colors[used]
     face_colors = None if mesh.face_colors is None else mesh.face_colors[keep]
-    return Mesh(mesh.vertices[used], number[faces], vertex_colors, face_colors)
+    return Mesh(mesh.vertices[used], number[faces], vertex_colors, face_colors, up=mesh.up)
 
 
-def _unshared(vertices: NDArray[Any], faces: NDArray[np.int64], colors: NDArray[Any]) -> Mesh:
-    """Return the mesh with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
-    corners = np.arange(faces.size, dtype=np.int64).reshape(-1, 3)
-    return Mesh(vertices[faces.reshape(-1)], corners, colors, None)
+def _unshared(mesh: Mesh, colors: NDArray[Any] | None) -> Mesh:
+    """Return `mesh` with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
+    corners = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
+    return Mesh(mesh.vertices[mesh.faces.reshape(-1)], corners, colors, up=mesh.up)

@@ -35,6 +35,10 @@ class Format:
         The colours that the format can hold.
     is_soup : bool
         True if the format writes the vertices of every face anew, so that no two faces share one.
+    is_single : bool
+        True if the format holds coordinates as float32, whatever the mesh has.
+    up : str, optional
+        The axis that the format says is up, such as "+y".
     """
 
     title: str
@@ -44,6 +48,8 @@ class Format:
     begins: re.Pattern[bytes] | None = None
     keeps: tuple[Literal["vertex_colors", "face_colors"], ...] = ()
     is_soup: bool = False
+    is_single: bool = False
+    up: str | None = None
 
 
 FORMATS: dict[str, Format] = {}

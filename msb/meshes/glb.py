@@ -110,7 +110,7 @@ def read(source: Source) -> Mesh:
         raise source.error("MESH_FILE_HEADER", text)
     parts = {mesh: [_read_part(each) for each in primitives[mesh]] for mesh in primitives}
     joined = _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
-    return replace(joined, left_out=left_out(document, [mesh for mesh, _ in placed]))
+    return replace(joined, left_out=left_out(document, [mesh for mesh, _ in placed]), up=FORMAT.up)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
@@ -335,4 +335,13 @@ def _join_colors(parts: list[_Part]) -> NDArray[Any]:
     return np.concatenate(joined)
 
 
-FORMAT = Format("GLB", (".glb",), read, write, begins=re.compile(rb"glTF"), keeps=("vertex_colors",))
+FORMAT = Format(
+    "GLB",
+    (".glb",),
+    read,
+    write,
+    begins=re.compile(rb"glTF"),
+    keeps=("vertex_colors",),
+    is_single=True,
+    up="+y",
+)

@@ -33,6 +33,8 @@ class Mesh:
         Texture coordinates, v downwards as in glTF. GLB is written with them; no reader gives any.
     left_out : tuple of str
         What else the file holds, which no reader keeps: "normals", "UVs", "2 textures".
+    up : str, optional
+        The axis that points up, such as "+y"; None where that is not known.
     wrong_face : str, optional
         Of a text file, the line of the first face that uses a vertex which is not there.
 
@@ -48,6 +50,7 @@ class Mesh:
     face_colors: NDArray[Any] | None = None
     vertex_uvs: NDArray[np.float32] | None = None
     left_out: tuple[str, ...] = ()
+    up: str | None = None
     wrong_face: str | None = None
 
     def __post_init__(self) -> None:

@@ -152,4 +152,4 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
 
 # Binary files begin with anything.
 _BEGINS = re.compile(rb"\s*+solid\b", re.IGNORECASE)
-FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True)
+FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True, is_single=True)

@@ -1,4 +1,4 @@
-"""Changes that `msb convert` can make to a mesh: turn it upright, make its colours linear."""
+"""Changes of a mesh on its way into a file: turned upright, its colours made linear."""
 
 from __future__ import annotations
 
@@ -24,16 +24,26 @@ _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {
 
 
 def turned_upright(mesh: Mesh, up: str) -> Mesh:
-    """Return `mesh` rotated by quarter turns so that its axis `up` becomes +y.
+    """Return `mesh` as `turned` makes its axis `up` +y; winding is kept."""
+    return replace(mesh, vertices=turned(mesh.vertices, up), up="+y")
 
-    This is exact: coordinates are swapped and negated, never multiplied. Winding is kept.
+
+def turned(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]:
+    """Return `vertices` (V, 3) rotated by quarter turns so that axis `up` becomes `to`; unknown, they stay.
+
+    This is exact: coordinates are swapped and negated, never multiplied.
 
     Parameters
     ----------
-    up : {"+x", "-x", "+y", "-y", "+z", "-z"}
+    up, to : {"+x", "-x", "+y", "-y", "+z", "-z", "unknown"}
     """
-    columns = [sign * mesh.vertices[:, axis] for axis, sign in _UPRIGHT[up]]
-    return replace(mesh, vertices=np.stack(columns, axis=1))
+    if up == to or "unknown" in (up, to):
+        return vertices
+    upright = [sign * vertices[:, axis] for axis, sign in _UPRIGHT[up]]
+    made = np.empty_like(vertices)
+    for column, (axis, sign) in zip(upright, _UPRIGHT[to], strict=True):
+        made[:, axis] = sign * column
+    return made
 
 
 def with_linear_colors(mesh: Mesh) -> Mesh:

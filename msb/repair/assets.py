@@ -188,6 +188,7 @@ def repair_mesh(mesh: Mesh, plan: tuple[str, ...], options: Options) -> tuple[Me
         done.buffers["indices"].astype(np.int64),
         colors_by.get("vertex"),
         colors_by.get("face"),
+        up=mesh.up,
     )
     return made, done
 

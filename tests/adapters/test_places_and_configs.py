@@ -278,6 +278,24 @@ def test_what_cfg_args_say_of_the_training_is_kept_without_a_path(method: str, t
     assert msb.export(folder).manifest.training == {}
 
 
+@pytest.mark.parametrize(
+    ("values", "up"),
+    [
+        ("source_path='/data/mipnerf360/garden', white_background=False", "-y"),
+        ("source_path='C:\\\\me\\\\my_capture\\\\', white_background=True", "-y"),
+        ("source_path='/data/nerf_synthetic/lego'", "+z"),
+        ("source_path='/data/lego/', white_background=True", "+z"),
+        ("source_path='/data/lego', white_background=False", "-y"),
+        ("source_path=3", "unknown"),
+        ("eval=True", "unknown"),
+    ],
+)
+def test_what_is_up_follows_from_the_scene_that_cfg_args_name(values: str, up: str, tmp_path: Path) -> None:
+    folder = write_model(tmp_path, "triangle_splatting", models.triangle_splatting())
+    (tmp_path / "cfg_args").write_text(f"Namespace({values})")
+    assert msb.export(folder).manifest.coordinate_frame.up == up
+
+
 def test_diffsoup_keeps_the_size_of_its_training(tmp_path: Path) -> None:
     values = {**models.diffsoup(), "H": 60, "W": 80}
     kept = msb.export(write_model(tmp_path, "diffsoup", values)).manifest

@@ -216,9 +216,27 @@ def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
     )
     result = msb("convert", tmp_path / "t.obj", tmp_path / "t.glb")
     assert result.out == f"{tmp_path / 't.glb'}: 3 vertices, 1 faces, no colours\n"
-    assert result.err == f"note: {tmp_path / 't.glb'}: left out: normals, UVs, materials and their textures\n"
+    left, up = result.err.splitlines()
+    assert left == f"note: {tmp_path / 't.glb'}: left out: normals, UVs, materials and their textures"
+    assert up.endswith(
+        "what is up is not known, so nothing is turned: msb convert --up=-y if it comes from COLMAP"
+    )
+    assert "what is up" not in msb("convert", tmp_path / "t.obj", tmp_path / "t.glb", "-f", "--up=+y").err
+    assert "what is up" not in msb("convert", tmp_path / "t.obj", tmp_path / "t.ply").err
     assert "MESH_FILE_LEFT_OUT" in msb("convert", tmp_path / "t.obj", tmp_path / "t.triasset").err
     assert "UVs" not in msb("audit", tmp_path / "t.obj").err
+
+
+def test_a_training_on_colmap_is_turned_upright_and_the_page_and_info_agree(msb: Msb, tmp_path: Path) -> None:
+    model, target = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting", tmp_path / "m.glb"
+    assert msb("convert", model, target).out.endswith("vertex colours, turned upright (-y was up)\n")
+    assert "right-handed, up +y" in msb("info", target).out
+    assert "right-handed, up -y" in msb("info", model).out
+    kept = msb("convert", model, tmp_path / "kept.glb", "--up=+y")
+    assert "turned" not in kept.out + kept.err
+    stored = library.open(model).buffers["positions"]
+    assert np.array_equal(library.open(tmp_path / "kept.glb").buffers["positions"], stored)
+    assert np.array_equal(library.open(target).buffers["positions"], stored * [1, -1, -1])
 
 
 def test_convert_takes_a_folder(msb: Msb, tmp_path: Path) -> None:

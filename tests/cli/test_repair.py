@@ -82,6 +82,23 @@ def test_a_repaired_soup_is_told_what_merges_it(msb: Msb, tmp_path: Path) -> Non
     assert "soup" not in msb("convert", source, tmp_path / "soup.stl").err
 
 
+@pytest.mark.parametrize("suffix", [".glb", ".ply", ".obj", ".off", ".stl", ".triasset"])
+def test_the_verdict_after_a_repair_is_that_of_the_file(msb: Msb, tmp_path: Path, suffix: str) -> None:
+    model, target = ROOT / "data_stubs" / "models" / "walled" / "triangle_splatting", tmp_path / f"a{suffix}"
+    weld = ("--weld", "0.02", "--plan", "weld,orient,pair")
+    result = msb("repair", *weld, model, "-o", target, "--json", "-")
+    file = msb("audit", target, "--json", "-").json
+    assert result.json["verdict_after"] == file["verdict"]
+    assert result.json["after"] == {key: file[key] for key in ("counts", "metrics")}
+    split = suffix in (".glb", ".obj", ".stl")
+    assert file["verdict"]["level"] == ("bad" if split else "limited")
+    assert ("it is a soup" in result.err) is split
+    assert ("holds no colours of faces" in result.err) is (suffix in (".glb", ".obj"))
+    gated = msb("repair", "-f", *weld, model, "-o", target, "--fail-on-verdict", "bad")
+    assert gated.status == split
+    assert "Merge the vertices" not in gated.out  # they were
+
+
 def test_a_mesh_file_keeps_its_precision_and_the_original_stays(msb: Msb, book: Path) -> None:
     before = book.read_bytes()
     target = book.with_name("fixed.ply")

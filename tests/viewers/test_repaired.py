@@ -50,3 +50,13 @@ def test_a_repair_that_changes_nothing_has_empty_layers_and_a_page() -> None:
     state.next_layer()
     assert state.active in REPAIR_STYLES
     assert b"deleted_faces" in page(model, state, "+y")
+
+
+def test_what_was_turned_upright_in_a_glb_lies_where_it_was() -> None:
+    points, faces = TETRAHEDRON
+    before = ViewedMesh("a.triasset", Path("a"), points, faces, up="-y")
+    after = ViewedMesh("b.glb", Path("b"), points * [1, -1, -1], faces, up="+y")
+    rows = {
+        row["kind"]: row["count"] for row in legend_rows(ViewState.first(build_repaired_model(before, after)))
+    }
+    assert rows == {"deleted_faces": 0, "added_faces": 0, "cut_edges": 0}

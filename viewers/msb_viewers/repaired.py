@@ -33,12 +33,14 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     MeshError
         A face uses a vertex that there is not.
     """
+    from msb.meshes.transform import turned
     from msb.topology import audit_arrays
     from msb.topology.arrays import mesh_arrays
     from msb.topology.difference import find_difference
     from msb.topology.verdict import judge
 
-    old, new = (mesh_arrays(mesh.vertices, mesh.faces) for mesh in (before, after))
+    placed = turned(after.vertices, after.up, before.up)  # a .glb was turned upright
+    old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
     found = find_difference(old, new)
     (points, faces), count = old, len(old[1])
     added = new[1][found.added].astype(np.int64) + len(points)

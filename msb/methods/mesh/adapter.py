@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings
 from msb.asset import Description
+from msb.asset.manifest import CoordinateFrame
 from msb.errors import about
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
@@ -35,5 +36,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     mesh = read_mesh(place.file)
     with about(place.file):
         buffers, domains, kind = mesh_buffers(mesh)
-    description = Description(appearance={"kind": kind})
+    description = Description(
+        appearance={"kind": kind}, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
+    )
     return Model(buffers, domains, description, place.root, (place.file,), left_out_finding(mesh))

@@ -15,8 +15,9 @@ import numpy as np
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
-from msb.adapters.training_config import read_cfg_args, training_of
+from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
+from msb.asset.manifest import CoordinateFrame
 from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
 from msb.meshes.assets import mesh_buffers
@@ -74,7 +75,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     if "pixel_count" not in tensors:
         settings.add("opacity_floor", _OLDER_FLOOR, "default")
     arguments, files, warnings = read_cfg_args(place.root)
-    description = _description(settings, degree, arguments)
+    description = _description(settings, degree, arguments, trained_up(arguments))
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "vertex")
     files = (place.file, *files)
     return Model(buffers, domains, description, place.root, files, (*tensors.warnings, *warnings))
@@ -99,11 +100,11 @@ def _read_mesh(place: Place, options: Options) -> Model:
     buffers["f_dc"] = np.clip((colors - np.float32(0.5)) / np.float32(SH_C0), -4, 4)
     buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
     settings.add("opacity_floor", _OLDER_FLOOR, "default")
-    description = _description(settings, 0, {})
+    description = _description(settings, 0, {}, mesh.up or "unknown")
     return Model(buffers, {"f_dc": "vertex", "opacity": "vertex"}, description, place.root, (place.file,))
 
 
-def _description(settings: Settings, degree: int, arguments: Mapping[str, Any]) -> Description:
+def _description(settings: Settings, degree: int, arguments: Mapping[str, Any], up: str) -> Description:
     stored = settings.finish(degree)
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
@@ -119,6 +120,7 @@ def _description(settings: Settings, degree: int, arguments: Mapping[str, Any]) 
         compositing={"kind": "front_to_back"},
         settings=stored,
         training=training_of(arguments),
+        coordinate_frame=CoordinateFrame(up=up),
     )
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
-from msb.adapters.training_config import read_cfg_args, training_of
+from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
+from msb.asset.manifest import CoordinateFrame
 
 if TYPE_CHECKING:
     from msb.adapters.content import Content, Options
@@ -68,6 +69,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         compositing={"kind": "front_to_back"},
         settings=settings.finish(degree),
         training=training_of(arguments),
+        coordinate_frame=CoordinateFrame(up=trained_up(arguments)),
     )
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
     files = (place.file, *files)

@@ -13,7 +13,9 @@ import numpy as np
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
+from msb.adapters.training_config import named_up
 from msb.asset import Description
+from msb.asset.manifest import CoordinateFrame
 from msb.errors import CheckpointError, finding, json_safe, shorten
 from msb.methods.two_dts.adapter_config import read_config
 
@@ -83,11 +85,11 @@ def read(place: Place, content: Content, options: Options) -> Model:
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
-    if isinstance(trainer := config.get("trainer"), dict) and trainer.get("eval_background") in (
-        "white",
-        "black",
-    ):
+    trainer = config.get("trainer")
+    trainer = trainer if isinstance(trainer, dict) else {}
+    if trainer.get("eval_background") in ("white", "black"):
         appearance["background"] = background(trainer["eval_background"] == "white")
+    up = named_up(trainer.get("output_dir"))  # outputs/MipNerf360/VanillaTS
     bounds = dict(zip(_box_names(box), box or (), strict=True))
     description = Description(
         method="two_dts",
@@ -97,6 +99,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         appearance=appearance,
         compositing={"kind": "front_to_back", **bounds},
         settings=stored,
+        coordinate_frame=CoordinateFrame(up=up),
     )
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
     return Model(buffers, domains, description, place.root, (place.file, *files), tuple(warnings))

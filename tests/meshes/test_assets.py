@@ -1,0 +1,85 @@
+"""What a file holds of a mesh: colours, vertices that are shared, and what is up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import trimesh
+
+import msb
+from msb.asset.look import up_axis
+from msb.meshes import Mesh, read_mesh
+from msb.meshes.assets import as_held, asset_from_mesh, mesh_from_asset
+from msb.meshes.transform import turned
+from tests.conftest import ROOT, TETRAHEDRON
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+POINTS = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
+COLORS = np.arange(12, dtype=np.uint8).reshape(4, 3)
+
+
+def volume(mesh: Mesh) -> float:
+    """Return six times the signed volume, which winding and mirroring change and rotation does not."""
+    a, b, c = (mesh.vertices[column].astype(float) for column in mesh.faces.T)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())
+
+
+@pytest.mark.parametrize("up", AXES)
+def test_a_glb_is_upright_and_nothing_else_of_it_is_changed(up: str, tmp_path: Path) -> None:
+    mesh = Mesh(POINTS, TETRAHEDRON[1].astype(np.int64), COLORS, up=up)
+    path = tmp_path / "up.glb"
+    msb.save(asset_from_mesh(mesh), path)
+    again = read_mesh(path)
+    assert np.array_equal(turned(again.vertices, "+y", up), POINTS)
+    assert np.array_equal(again.vertices[:, 1], POINTS[:, "xyz".index(up[1])] * (1 if up[0] == "+" else -1))
+    assert np.array_equal(again.vertex_colors[:, :3], COLORS)
+    assert volume(again) == pytest.approx(volume(mesh), rel=1e-6)
+    assert (again.up, up_axis(msb.open(path))) == ("+y", "+y")
+    assert np.array_equal(trimesh.load(path, force="mesh", process=False).vertices, again.vertices)
+    assert np.array_equal(mesh_from_asset(msb.open(path)).vertices, again.vertices)  # once, not each time
+    for suffix in (".ply", ".obj", ".off"):  # they leave open what is up
+        assert np.array_equal(as_held(mesh, suffix).vertices, POINTS)
+
+
+@pytest.mark.parametrize(("model", "up"), [("walled", "-y"), ("pebble", "+z")])
+@pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting"])
+def test_trainings_on_colmap_and_on_nerf_synthetic_stand_upright(
+    model: str, up: str, method: str, tmp_path: Path
+) -> None:
+    asset = msb.open(ROOT / "data_stubs" / "models" / model / method)
+    assert asset.manifest.coordinate_frame.up == up
+    msb.save(asset, tmp_path / "a.glb")
+    expected = turned(mesh_from_asset(asset).vertices, up)
+    assert np.array_equal(read_mesh(tmp_path / "a.glb").vertices, expected)
+
+
+def test_where_up_is_not_known_nothing_is_turned() -> None:
+    mesh = Mesh(POINTS, TETRAHEDRON[1].astype(np.int64))
+    assert as_held(mesh, ".glb").vertices is mesh.vertices
+    assert asset_from_mesh(mesh).manifest.coordinate_frame.up == "unknown"
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])
+def test_what_is_held_is_what_is_read(suffix: str, tmp_path: Path) -> None:
+    faces = TETRAHEDRON[1].astype(np.int64)
+    mesh = Mesh(POINTS / 3, faces, None, np.arange(3 * len(faces), dtype=np.uint8).reshape(-1, 3), up="-y")
+    held = as_held(mesh, suffix)
+    path = tmp_path / f"a{suffix}"
+    with path.open("wb") as file:
+        msb.meshes.write_mesh(held, file, suffix=suffix)
+    again = read_mesh(path)
+    assert np.array_equal(again.vertices, held.vertices)
+    assert np.array_equal(again.faces, held.faces)
+    assert (len(held.vertices) == 12) is (suffix in (".obj", ".stl", ".glb"))
+
+
+def test_a_vertex_that_is_not_there_is_an_error_before_vertices_are_split() -> None:
+    mesh = replace(Mesh(POINTS, TETRAHEDRON[1].astype(np.int64)), faces=np.array([[0, 1, 9]]))
+    with pytest.raises(msb.MsbError, match="MESH_INDEX_OUT_OF_RANGE"):
+        as_held(mesh, ".stl")
