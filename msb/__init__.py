@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.trial import trial
     from msb.validating import validate
+    from msb.why import why
 
 _HOME = {
     "Asset": "msb.asset",
@@ -44,8 +45,8 @@ _HOME = {
     "audit": "msb.auditing",
     "validate": "msb.validating",
 }
-_PACKAGES = ("metrics", "render", "repair", "trial")
-"""Packages of the public API. `render`, `repair` and `trial` can also be called as functions."""
+_PACKAGES = ("metrics", "render", "repair", "trial", "why")
+"""Packages of the public API. `render`, `repair`, `trial` and `why` can also be called as functions."""
 
 __all__ = [
     "Asset",
@@ -69,6 +70,7 @@ __all__ = [
     "save",
     "trial",
     "validate",
+    "why",
 ]
 
 

@@ -91,7 +91,7 @@ def test_the_reference_has_everything_public() -> None:
         return getattr(found, member) if hasattr(found, member) else importlib.import_module(name)
 
     def called(thing: object) -> object:
-        # msb.render, msb.repair, msb.trial and msb.metrics.identity are functions and packages in one.
+        # msb.render, msb.why, msb.metrics.identity and others are functions and packages in one.
         name = getattr(thing, "__name__", "")
         return getattr(thing, name.rpartition(".")[2], thing) if isinstance(thing, ModuleType) else thing
 

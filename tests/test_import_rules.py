@@ -42,7 +42,7 @@ ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
     "__init__": GROUND
     | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"}
-    | {"validating"},
+    | {"validating", "why"},
     "why": GROUND | {"adapters", "meshes", "metrics", "opening", "render"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},

@@ -233,7 +233,7 @@ def test_validate_says_of_any_path_what_the_command_says(tmp_path: Path, mesh_fi
         msb.validate(tmp_path / "nothing.ply")
 
 
-@pytest.mark.parametrize("name", ["render", "repair", "trial"])
+@pytest.mark.parametrize("name", ["render", "repair", "trial", "why"])
 def test_help_of_a_callable_package_shows_how_it_is_called(name: str) -> None:
     package: Any = getattr(msb, name)
     function = getattr(package, name)

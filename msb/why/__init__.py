@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset.settings import with_settings
+from msb.callable_packages import make_callable
 from msb.opening import as_asset
 from msb.scenes.around import around
 from msb.scenes.colors import check_background
@@ -161,3 +162,6 @@ def _measured(known: Known, views: Views) -> Cause:
         without[worst],
         with_it[worst],
     )
+
+
+make_callable(__name__, why)

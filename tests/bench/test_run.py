@@ -17,7 +17,7 @@ from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
 from msb.bench.ground_truth import ground_truth
 from msb.bench.records import read_result
-from msb.bench.run import run_protocol
+from msb.bench.run import _Nobody, run_protocol
 from msb.errors import MsbError
 from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, cell, images, planned, protocol, records
@@ -309,3 +309,24 @@ def test_images_do_not_depend_on_the_number_of_processes(finished: ProtocolFile,
     ours, theirs = images(tmp_path / "results"), images(finished.results)
     assert {name: theirs[name] for name in ours} == ours
     assert len(ours) > 10
+
+
+def test_what_a_training_did_otherwise_is_warned_of_once_and_recorded(tmp_path: Path) -> None:
+    model = tmp_path / "models" / "triangle_splatting"
+    shutil.copytree(PEBBLE / "triangle_splatting", model)
+    (model / "cfg_args").write_text("Namespace(white_background=False, eval=False)")
+    file = protocol(tmp_path, ("triangle_splatting",))
+    method = file.protocol.methods[0].model_copy(update={"model": str(model)})
+    file = replace(file, protocol=file.protocol.model_copy(update={"methods": (method,)}))
+    said: list[str] = []
+    watch = _Nobody()
+    watch.note = said.append  # type: ignore[method-assign]
+    assert run_protocol(file, only=["dedicated", "exported_mesh"], watch=watch).exit_status == 0
+    for text in (
+        "it was trained on the test views (eval=False)",
+        "trained over black and is drawn over white",
+    ):
+        assert sum(text in line for line in said) == 1
+        for name in ("dedicated", "exported_mesh"):
+            found = cell(file, f"triangle_splatting/{name}").trained
+            assert sum(text in one for one in found) == 1
