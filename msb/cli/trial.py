@@ -97,13 +97,14 @@ def trial(
     from msb.cli.inputs import expand
     from msb.repair.plan import DEFAULT, parse_plan
     from msb.trial.limits import Limits
-    from msb.trial.registry import chosen_tasks
+    from msb.trial.registry import check_libraries, chosen_tasks
 
     output = Output(json_file, quiet, verbose, force, json_lines)
     gated = {task.name for task in chosen_tasks(fail_on)} if fail_on else set()
     known = chosen_tasks(tasks or [])
     if away := gated - {task.name for task in known}:
         raise UsageError("USAGE", f"--fail-on names {min(away)}, which --task leaves out")
+    check_libraries(known)
     limits = Limits(seconds, memory)
     steps = parse_plan(plan) if plan is not None else DEFAULT if repair else None
     views = None if cameras is None else _views(cameras, chosen)

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 ALIKE = 35.0
 """From here on the eye finds a difference only by flipping between the two."""
 NEARLY = 25.0
 """Below this the difference is obvious side by side."""
+
+
+def decibels(value: float) -> str:
+    """Return "34.9 dB" of 34.998: rounded down, so that no limit seems to be reached that is not."""
+    return f"{math.floor(10 * value + 1e-9) / 10:.1f} dB"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
 from msb.npz import write_npy
+from msb.topology import audit_arrays
+from msb.topology.verdict import judge
 from msb.topology.weld import weld_vertices
 
 if TYPE_CHECKING:
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
+    from msb.topology.verdict import Verdict
     from msb.topology.weld import Weld
 
 
@@ -49,6 +53,14 @@ class TriedMesh:
         """The length of the bounding box's diagonal, of the vertices that faces use."""
         used = self.vertices[np.unique(self.faces)].astype(np.float64)
         return float(np.linalg.norm(np.ptp(used, axis=0))) if len(used) else 0.0
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What an audit says, UV seams merged: they double vertices, and are no fault of the surface."""
+        vertices, faces = self.vertices, self.faces
+        if self.uv is not None:
+            vertices, faces = weld_vertices(vertices, faces, "exact")
+        return judge(audit_arrays(vertices, faces)[0])
 
     @property
     def sha256(self) -> str:

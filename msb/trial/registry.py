@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from msb.errors import UsageError, shorten
-from msb.extras import is_installed
+from msb.extras import is_installed, need_extra
 
 if TYPE_CHECKING:
-    from msb.trial.task import Task
+    from msb.trial.task import Attempt, Task
 
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
 """Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports."""
 
+_CORE = {"numpy", "trimesh"}
+"""Libraries that do tasks and are there without the extra."""
 TASKS: dict[str, Task] = {
     task.name: task for name in _MODULES for task in import_module(f"msb.trial.tasks.{name}").TASKS
 }
@@ -42,6 +44,28 @@ def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
             raise UsageError("USAGE", text, value=name)
         found |= own
     return [task for key, task in TASKS.items() if key in found] if found else list(TASKS.values())
+
+
+def able(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """Return the attempts whose libraries are installed."""
+    return [one for one in attempts if all(map(is_installed, one.modules))]
+
+
+def check_libraries(tasks: Sequence[Task]) -> None:
+    """Refuse tasks some of which cannot be tried, where no library of the extra is there for the others.
+
+    Raises
+    ------
+    UsageError
+        `EXTRA_MISSING`.
+    """
+    found = {task.name: {one.library for one in able(task.attempts)} for task in tasks}
+    if all(found.values()) or set().union(*found.values()) - _CORE:
+        return
+    rest = [name for name, libraries in found.items() if libraries]
+    instead = f"{' and '.join(rest)} can be tried without it" if rest else ""
+    what = f"trying {', '.join(name for name in found if name not in rest)}"
+    need_extra("trial", *missing_modules(tasks), what=what, instead=instead)
 
 
 def missing_modules(tasks: Iterable[Task]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.atomic import new_file
 from msb.errors import AssetError, UsageError, about, shorten
-from msb.extras import install, is_installed
+from msb.extras import install
 from msb.meshes import write_mesh
 from msb.opening import as_asset
 from msb.repair.assets import repair_mesh
@@ -18,12 +18,12 @@ from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
 from msb.trial.look import VIEWS, Look
 from msb.trial.mesh import TriedMesh, mesh_to_try
-from msb.trial.registry import chosen_tasks
-from msb.trial.task import Judgement
+from msb.trial.registry import able, chosen_tasks, missing_modules
+from msb.trial.task import Judgement, file_outcome
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.scenes import Camera
     from msb.topology.weld import Weld
-    from msb.trial.task import Made, Numbers, Outcome, Reply, Task
+    from msb.trial.task import Attempt, Made, Numbers, Outcome, Reply, Task
 
 SCHEMA = "msb.trial/1"
 
@@ -235,23 +235,19 @@ class _Trying:
     def run(self, keep: Path | None, *, meshes: bool) -> Trial:
         """Make the attempts, judge them, and keep what is wanted."""
         task = self.task
-        able = [one for one in task.attempts if all(map(is_installed, one.modules))]
-        absent = [
-            module
-            for one in task.attempts
-            if one not in able
-            for module in one.modules
-            if not is_installed(module)
-        ]
-        lacks = f"{' and '.join(dict.fromkeys(absent))} not installed: {install('trial')}" if absent else ""
-        if not able:
+        absent = missing_modules([task])
+        lacks = f"{' and '.join(absent)} not installed: {install('trial')}" if absent else ""
+        if not able(task.attempts):
             return Trial(task.name, task.title, "not_run", lacks, 0.0)
         arrays = task.prepare(self.mesh, self.look) if task.prepare else {}
-        replies = {one.library: run_attempt(task, one, self.mesh, arrays, self.limits) for one in able}
+        replies = self.replies(task.attempts, arrays)
+        if not any(reply.made for reply in replies.values()):
+            replies |= self.replies(task.instead, arrays)
         made = {name: reply.made for name, reply in replies.items() if reply.made is not None}
         judged = self.judged(replies, made)
         files, picture = self.kept(keep, made, meshes=meshes)
         said = task.says(judged.numbers) if made else ""
+        judged, said = self.with_file(judged, said, made, files)
         return Trial(
             task.name,
             task.title,
@@ -264,6 +260,16 @@ class _Trying:
             files,
             picture,
         )
+
+    def replies(self, attempts: Iterable[Attempt], arrays: Mapping[str, NDArray[Any]]) -> dict[str, Reply]:
+        """Make those attempts whose libraries are installed; audit what they made."""
+        found = {
+            one.library: run_attempt(self.task, one, self.mesh, arrays, self.limits) for one in able(attempts)
+        }
+        for made in filter(None, (reply.made for reply in found.values())):
+            for mesh in made.meshes.values():
+                made.numbers["verdict"] = {"level": mesh.verdict.level, "sentence": mesh.verdict.sentence}
+        return found
 
     def judged(self, replies: dict[str, Reply], made: dict[str, Made]) -> Judgement:
         """Return the task's own judgement, with what is to be said of attempts that failed."""
@@ -278,8 +284,33 @@ class _Trying:
         if not made:
             return Judgement("fails", why, numbers)
         judged = self.task.judge(self.mesh, made, self.look)
-        reason = "; ".join(filter(None, (judged.why, why))) or None
+        reason = "; ".join(filter(None, (why, judged.why))) or None
         return Judgement(judged.outcome, reason, {**judged.numbers, **numbers})
+
+    def with_file(
+        self, judged: Judgement, said: str, made: dict[str, Made], files: Sequence[str]
+    ) -> tuple[Judgement, str]:
+        """Return the judgement and what is said, with the verdict of the file that counts."""
+        best = judged.numbers.get("best", next(iter(made), ""))
+        for key, mesh in made[best].meshes.items() if best else ():
+            own, given = mesh.verdict, self.mesh.verdict
+            name = self.file(best, key)
+            aside = ", seams aside," if mesh.uv is not None else ""
+            text = f"{name if name in files else 'the file'} is{aside} {own.word}"
+            if own.reason:
+                text += " as the mesh was" if own.level == given.level else f" ({own.reason})"
+            if judged.outcome == "works" and file_outcome(self.mesh, mesh) != "works":
+                text += "" if own.level == given.level else f"; the mesh was {given.word}"
+                judged = Judgement("care", "; ".join(filter(None, (judged.why, text))), judged.numbers)
+            else:
+                said = "; ".join(filter(None, (said, text)))
+        return judged, said
+
+    def file(self, library: str, key: str) -> str:
+        """Return the name of the file that is kept of what a library made."""
+        first = [one.library for one in self.task.attempts]
+        own = key if library not in first else library if len(first) > 1 else ""
+        return f"{'-'.join(filter(None, (self.task.name, own)))}.glb"
 
     def kept(
         self, folder: Path | None, made: dict[str, Made], *, meshes: bool
@@ -289,10 +320,9 @@ class _Trying:
             return (), None
         files = []
         for library, one in made.items() if meshes else ():
-            for mesh in one.meshes.values():
+            for key, mesh in one.meshes.items():
                 if len(mesh.faces):
-                    parts = (self.task.name, *([library] if len(self.task.attempts) > 1 else []))
-                    files.append(f"{'-'.join(parts)}.glb")
+                    files.append(self.file(library, key))
                     with new_file(folder / files[-1]) as stream:
                         write_mesh(mesh.to_mesh(), stream, suffix=".glb")
         image = self.task.picture(self.mesh, made, self.look) if self.task.picture and made else None

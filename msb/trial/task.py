@@ -97,9 +97,13 @@ class Task:
     name, title : str
         The name in JSON and on the command line, and what tables and pages print.
     attempts : tuple of Attempt
+        What they make is one mesh each, if any.
+    instead : tuple of Attempt
+        What is tried where none of these gives anything.
     judge : callable
         A function of the mesh, library -> what it made, and the pictures. It sees successes only, of one
-        library or several; where there is none, the task has failed.
+        library or several; where there is none, the task has failed. Of several its number "best" names the
+        library that counts.
     says : callable
         A function of the numbers to a short text for a table.
     parameters : mapping
@@ -119,8 +123,16 @@ class Task:
     says: Callable[[Numbers], str]
     parameters: Mapping[str, Any] = field(default_factory=dict)
     powers: Mapping[str, int] = field(default_factory=dict)
+    instead: tuple[Attempt, ...] = ()
     prepare: Callable[[TriedMesh, Look], dict[str, NDArray[Any]]] | None = None
     picture: Callable[[TriedMesh, Mapping[str, Made], Look], NDArray[Any] | None] | None = None
+
+
+def file_outcome(given: TriedMesh, made: TriedMesh) -> Outcome:
+    """Return what a task can come to at best: "care" where a file is BAD, or worse than what was tried."""
+    levels = ("ok", "limited", "bad")
+    worse = levels.index(made.verdict.level) > levels.index(given.verdict.level)
+    return "care" if worse or made.verdict.level == "bad" else "works"
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:

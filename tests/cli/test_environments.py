@@ -33,7 +33,7 @@ GOLDEN = "tests/golden/metrics"
 DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
 SMALL = ("--turntable", "1", "--size", "32x24", "-o")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
-EXTRAS += ("dask", "distributed", "pynvml", "wgpu", "bpy")
+EXTRAS += ("xatlas", "fast_simplification", "coacd", "dask", "distributed", "pynvml", "wgpu", "bpy")
 EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av")
 """What the extras bring."""
 DRIVER = """
@@ -119,6 +119,7 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         ],
         "video": [("render", "--film", "f.mp4", "--turntable", "2", "--size", "32x24", ASSET)],
         "crosscheck": [("audit", "--cross-check", ASSET)],
+        "trial": [("trial", ASSET), ("trial", "--task", "uv", "--save", "kept", ASSET)],
         "view": [("view", ASSET), ("view", "--figure", "f.png", ASSET), ("audit", "--view", ASSET)],
         "wgpu": [("render", "--renderer", "wgpu", *SMALL, "w", ASSET)],
         "blender": [("render", "--renderer", "blender_cycles", *SMALL, "b", ASSET)],
@@ -127,6 +128,7 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
     named = {words: extra for extra, group in missing.items() for words in group}
     whole = [
         ("audit", "--paper", ASSET),
+        ("trial", "--task", "solid,intersections", "--seconds", "600", ASSET),
         ("export", CHECKPOINT, "a.triasset"),
         ("convert", ASSET, "c.stl"),
         ("render", *SMALL, "s", ASSET),

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import msb
+from msb import extras
 from msb.errors import MeshError, OutputError, UsageError
-from msb.trial import children, run
+from msb.trial import children, registry
 from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
 from msb.trial.registry import TASKS, chosen_tasks
@@ -76,7 +77,11 @@ def test_a_task_that_hangs_is_ended_and_reported_with_its_limit(fake: Callable[[
     fake("import time; time.sleep(600)")
     start = time.monotonic()
     reply = ask(Limits(seconds=0.3))
-    assert (reply.made, reply.why, reply.ended_by) == (None, "it did not end within 0.3 s", "time")
+    assert (reply.made, reply.why, reply.ended_by) == (
+        None,
+        "it did not end within 0.3 s (--seconds gives more)",
+        "time",
+    )
     assert time.monotonic() - start < 30
 
 
@@ -189,12 +194,41 @@ def _is_zombie(number: int) -> bool:
 
 
 def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch, demo_asset: Path) -> None:
-    monkeypatch.setattr(run, "is_installed", lambda module: module not in ("coacd", "igl"))
+    monkeypatch.setattr(registry, "is_installed", lambda module: module not in ("coacd", "igl"))
     found = try_asset(msb.load(demo_asset), ["collision", "subdivide"])
     assert [one.outcome for one in found.trials] == ["not_run", "not_run"]
     assert found.trials[1].why is not None
     assert "coacd and igl not installed" in found.trials[1].why
     assert 'pip install "meshsplatbench[trial]"' in found.trials[1].why
+
+
+@pytest.mark.parametrize(
+    ("tasks", "absent", "said"),
+    [
+        ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd",
+         "trying uv, decimate_50, decimate_25, decimate_10, subdivide, boolean, collision needs the extra"),
+        ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd",
+         "solid and self_intersections can be tried without it"),
+        ("uv", "xatlas", "trying uv needs the extra trial (xatlas is not installed)"),
+        ("uv,intersections", "xatlas", "self_intersections can be tried without it"),
+        ("uv,boolean", "xatlas", None),
+        ("solid", "manifold3d", None),
+        ("intersections", "manifold3d", None),
+    ],
+)  # fmt: skip
+def test_where_no_library_is_there_for_some_task_the_extra_is_missing(
+    monkeypatch: pytest.MonkeyPatch, tasks: str, absent: str, said: str | None
+) -> None:
+    for module in (registry, extras):
+        monkeypatch.setattr(module, "is_installed", lambda name: name not in absent.split())
+    chosen = chosen_tasks([tasks] if tasks else [])
+    if said is None:
+        registry.check_libraries(chosen)
+        return
+    with pytest.raises(UsageError) as caught:
+        registry.check_libraries(chosen)
+    assert caught.value.code == "EXTRA_MISSING"
+    assert said in caught.value.message
 
 
 @pytest.mark.parametrize(

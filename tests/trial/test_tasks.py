@@ -80,8 +80,8 @@ def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
     ("charts", "faces", "outcome", "why", "says"),
     [
         (1, 1, "works", None, "1 chart, packing 50 %, stretch 1.00"),
-        (2, 2, "fails", "it falls into 2 charts, a face each", "2 charts, packing 50 %, stretch 1.00"),
-        (5, 22, "care", "it falls into 5 charts, 4.4 faces in the mean", None),
+        (2, 2, "fails", "it falls into charts of one face", "2 charts, packing 50 %, stretch 1.00"),
+        (5, 22, "care", "it falls into charts of 4.4 faces in the mean", None),
     ],
 )
 def test_charts_are_said_in_whole_sentences(

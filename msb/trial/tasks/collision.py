@@ -1,4 +1,8 @@
-"""A collision shape by CoACD: how many convex parts, how far from what cameras see, and what it blocks."""
+"""A collision shape by CoACD: how many convex parts, how far from what cameras see, and what it blocks.
+
+Where CoACD gives none, a convex hull is made, which moving things can have, and a mesh of fewer faces, for
+what stands still.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.trial.geometry import random_colors, signed_volume
+from msb.trial.geometry import areas, random_colors, signed_volume
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, counted, graded, worst
+from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, graded, worst
+from msb.trial.tasks.decimate import beside, by_pymeshlab
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +31,10 @@ TOLERANCE = 0.01
 """How far before the surface, of the diagonal, a point of the shape must be to count as in mid-air."""
 _POINTS = 20_000
 """Points of the visible surface, and of the shape's volume."""
+_CORNERS = 128
+"""Most corners of a hull, and with them 252 faces: engines take 255 of either."""
+_PERCENT = 10
+"""Faces of the mesh that stands in, of the mesh's."""
 
 
 def _prepare(_: TriedMesh, look: Look) -> dict[str, NDArray[Any]]:
@@ -33,9 +42,8 @@ def _prepare(_: TriedMesh, look: Look) -> dict[str, NDArray[Any]]:
     return {} if points is None else {"visible": points}
 
 
-def _work(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
+def _coacd(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
     import coacd
-    import igl
 
     coacd.set_log_level("error")
     parts = coacd.run_coacd(coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
@@ -49,15 +57,70 @@ def _work(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any
     )
     volumes = [abs(signed_volume(np.asarray(own), np.asarray(rows, np.int64))) for own, rows in parts]
     numbers: Numbers = {"parts": len(parts), "faces": len(faces), "volume": float(sum(volumes))}
-    if "visible" in given and len(given["visible"]):
-        squares = igl.point_mesh_squared_distance(given["visible"].astype(np.float64), points, faces)[0]
-        distances = np.sqrt(squares)
-        numbers["distance_mean"] = float(distances.mean())
-        numbers["distance_95"] = float(np.quantile(distances, 0.95))
     label = np.repeat(np.arange(len(parts)), sizes)
     shape = TriedMesh(points, faces, random_colors(label))
     inside = points_inside(parts, np.asarray(volumes), _POINTS)
-    return Made(numbers, {"shape": shape}, {"inside": inside})
+    return Made(numbers | _distances(shape, given), {"shape": shape}, {"inside": inside})
+
+
+def _hull(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
+    import manifold3d
+
+    used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
+    farthest = np.unique([int((used @ direction).argmax()) for direction in _directions(_CORNERS)])
+    found = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
+    points, faces = (
+        np.asarray(found.vert_properties[:, :3], np.float64),
+        np.asarray(found.tri_verts, np.int64),
+    )
+    volume = abs(signed_volume(points, faces))
+    if volume <= 1e-6 * mesh.diagonal**3:
+        raise ValueError("the hull of a flat mesh has no volume")
+    numbers: Numbers = {"parts": 1, "faces": len(faces), "volume": volume}
+    shape = TriedMesh(points, faces, random_colors(np.zeros(len(points), np.int64)))
+    inside = points_inside([(points, faces)], np.array([volume]), _POINTS)
+    return Made(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
+
+
+def _directions(count: int) -> NDArray[np.float64]:
+    """Return the axes and, evenly over the sphere on a spiral, further directions: (count, 3)."""
+    turn = np.arange(count - 6) + 0.5
+    height = 1 - 2 * turn / (count - 6)
+    angle, radius = np.pi * (3 - np.sqrt(5)) * turn, np.sqrt(1 - height**2)
+    spiral = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+    return np.concatenate([np.eye(3), -np.eye(3), spiral])
+
+
+def _fewer_faces(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
+    import igl
+
+    shape = by_pymeshlab(mesh, {"percent": _PERCENT}, {}).meshes["mesh"]
+    if not len(shape.faces):
+        raise ValueError("no face is left")
+    # What one bumps into is a surface: points even over it, of which those far from the mesh are in mid-air.
+    rng = np.random.default_rng(0)
+    corners = shape.vertices[
+        shape.faces[rng.choice(len(shape.faces), _POINTS, p=_shares(areas(shape.vertices, shape.faces)))]
+    ]
+    weights = rng.exponential(size=(_POINTS, 3))
+    on_it = np.einsum("nk,nki->ni", weights / weights.sum(axis=1, keepdims=True), corners)
+    away = np.sqrt(igl.point_mesh_squared_distance(on_it, mesh.vertices.astype(np.float64), mesh.faces)[0])
+    empty = float(np.count_nonzero(away > TOLERANCE * mesh.diagonal) / _POINTS)
+    numbers: Numbers = {"faces": len(shape.faces), "empty_share": empty}
+    return Made(numbers | _distances(shape, given), {"mesh": shape})
+
+
+def _distances(shape: TriedMesh, given: Mapping[str, NDArray[Any]]) -> Numbers:
+    """Return how far the points of the visible surface are from a shape, if there are any."""
+    import igl
+
+    if not len(given.get("visible", ())):
+        return {}
+    squares = igl.point_mesh_squared_distance(
+        given["visible"].astype(np.float64), shape.vertices, shape.faces
+    )[0]
+    distances = np.sqrt(squares)
+    return {"distance_mean": float(distances.mean()), "distance_95": float(np.quantile(distances, 0.95))}
 
 
 def points_inside(
@@ -92,46 +155,67 @@ def _shares(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
-    one = made["coacd"]
+    judged = {library: _judged(mesh, one, look) for library, one in made.items()}
+    best = min(judged, key=lambda library: OUTCOMES.index(judged[library].outcome))
+    own = judged[best]
+    if best == "coacd":
+        return own
+    kinds = {"manifold3d": "a hull of {}{}", "pymeshlab": "a mesh of {} for what stands still{}"}
+    parts = [
+        kinds[library].format(counted(one.numbers["faces"], "face"), _mid_air(one.numbers, " ({})"))
+        for library, one in judged.items()
+    ]
+    why = f"instead {' and '.join(parts)} {'was' if len(parts) == 1 else 'were'} made"
+    why += f"; {own.why}" if own.why else ""
+    numbers = {**own.numbers, "best": best, "instead": {name: one.numbers for name, one in judged.items()}}
+    return Judgement(worst((own.outcome, "care")), why, numbers)
+
+
+def _judged(mesh: TriedMesh, one: Made, look: Look) -> Judgement:
+    """Return the judgement of one shape."""
     diagonal = mesh.diagonal
     far = one.numbers.get("distance_95")
-    empty = look.empty_share(one.arrays["inside"], TOLERANCE * diagonal)
-    numbers = {
-        **one.numbers,
-        "distance_95_of_diagonal": far / diagonal if far is not None and diagonal else None,
-        "empty_share": empty,
-    }
-    relative = numbers["distance_95_of_diagonal"]
+    relative = far / diagonal if far is not None and diagonal else None
+    inside = one.arrays.get("inside")
+    empty = one.numbers["empty_share"] if inside is None else look.empty_share(inside, TOLERANCE * diagonal)
     reasons = []
     if graded(relative, NEAR, FAR) != "works":
-        reasons.append(f"5 % of what is seen is {100 * relative:.1f} % of the size or more away from it")
+        reasons.append(
+            f"5 % of what is seen is {100 * (relative or 0):.1f} % of the size or more away from it"
+        )
     if graded(empty, LITTLE, MUCH) != "works":
         reasons.append(f"{100 * (empty or 0):.0f} % of it is where nothing is seen")
     outcome = worst((graded(relative, NEAR, FAR), graded(empty, LITTLE, MUCH)))
+    numbers = {**one.numbers, "distance_95_of_diagonal": relative, "empty_share": empty}
     return Judgement(outcome, "; ".join(reasons) or None, numbers)
 
 
+def _mid_air(numbers: Numbers, form: str) -> str:
+    empty = numbers["empty_share"]
+    return "" if empty is None else form.format(f"{100 * empty:.0f} % of it in mid-air")
+
+
 def _says(numbers: Numbers) -> str:
-    relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
-    text = counted(numbers["parts"], "part")
+    relative = numbers["distance_95_of_diagonal"]
+    text = counted(numbers["parts"], "part") if "parts" in numbers else counted(numbers["faces"], "face")
     if relative is not None:
         text += f", 95 % within {100 * relative:.2g} % of the size"
-    return text + ("" if empty is None else f", {100 * empty:.0f} % in mid-air")
-
-
-def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
-    return look.picture(made["coacd"].meshes["shape"])
+    return text if "instead" in numbers else text + _mid_air(numbers, ", {}")
 
 
 TASKS = (
     Task(
         "collision",
         "Collision shape",
-        (Attempt("coacd", ("coacd", "igl"), _work),),
+        (Attempt("coacd", ("coacd", "igl"), _coacd),),
         _judge,
         _says,
         powers={"volume": 3, "distance_mean": 1, "distance_95": 1},
+        instead=(
+            Attempt("manifold3d", ("manifold3d", "igl"), _hull),
+            Attempt("pymeshlab", ("pymeshlab", "igl"), _fewer_faces),
+        ),
         prepare=_prepare,
-        picture=_picture,
+        picture=beside,
     ),
 )

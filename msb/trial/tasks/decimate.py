@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.metrics.likeness import ALIKE, NEARLY
-from msb.topology import audit_arrays
+from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Outcome, Task
+from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Outcome, Task, file_outcome, worst
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,7 +48,8 @@ def _fast_simplification(
     return Made({}, {"mesh": TriedMesh(vertices, kept.astype(np.int64), colors)})
 
 
-def _pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]) -> Made:
+def by_pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]) -> Made:
+    """Return the mesh with `percent` of its faces, by quadric edge collapse."""
     import pymeshlab
 
     opaque = np.ones((len(mesh.colors), 1))
@@ -80,12 +80,13 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look, *, percent: in
             "faces": len(found.faces),
             "reached": reached,
             **likeness,
-            "verdict": audit_arrays(found.vertices, found.faces)[0].verdict,
+            **one.numbers,
         }
         grade, reason = _grade(own, target)
-        rank = (OUTCOMES.index(grade), not reached, -(likeness["psnr"] or 0.0))
+        of_file = worst((grade, file_outcome(mesh, found)))
+        rank = (OUTCOMES.index(of_file), not reached, -(likeness["psnr"] or 0.0))
         if best is None or rank < best:
-            best, outcome, why = rank, grade, None if reason is None else f"{library}: {reason}"
+            best, outcome, why = rank, grade, reason
             numbers["best"] = library
     return Judgement(outcome, why, numbers)
 
@@ -93,12 +94,12 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look, *, percent: in
 def _grade(own: Numbers, target: int) -> tuple[Outcome, str | None]:
     if not own["reached"]:
         return "fails", f"it stops at {own['faces']:,} faces; {target:,} were asked for"
-    decibels = own["psnr"]
-    if decibels is None or decibels >= ALIKE:
+    likeness = own["psnr"]
+    if likeness is None or likeness >= ALIKE:
         return "works", None
-    if decibels >= NEARLY:
-        return "care", f"the difference can be seen ({decibels:.1f} dB)"
-    return "fails", f"it looks different ({decibels:.1f} dB)"
+    if likeness >= NEARLY:
+        return "care", f"the difference can be seen ({decibels(likeness)})"
+    return "fails", f"it looks different ({decibels(likeness)})"
 
 
 def _key(library: str) -> str:
@@ -106,25 +107,26 @@ def _key(library: str) -> str:
 
 
 def _says(numbers: Numbers) -> str:
+    libraries = [one.library for one in _ATTEMPTS if _key(one.library) in numbers]
+    libraries.sort(key=lambda library: library != numbers["best"])
     parts = []
-    for library in ("fast_simplification", "pymeshlab"):
-        if library in numbers:
-            own = numbers[library]
-            decibels = "" if own["psnr"] is None else f" at {own['psnr']:.1f} dB"
-            parts.append(f"{own['faces']:,} faces{decibels}")
-    return " or ".join(parts)
+    for library in libraries:
+        own = numbers[_key(library)]
+        likeness = "" if own["psnr"] is None else f"{decibels(own['psnr'])} with "
+        parts.append(f"{likeness}{own['faces']:,} faces by {library}")
+    return ", ".join(parts)
 
 
-def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
+def beside(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
     """Draw what each library made, side by side."""
-    drawn = [look.picture(one.meshes["mesh"]) for one in made.values()]
+    drawn = [look.picture(mesh) for one in made.values() for mesh in one.meshes.values()]
     pictures = [one for one in drawn if one is not None]
     return np.concatenate(pictures, axis=1) if pictures else None
 
 
 _ATTEMPTS = (
     Attempt("fast-simplification", ("fast_simplification",), _fast_simplification),
-    Attempt("pymeshlab", ("pymeshlab",), _pymeshlab),
+    Attempt("pymeshlab", ("pymeshlab",), by_pymeshlab),
 )
 TASKS = tuple(
     Task(
@@ -134,7 +136,7 @@ TASKS = tuple(
         partial(_judge, percent=percent),
         _says,
         {"percent": percent},
-        picture=_picture,
+        picture=beside,
     )
     for percent in (50, 25, 10)
 )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.metrics.likeness import decibels
 from msb.topology.faces import names_vertex_twice
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps import orient
@@ -176,8 +177,8 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
 
 
 def _says(numbers: Numbers) -> str:
-    decibels = "" if numbers["psnr"] is None else f", {numbers['psnr']:.1f} dB"
-    return f"{numbers['faces']:,} faces{decibels}"
+    likeness = "" if numbers["psnr"] is None else f", {decibels(numbers['psnr'])}"
+    return f"{numbers['faces']:,} faces{likeness}"
 
 
 def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:

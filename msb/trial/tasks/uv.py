@@ -88,8 +88,8 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
     reasons = []
     pieces: Outcome = "works" if numbers["charts"] == 1 else graded(charts, FEW_CHARTS, MANY_CHARTS)
     if pieces != "works":
-        size = "a face each" if charts > 999 else f"{1000 / charts:.1f} faces in the mean"
-        reasons.append(f"it falls into {numbers['charts']:,} charts, {size}")
+        size = "one face" if charts > 999 else f"{1000 / charts:.1f} faces in the mean"
+        reasons.append(f"it falls into charts of {size}")
     if left_out:
         reasons.append(f"{counted(left_out, 'face is', 'faces are')} left out")
     if graded(stretch, LITTLE_STRETCH, MUCH_STRETCH) != "works":

@@ -1,0 +1,133 @@
+"""What a trial says of the files it makes, and what it makes where a library gives nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from msb.meshes.assets import asset_from_mesh
+from msb.metrics.likeness import decibels
+from msb.topology import audit_arrays
+from msb.trial import run
+from msb.trial.mesh import TriedMesh
+from msb.trial.run import try_asset
+from msb.trial.task import Made, Reply
+from tests.trial.conftest import box, grid, made_of, pages, soup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from msb.trial.run import Trial
+    from msb.trial.task import Attempt, Task
+
+UV = {"charts": 1, "charts_per_1000_faces": 1.0, "packing": 0.5, "faces_left_out": 0, "stretch_l2": 1.0}
+
+
+@pytest.fixture
+def replying(monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, Made | str]], None]:
+    """Return a function that puts answers, or reasons for none, in the place of those of libraries."""
+
+    def become(answers: Mapping[str, Made | str]) -> None:
+        def reply(task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Any, _limits: Any) -> Reply:
+            answer = answers.get(attempt.library)
+            if answer is None:
+                try:
+                    return Reply(attempt.work(mesh, task.parameters, arrays))
+                except ValueError as error:
+                    return Reply(None, str(error))
+            return Reply(None, answer, "time", 60.0) if isinstance(answer, str) else Reply(answer)
+
+        monkeypatch.setattr(run, "run_attempt", reply)
+        monkeypatch.setattr(run, "able", list)
+
+    return become
+
+
+def tried(task: str, mesh: TriedMesh, keep: Path | None = None) -> Trial:
+    (found,) = try_asset(asset_from_mesh(mesh.to_mesh()), task, keep=keep).trials
+    return found
+
+
+def with_uv(mesh: TriedMesh) -> TriedMesh:
+    return TriedMesh(mesh.vertices, mesh.faces, mesh.colors, mesh.vertices[:, :2].copy())
+
+
+def test_seams_of_uvs_are_no_fault_of_a_file(replying: Any) -> None:
+    replying({"xatlas": Made(dict(UV), {"uv": with_uv(soup(box()))}, {"chart": np.zeros(36, np.int64)})})
+    found = tried("uv", box())
+    assert (found.outcome, found.why) == ("works", None)
+    assert found.says.endswith("; the file is, seams aside, OK")
+    audit, _ = audit_arrays(box().vertices, box().faces)
+    assert found.numbers["verdict"] == {"level": "ok", "sentence": audit.sentence}
+
+
+def test_a_file_that_is_bad_as_the_mesh_was_works_with_care(replying: Any, tmp_path: Path) -> None:
+    replying({"xatlas": Made(dict(UV), {"uv": with_uv(pages())}, {"chart": np.zeros(5, np.int64)})})
+    found = tried("uv", pages(), tmp_path)
+    assert (found.outcome, found.why) == ("care", "uv.glb is, seams aside, BAD as the mesh was")
+    assert found.numbers["verdict"]["level"] == "bad"
+    assert "uv.glb" in found.files
+
+
+def test_a_file_that_is_worse_than_the_mesh_says_why(replying: Any) -> None:
+    replying({"libigl": Made({"defined": True, "vertices_cut": 0, "lone_share": 0.0, "gap_share": 0.0,
+                              "faces": 72}, {"mesh": grid()})})  # fmt: skip
+    found = tried("subdivide", box())
+    assert found.outcome == "care"
+    assert found.why == "the file is LIMITED (open: 24 boundary edges in 1 loop); the mesh was OK"
+
+
+def test_of_two_libraries_the_better_file_is_named_first(replying: Any, tmp_path: Path) -> None:
+    whole = box()
+    half, two = (made_of(whole.vertices, whole.faces[:count]) for count in (5, 2))
+    replying({"fast-simplification": Made({}, {"mesh": half}), "pymeshlab": Made({}, {"mesh": two})})
+    found = tried("decimate_50", whole, tmp_path)
+    best = found.numbers["best"]
+    assert best == "fast-simplification"
+    assert found.says.index(f"5 faces by {best}, ") < found.says.index("2 faces by pymeshlab")
+    assert f"decimate_50-{best}.glb is " in f"{found.says}; {found.why}"
+    for library in ("fast_simplification", "pymeshlab"):
+        assert set(found.numbers[library]["verdict"]) == {"level", "sentence"}
+
+
+def test_decibels_never_seem_to_reach_a_limit_that_they_do_not() -> None:
+    assert [decibels(value) for value in (34.998, 35.0, 25.1, 32.3, 100.0)] == [
+        "34.9 dB",
+        "35.0 dB",
+        "25.1 dB",
+        "32.3 dB",
+        "100.0 dB",
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_where_coacd_does_not_end_a_hull_and_a_mesh_are_made_and_kept(replying: Any, tmp_path: Path) -> None:
+    for module in ("manifold3d", "igl", "pymeshlab"):
+        pytest.importorskip(module)
+    said = "it did not end within 60 s (--seconds gives more)"
+    replying({"coacd": said})
+    found = tried("collision", grid(20), tmp_path)
+    assert found.outcome == "care"
+    assert found.why is not None
+    assert found.why.startswith(f"coacd: {said}; ")
+    # A flat mesh has no hull with a volume.
+    assert "a mesh of 80 faces for what stands still (0 % of it in mid-air) was made" in found.why
+    assert found.files == ("collision-mesh.glb", "collision.png")
+    ball = tried("collision", round_sheet(), tmp_path)
+    assert ball.why is not None
+    assert "instead a hull of " in ball.why
+    assert ball.files == ("collision-hull.glb", "collision-mesh.glb", "collision.png")
+    assert ball.numbers["instead"]["manifold3d"]["faces"] <= 252
+    assert ball.numbers["instead"]["manifold3d"]["distance_95_of_diagonal"] < 0.02
+
+
+def round_sheet() -> TriedMesh:
+    """Return the sphere of a fine grid, closed but for its seam."""
+    sheet = grid(40)
+    turn, height = 2 * np.pi * sheet.vertices[:, 0], np.pi * sheet.vertices[:, 1]
+    places = [np.cos(turn) * np.sin(height), np.sin(turn) * np.sin(height), np.cos(height)]
+    return made_of(np.stack(places, axis=1), sheet.faces)
