@@ -35,6 +35,10 @@ OTHER_SCENES = (
     "{}: no scene is one of the published set, so means are over those there are and the paper's "
     "numbers are not beside them"
 )
+ONE_SCENE = (
+    "what is significant over the views of one scene is so of that scene alone, and less sure than it looks "
+    "as far as neighbouring views are alike"
+)
 NOTHING_AGAINST = "against {}: no other method was measured under the same condition on the same scene"
 FEW_SCENES = ("tanksandtemples",)
 """The paper sets the scenes of these datasets side by side, and of others below each other."""
@@ -78,6 +82,7 @@ def build_report(
         paper = replace(paper, values={**paper.values, **published})
     others = [dataset for dataset in numbers.datasets() if _has_other_scenes(numbers, dataset)]
     paper = _without(paper, others)
+    findings = tuple(find(numbers, first=against_findings(compared, against or "")))
     charts = figures(numbers, paper) if pictures else []
     places = places_of(results, numbers) if pictures else []
     shown = tuple(
@@ -92,9 +97,10 @@ def build_report(
             *([_against(compared, numbers, against)] if compared and against else []),
             *_sections(numbers, paper, charts, shown),
         ),
-        tuple(find(numbers, first=against_findings(compared, against or ""))),
+        findings,
         (
             *results.notes,
+            *([ONE_SCENE] if any("views of one scene" in one.sentence for one in findings) else []),
             *([NOTHING_AGAINST.format(against)] if against and not compared else []),
             *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []),
             *_failures(results),

@@ -132,7 +132,9 @@ def _looks(
         start, gap = "dedicated", gaps["port"]
         why = f" Held against the dedicated tier of this run, as {lacks}."
     if gap is None or gap.signed is None:
-        return Statement("UNKNOWN", use, f"PSNR {number.value:.2f} dB; {lacks}, so nothing to judge it by.")
+        return Statement(
+            "UNKNOWN", use, f"PSNR {number.value:.2f} dB; {lacks}, so there is nothing to judge it by."
+        )
     before = numbers.number(Key(*place, start, "psnr"))
     own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
     own = "the dedicated tier" if start == "dedicated" else own

@@ -69,6 +69,9 @@ def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_
     better, _, _, p, *_ = made.tables["against"].rows[0].cells
     assert (better.text, p.value) == ("-3.00", pytest.approx(ttest_rel(ours, theirs).pvalue, rel=1e-9))
     assert "over 3 views of one scene: 2DTS is 3.00 dB worse (95 % interval " in made.findings[0].sentence
+    assert made.notes[0].startswith(
+        "what is significant over the views of one scene is so of that scene alone"
+    )
 
 
 def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Path) -> None:

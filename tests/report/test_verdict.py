@@ -128,7 +128,8 @@ def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: P
     dedicated = said["A model with its own shaders (Dedicated)"]
     assert (dedicated.mark, dedicated.why) == (
         "UNKNOWN",
-        "PSNR 30.00 dB; the protocol has no images of the official renderer, so nothing to judge it by.",
+        "PSNR 30.00 dB; the protocol has no images of the official renderer, so there is nothing to judge it "
+        "by.",
     )
 
 
