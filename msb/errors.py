@@ -375,6 +375,10 @@ CODES: dict[str, Code] = {
                 "A package's renderer is left out: its name is taken.",
                 "Remove one of the packages; the other renderers work as before.",
             ),
+            "METRIC_NOT_LOADED": (
+                "A package's metric is left out: it cannot be loaded, it is none, or its name is taken.",
+                "Update or remove the package; the other metrics work as before.",
+            ),
             "PACKAGE_PRINTS": (
                 "A package with a method, renderer or metric prints when it is imported.",
                 "Nothing is wrong: what it prints is kept out of the result. Tell its authors.",
@@ -656,6 +660,10 @@ CODES: dict[str, Code] = {
             "METRIC_DTU_VIEWS": (
                 "The matrices or masks of a DTU scan cannot be used for culling.",
                 "Give one 4 x 4 world_mat, scale_mat and one mask for each view.",
+            ),
+            "METRIC_FAILED": (
+                "A package's metric fails on an image, or gives no finite number; the others are measured.",
+                "Update or remove the package the message names.",
             ),
             "METRIC_ARGUMENT": (
                 "An argument of a metric is out of range.",

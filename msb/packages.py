@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 import warnings
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import distributions, entry_points
 from typing import IO, TYPE_CHECKING, Any, TypeVar
@@ -20,7 +21,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
     from importlib.metadata import Distribution, EntryPoint
 
 NAME = r"^[a-z][a-z0-9_]{0,63}$"
@@ -127,6 +128,28 @@ def load(value: str) -> Any:
     if text := printed.getvalue().strip():
         warn(f'PACKAGE_PRINTS: module {shorten(module, 80)} prints "{shorten(text, 80)}" when it is imported')
     return found
+
+
+class Lazy(Mapping[str, Part]):
+    """A mapping that is made when it is looked into: until then nothing of a package is imported.
+
+    Parameters
+    ----------
+    make : callable
+        A function of a module, which keeps what it made.
+    """
+
+    def __init__(self, make: Callable[[], Mapping[str, Part]]) -> None:
+        self._make = make
+
+    def __getitem__(self, name: str) -> Part:
+        return self._make()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._make())
+
+    def __len__(self) -> int:
+        return len(self._make())
 
 
 @contextlib.contextmanager

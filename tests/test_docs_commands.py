@@ -192,7 +192,8 @@ def test_every_command_runs(shown: str, lines: list[str], stand_ins: Path, tmp_p
     assert done.stdout.count("\n$ ") + 1 >= len(lines)
     if shown == "docs/extending.md":
         report = tmp_path / "out" / "facets-report"
-        assert any("Facets" in path.read_text() for path in report.glob("*.html"))
+        pages = [path.read_text() for path in report.glob("*.html")]
+        assert all(any(name in page for page in pages) for name in ("Facets", "Edges ↓"))
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from msb import methods
 from msb.adapters.exporter import detect
 from msb.cl import open_device
 from msb.methods import BUILT_IN, METHODS
+from msb.metrics import registry
 from msb.packages import PackageWarning
 from tests.conftest import ROOT
 from tests.test_docs_commands import installed
@@ -30,6 +31,7 @@ CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height
 def forget() -> None:
     methods._installed.cache_clear()
     methods._loadable.cache_clear()
+    registry._installed.cache_clear()
     for name in [name for name in sys.modules if name.partition(".")[0] == "msb_facets"]:
         del sys.modules[name]
 

@@ -14,7 +14,7 @@ from msb._version import __version__
 from msb.bench.digest import digest
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, views_of
-from msb.bench.quality import image_measures
+from msb.bench.quality import metrics_digest
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
 from msb.files import file_sha256
@@ -60,7 +60,7 @@ class Known:
         self.views = cache(self._views)
         self.renders = cache(_renders)
         self.hash = cache(_hash)
-        self.metrics = cache(_metrics)
+        self.metrics = cache(metrics_digest)
         self.renderer = cache(_renderer)
 
     def _views(self, at: SceneAt) -> Views:
@@ -101,11 +101,6 @@ def _hash(path: Path) -> str:
 
 def _renders(folder: Path, at: SceneAt) -> Renders:
     return find_renders(folder, at.read().test)
-
-
-def _metrics(weights: Path | None) -> str:
-    found = [one.to_dict() for one in image_measures(weights).identities]
-    return digest([{key: value for key, value in one.items() if key != "libraries"} for one in found])
 
 
 def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:

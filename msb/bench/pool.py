@@ -11,11 +11,13 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from msb.errors import DeviceError, UsageError, shorten
 from msb.extras import need_extra
+from msb.packages import PackageWarning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -179,6 +181,7 @@ def _is_broken(pool: ProcessPoolExecutor) -> bool:
 def _begin(leash: Connection) -> None:
     """Prepare a process: interrupts are the parent's business, and its end is ours."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("ignore", PackageWarning)  # the parent says it
 
     def wait() -> None:
         with contextlib.suppress(EOFError, OSError):

@@ -12,10 +12,12 @@ import numpy as np
 
 from msb import metrics
 from msb.atomic import new_folder
+from msb.bench.digest import digest
 from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
 from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import check_size, find_renders
+from msb.errors import UsageError
 from msb.files import file_sha256
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
@@ -47,6 +49,12 @@ def measure_quality(job: Job) -> dict[str, Any]:
     source: _Imported | _Drawn = _Imported(job, scene) if job.renders is not None else _Drawn(job, scene)
     names = image_names(scene.test)
     measures = image_measures(job.vgg_weights)
+    if job.parts["quality"].get("metrics") not in (None, metrics_digest(job.vgg_weights)):
+        here = ", ".join(one.name for one in measures.identities)
+        text = (
+            f"the metrics where this is computed are {here}, and not those of the run; install its packages"
+        )
+        raise UsageError("METRIC_NOT_LOADED", text)
     rows: list[ImageQuality] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):
@@ -65,6 +73,12 @@ def measure_quality(job: Job) -> dict[str, Any]:
 def image_measures(weights: Path | None) -> metrics.Measures:
     """Return the image metrics, their weights loaded once for a process."""
     return metrics.Measures(weights)
+
+
+def metrics_digest(weights: Path | None) -> str:
+    """Return a hash of the metrics' definitions, which decides whether their values still hold."""
+    found = [one.to_dict() for one in image_measures(weights).identities]
+    return digest([{key: value for key, value in one.items() if key != "libraries"} for one in found])
 
 
 @dataclass
@@ -166,6 +180,7 @@ def _summary(rows: list[ImageQuality], measures: metrics.Measures, weights: Path
     return Quality(
         **means,
         lpips_reason=NO_WEIGHTS if weights is None else None,
+        missing={key: text for key, text in measures.failed.items() if means[key] is None},
         psnr_inf_count=sum(row.psnr_infinite for row in rows),
         images=tuple(rows),
         metrics=tuple(one.to_dict() for one in measures.identities),

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 """The first version had neither label nor variant in its cell, and is read."""
 MAX_BYTES = 64 << 20
-"""Most bytes of a record. It holds about 400 bytes an image, and no dataset has a hundred thousand test
-views."""
+"""Most bytes of a record; it holds about 400 an image, and no dataset has 100,000 test views."""
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
@@ -39,9 +38,8 @@ TIER_OF: Mapping[str, Tier] = MappingProxyType(
 )
 """Condition that has images -> the tier they are of, in the order in which quality is lost."""
 
-_ROUNDING = 1e-9
-"""A tolerance for means: more than rounding does to a mean, and less than any two numbers of a table differ
-by."""
+_ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
+"""A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by."""
 
 Status = Literal["done", "failed", "unsupported"]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -132,8 +130,7 @@ class Setup(Record):
     Attributes
     ----------
     camera_convention : {"gs_fov", "full_K"}
-        "gs_fov" puts the principal point into the image centre, as the 3DGS family trains; "full_K" uses the
-        recorded one.
+        The principal point: in the image's centre, as the 3DGS family trains, or as it is recorded.
     image_folder : str
         The folder below the scene, such as "images_4".
     gt_resized : bool
@@ -161,13 +158,6 @@ class _Measured(Record):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, float | None]
 
-    @model_validator(mode="after")
-    def _are_metrics(self) -> Self:
-        for key in self.__pydantic_extra__:
-            if key not in IMAGE_METRICS:
-                raise ValueError(f"there is no metric {shorten(key)!r}")
-        return self
-
     @property
     def values(self) -> dict[str, float | None]:
         """Every metric's value, by its key."""
@@ -193,11 +183,24 @@ class Quality(_Measured):
     """Unweighted means over the test images, and every image; `psnr_inf_count` counts infinite PSNRs."""
 
     lpips_reason: str | None
-    """The reason why metrics that need VGG weights are missing."""
+    """Why metrics that need VGG weights are missing."""
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
     metrics: tuple[dict[str, Any], ...]
     """The full identity of every metric (`msb.metrics.identity`)."""
+    missing: dict[Name, str] = {}
+    """Metric of a package -> the reason why it has no value."""
+
+    @property
+    def not_installed(self) -> set[str]:
+        """The metrics of packages that were there when this was measured, and are not here."""
+        return {key for one in (self, *self.images) for key in one.__pydantic_extra__} - set(IMAGE_METRICS)
+
+    @model_validator(mode="after")
+    def _are_metrics(self) -> Self:
+        if unknown := self.not_installed - {str(one.get("name")) for one in self.metrics}:
+            raise ValueError(f"there is no metric {shorten(min(unknown))!r}")
+        return self
 
 
 class Timing(Record):
@@ -335,8 +338,7 @@ class Result(Record):
     reasons: dict[Name, Reason] = {}
     """Part ("timing", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = {}
-    """Part ("quality", "audit", "trial", "repairs", "timing", "chamfer", "training") -> its inputs, name ->
-    hash or version. If an input has changed since, `msb run` computes the part again."""
+    """Part -> its inputs, name -> hash or version; one that changed is computed again."""
 
     @field_validator("audit")
     @classmethod
@@ -369,7 +371,7 @@ def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:
         pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
         if (psnr is None) is not image.psnr_infinite:
             yield f"{pointer}/psnr", "it must be there, or psnr_infinite be true, and not both"
-        elif psnr is not None and psnr < -_ROUNDING:
+        elif psnr is not None and psnr < -1e-9:
             # The values are in [0, 1], so the mean squared error is at most 1.
             yield f"{pointer}/psnr", f"{psnr:g} dB, and no PSNR is negative"
     if not quality.images:
@@ -381,8 +383,7 @@ def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:
     means = means_of(quality.images)
     for name, held in quality.values.items():
         value = means[name]
-        same = held is value if held is None or value is None else _close(held, value)
-        if not same:
+        if (held is None) is not (value is None) or not math.isclose(held or 0, value or 0, **_ROUNDING):
             yield f"/quality/{name}", f"it is {held}, and the mean of its images is {value}"
 
 
@@ -394,7 +395,3 @@ def means_of(images: Sequence[ImageQuality]) -> dict[str, float | None]:
         )
         for key in IMAGE_METRICS
     }
-
-
-def _close(one: float, other: float) -> bool:
-    return math.isclose(one, other, rel_tol=_ROUNDING, abs_tol=_ROUNDING)

@@ -109,6 +109,9 @@ class _Task:
                     if fail_fast:
                         break
                 step()
+        for failed_metric in self.measures.failed.values():
+            self.notes.append(f"warning: {failed_metric}; it has no mean")
+            self.output.note(self.notes[-1])
         for message, count in alike.items():
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} fail alike: {message}")

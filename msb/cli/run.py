@@ -126,6 +126,9 @@ def run(
         say(f"{reason.code}: {names[0]}{more}: {reason.message}")
     if output.prints_text:
         _print(file, found, output, dry=dry_run)
+    qualities = [row.result.quality for row in found.rows if row.result is not None and row.result.quality]
+    for text in dict.fromkeys(text for quality in qualities for text in quality.missing.values()):
+        output.note(f"warning: {text}; it has no mean where it failed")
     for missing in found.missing:
         say(f"{missing.code}: {missing.message}")
     raise typer.Exit(found.exit_status)

@@ -15,7 +15,6 @@ entry-point group `msb.methods` (docs/extending.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
@@ -40,9 +39,10 @@ from msb.methods.declare import (
     SettingValue,
     Tier,
 )
-from msb.packages import NAME, PackageError, PackageWarning, contained, installed, load, warn, whose
+from msb.packages import NAME, Lazy, PackageError, PackageWarning, contained, installed, load, warn, whose
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
     from types import ModuleType
 
 __all__ = [
@@ -85,20 +85,11 @@ Role = Literal["adapter", "official", "reference", "look"]
 MethodWarning = PackageWarning
 
 
-class _Methods(Mapping[str, Method]):
-    """Name -> method; looked up on first use, since a package that declares one imports this module."""
-
-    def __getitem__(self, name: str) -> Method:
-        return _installed()[name][0]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(_installed())
-
-    def __len__(self) -> int:
-        return len(_installed())
+def _methods() -> Mapping[str, Method]:
+    return {name: method for name, (method, _) in _installed().items()}
 
 
-METHODS: Mapping[str, Method] = _Methods()
+METHODS: Mapping[str, Method] = Lazy(_methods)
 """Name in manifests -> method: first ours in the order of the tables, then those of installed packages by
 name."""
 

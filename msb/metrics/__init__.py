@@ -9,7 +9,7 @@ from __future__ import annotations
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface
 from msb.metrics.culling import CulledMesh, cull_dtu
 from msb.metrics.dtu_data import DtuScan, read_dtu_scan
-from msb.metrics.identity import Identity
+from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.image_files import IMAGE_SUFFIXES, read_image
 from msb.metrics.images import mean_psnr, psnr, ssim
 from msb.metrics.pairs import ImagePair, pair_images
@@ -23,6 +23,7 @@ __all__ = [
     "CulledMesh",
     "DtuScan",
     "Identity",
+    "ImageMetric",
     "ImagePair",
     "LpipsVgg",
     "Measures",

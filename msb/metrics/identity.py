@@ -111,7 +111,9 @@ class Network(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ImageMetric(Definition):
-    """A metric of two images; its module declares it, a line of `msb.metrics.registry` registers it.
+    """A metric of two images; its module declares it.
+
+    A line of `msb.metrics.registry` registers it, or an entry point of its package (group `msb.metrics`).
 
     Attributes
     ----------

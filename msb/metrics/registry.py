@@ -1,24 +1,30 @@
-"""The image metrics, one line each. Records, commands, gaps and tables read them here."""
+"""The image metrics: ours, one line each, and those of installed packages (entry-point group `msb.metrics`).
+
+Records, commands, gaps and tables read them here.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
 from importlib import import_module
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from msb.errors import MetricError
+from msb.errors import MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
+from msb.metrics.identity import ImageMetric
 from msb.metrics.images import PSNR_CAP, image_pair
+from msb.packages import Lazy, PackageError, contained, installed, load, whose
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from numpy.typing import ArrayLike
 
     from msb.errors import Finding
-    from msb.metrics.identity import Definition, Identity, ImageMetric
+    from msb.metrics.identity import Definition, Identity, Pixels
 
 BUILT_IN = (
     "images.PSNR",
@@ -28,18 +34,89 @@ BUILT_IN = (
 """Module here and name of every image metric, in the order of the tables."""
 
 
-def _declared(place: str) -> ImageMetric:
-    module, _, name = place.partition(".")
-    found: ImageMetric = getattr(import_module(f"msb.metrics.{module}"), name)
-    return found
-
-
-IMAGE_METRICS: Mapping[str, ImageMetric] = MappingProxyType(
-    {metric.key: metric for metric in map(_declared, BUILT_IN)}
+RESERVED = frozenset(
+    "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
+    "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
+    "train_seconds train_memory chamfer vf_ratio mean_valence boundary_edge_ratio nonmanifold_edge_ratio "
+    "nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio components".split()
 )
-"""Key in records, tables and JSON -> metric."""
-_BY_NAME: dict[str, Definition] = {each.name: each for each in (*IMAGE_METRICS.values(), CHAMFER)}
-METRICS: Mapping[str, str] = MappingProxyType({name: each.better for name, each in _BY_NAME.items()})
+"""The other keys beside those of image metrics, in records, tables and files; no metric may have one."""
+_FIELDS: dict[str, Any] = {
+    "title": str,
+    "unit": str,
+    "decimals": int,
+    "version": int,
+    "equal": (int, float),
+    "parameters": Mapping,
+    "libraries": (tuple, list),
+    "measure": Callable,
+}
+"""The types of what a package's metric declares."""
+
+
+@cache
+def _installed() -> Mapping[str, ImageMetric]:
+    """Return key -> metric."""
+    ours: dict[str, ImageMetric] = {}
+    places: dict[str, str] = {}
+    for place in BUILT_IN:
+        module, _, name = place.partition(".")
+        metric: ImageMetric = getattr(import_module(f"msb.metrics.{module}"), name)
+        ours[metric.key], places[metric.key] = metric, f"msb.metrics.{module}:{name}"
+    places |= {ours["lpips"].name: places["lpips"], CHAMFER.name: "msb.metrics.chamfer:CHAMFER"}
+    found = installed("metric", places, _accepted)
+    return ours | {key: metric for key, (metric, _) in found.items()}
+
+
+def _accepted(key: str, value: str) -> ImageMetric:
+    metric = load(value)
+    if not isinstance(metric, ImageMetric):
+        raise PackageError(f"it is no ImageMetric, but of type {type(metric).__name__}")
+    if key in RESERVED:
+        raise PackageError("its name is that of something else in records or tables")
+    if not metric.key == metric.name == key:
+        raise PackageError(f"its name and its key must be that of its entry point, {key}")
+    for name, kind in _FIELDS.items():
+        if not isinstance(held := getattr(metric, name), kind):
+            raise PackageError(f"its {name} is of type {type(held).__name__}, which no metric has")
+    if metric.better not in ("higher", "lower"):
+        raise PackageError(f'its better is {shorten(repr(metric.better))}; it must be "higher" or "lower"')
+    return replace(metric, measure=_Theirs(whose("metric", key, value), metric.measure), modules=())
+
+
+@dataclass(frozen=True)
+class _Theirs:
+    """The function of a package's metric; what it does wrong is said to be its own."""
+
+    whose: str
+    measure: Any
+
+    def __call__(self, rendering: Pixels, ground_truth: Pixels) -> float:
+        try:
+            with contained():
+                value = self.measure(rendering.copy(), ground_truth.copy())
+                number = math.nan if isinstance(value, bool | str | bytes) else float(value)
+        except (PackageError, MetricError) as error:
+            raise MetricError("METRIC_FAILED", f"{self.whose} fails: {error}") from error
+        if not math.isfinite(number):
+            text = f"{self.whose} gives {shorten(repr(value), 60)}; it must give a finite number"
+            raise MetricError("METRIC_FAILED", text)
+        return number
+
+
+IMAGE_METRICS: Mapping[str, ImageMetric] = Lazy(_installed)
+"""Key in records, tables and JSON -> metric: ours in the order of the tables, then those of packages."""
+
+
+def _by_name() -> dict[str, Definition]:
+    return {each.name: each for each in (*IMAGE_METRICS.values(), CHAMFER)}
+
+
+def _better() -> Mapping[str, str]:
+    return {name: each.better for name, each in _by_name().items()}
+
+
+METRICS: Mapping[str, str] = Lazy(_better)
 """Name of every metric -> whether "higher" or "lower" is better."""
 
 
@@ -62,9 +139,10 @@ def identity(
     MetricError
         METRIC_ARGUMENT: there is no such metric.
     """
-    if name not in _BY_NAME:
-        raise MetricError("METRIC_ARGUMENT", f"there is no metric '{name}'; there are {', '.join(_BY_NAME)}")
-    return _BY_NAME[name].identity(weights=weights, **parameters)
+    known = _by_name()
+    if name not in known:
+        raise MetricError("METRIC_ARGUMENT", f"there is no metric '{name}'; there are {', '.join(known)}")
+    return known[name].identity(weights=weights, **parameters)
 
 
 class Measures:
@@ -81,6 +159,8 @@ class Measures:
         The identities of the metrics that are computed.
     warnings : tuple of Finding
         Warnings about the weights.
+    failed : dict
+        Key of a package's metric that has failed -> what was wrong the first time, with its code.
 
     Raises
     ------
@@ -102,21 +182,30 @@ class Measures:
                 warnings += [one for one in network.warnings if one not in warnings]
         self.identities: tuple[Identity, ...] = tuple(identities)
         self.warnings: tuple[Finding, ...] = tuple(warnings)
+        self.failed: dict[str, str] = {}
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike) -> dict[str, float | None]:
-        """Return key -> value of two images as `psnr` takes them, None where weights are missing.
+        """Return key -> value of two images as `psnr` takes them.
+
+        It is None where weights are missing, and where a package's metric failed.
 
         Raises
         ------
         UsageError
             EXTRA_MISSING.
         MetricError
-            Those of the metrics.
+            Those of our metrics.
         """
         a, b = image_pair(pred, gt)
-        return {
-            key: None if function is None else function(a, b) for key, function in self._functions.items()
-        }
+        found: dict[str, float | None] = dict.fromkeys(self._functions)
+        for key, function in self._functions.items():
+            try:
+                found[key] = None if function is None else function(a, b)
+            except MetricError as error:
+                if error.code != "METRIC_FAILED":
+                    raise
+                self.failed.setdefault(key, str(error))
+        return found
 
 
 def modules_needed() -> tuple[str, ...]:

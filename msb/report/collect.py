@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
+from msb.bench.aggregate import AUDITED, METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import interval, view_values
 from msb.methods import METHODS
@@ -39,12 +39,11 @@ if TYPE_CHECKING:
     from msb.report.results import ResultSet
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-_IMAGES = (*QUALITY, *_RATES, "memory", "driver_memory", "asset_size")
+_IMAGES = (*_RATES, "memory", "driver_memory", "asset_size")
+"""Metrics of a condition with images, besides those of `QUALITY`."""
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
 """Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
-_AUDIT = tuple(METRICS)[list(METRICS).index("vf_ratio") :]
 _PARTS = {
-    **dict.fromkeys(QUALITY, "quality"),
     **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(("train_memory", "train_seconds"), "training"),
     "chamfer": "chamfer",
@@ -139,7 +138,7 @@ def _add_condition(
     condition: str,
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    metrics = _AUDIT if condition == "exported_mesh" else _IMAGES
+    metrics = AUDITED if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
     metrics = (*metrics, *_OF_ASSET) if condition == "non_engine" else metrics
     for metric in metrics:
         numbers = {}
@@ -191,11 +190,13 @@ def _number(metric: str, method: str, condition: str, result: Result | None) -> 
 
 
 def _why_missing(metric: str, result: Result) -> str:
-    part = _PARTS.get(metric)
+    part = "quality" if metric in QUALITY else _PARTS.get(metric)
     own = "renderer_timing" if metric in ("fps", "memory") else part
     for name in (part, own):
         if name in result.reasons:
             return result.reasons[name].message
+    if result.quality is not None and metric in result.quality.missing:
+        return result.quality.missing[metric]
     weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
     if weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
@@ -211,7 +212,7 @@ def _why_missing(metric: str, result: Result) -> str:
 
 
 def _notes(metric: str, result: Result) -> Iterable[str]:
-    part = _PARTS.get(metric)
+    part = "quality" if metric in QUALITY else _PARTS.get(metric)
     if part == "quality":
         if result.renderer is not None and result.renderer.kind == "msb_reference":
             yield REFERENCE
@@ -224,7 +225,7 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
                     yield weights_source(one["weights"])
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"
-    elif metric in _AUDIT and result.audit is not None and result.audit.get("is_soup"):
+    elif metric in AUDITED and result.audit is not None and result.audit.get("is_soup"):
         yield SOUP
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
         yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"

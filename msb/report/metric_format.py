@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
 
 from msb.bench.aggregate import METRICS
 from msb.metrics.registry import IMAGE_METRICS
+from msb.packages import Lazy
 from msb.topology.shown import DECIMALS, structure_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 _MIB = float(1 << 20)
 _SMALL_MIB = 10.0
@@ -27,8 +32,7 @@ class Shown(NamedTuple):
         return float(10.0**-self.decimals * self.scale)
 
 
-SHOWN: dict[str, Shown] = {
-    **{key: Shown(metric.title, metric.unit, metric.decimals) for key, metric in IMAGE_METRICS.items()},
+_OTHERS: dict[str, Shown] = {
     "fps": Shown("FPS", "1/s", 0),
     "p50_ms": Shown("P50", "ms", 1),
     "p95_ms": Shown("P95", "ms", 1),
@@ -51,6 +55,15 @@ SHOWN: dict[str, Shown] = {
     "lcc_area_ratio": Shown("LCC area", "1", DECIMALS),
     "components": Shown("Components", "1", DECIMALS),
 }
+
+
+@cache
+def _shown() -> Mapping[str, Shown]:
+    images = {key: Shown(each.title, each.unit, each.decimals) for key, each in IMAGE_METRICS.items()}
+    return images | _OTHERS
+
+
+SHOWN: Mapping[str, Shown] = Lazy(_shown)
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
 

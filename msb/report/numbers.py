@@ -30,7 +30,8 @@ CONDITION_PLACES: dict[str, int] = {name: place for place, name in enumerate(CON
 DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""
 
-QUALITY = tuple(IMAGE_METRICS)
+QUALITY = IMAGE_METRICS
+"""The metrics of images; looked into no earlier than needed, since packages bring some."""
 ON_CPU = "measured on a CPU device"
 """Begins the note on a rate that says as much of what else the machine did: it is not marked as the best."""
 

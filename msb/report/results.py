@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -132,7 +133,15 @@ def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultS
     places: dict[Place, dict[str, Loaded]] = {}
     for loaded in sorted(found, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
-    return ResultSet(places, tuple(f"mixed: {problem}" for problem in problems))
+    return ResultSet(places, (*(f"mixed: {problem}" for problem in problems), *_not_installed(found)))
+
+
+def _not_installed(found: Iterable[Loaded]) -> Iterator[str]:
+    """Yield a note on each metric of a package that was there when something was measured, and is not now."""
+    counts = Counter(key for one in found if (held := one.result.quality) for key in held.not_installed)
+    for key, count in sorted(counts.items()):
+        records = "a record has" if count == 1 else f"{count} records have"
+        yield f"{records} a metric {key}, whose package is not installed here: its values are left out"
 
 
 def _read_folder(root: Path) -> list[Loaded]:

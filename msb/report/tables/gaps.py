@@ -95,7 +95,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
     through = [
         name
         for name in ("dedicated", *numbers.in_place_of(place.dataset, "dedicated"))
-        if name == "dedicated" or Key(*place, name, QUALITY[0]) in numbers.values
+        if name == "dedicated" or Key(*place, name, "psnr") in numbers.values
     ]
     rows = []
     for metric in QUALITY:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from msb.report.numbers import Numbers
     from msb.report.table import Table
 
-_NATIVE = (*QUALITY, "fps", "train_memory", "train_seconds", "chamfer")
-_DEPLOYED = (*QUALITY, "fps")
+_NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
+"""The metrics of a method's own images, besides those of `QUALITY`."""
 
 
 def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str = "native_summary") -> Table:
@@ -26,7 +26,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str
     lines = [
         Line(
             (dataset_title(dataset), method_title(method)),
-            tuple(Key(dataset, MEAN, method, "non_engine", metric) for metric in _NATIVE),
+            tuple(Key(dataset, MEAN, method, "non_engine", metric) for metric in (*QUALITY, *_NATIVE)),
         )
         for dataset in numbers.datasets()
         for method in numbers.methods(dataset, "non_engine")
@@ -37,7 +37,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str
             label,
             caption,
             ("Dataset", "Method"),
-            tuple(Column(title(metric)) for metric in _NATIVE),
+            tuple(Column(title(metric)) for metric in (*QUALITY, *_NATIVE)),
             tuple(lines),
             best_of=lambda key: key.dataset,
         ),
@@ -57,7 +57,7 @@ def renderer_comparison(
             tuple(Key(dataset, MEAN, method, condition, metric) for method in methods),
         )
         for condition in numbers.conditions(dataset)
-        for metric in _DEPLOYED
+        for metric in (*QUALITY, "fps")
     ]
     return make_table(
         Layout(
@@ -90,7 +90,11 @@ def scene_comparison(
     lines = [
         Line(
             (condition_title(condition), method_title(method)),
-            tuple(Key(dataset, scene, method, condition, metric) for scene in scenes for metric in _DEPLOYED),
+            tuple(
+                Key(dataset, scene, method, condition, metric)
+                for scene in scenes
+                for metric in (*QUALITY, "fps")
+            ),
         )
         for condition in conditions
         for method in numbers.methods(dataset, *conditions)
@@ -101,7 +105,11 @@ def scene_comparison(
             f"{dataset_title(dataset)}: Dedicated and Standard deployment per scene. Bold: the better of a "
             "method's deployments.",
             ("Condition", "Method"),
-            tuple(Column(title(metric), (scene_title(scene),)) for scene in scenes for metric in _DEPLOYED),
+            tuple(
+                Column(title(metric), (scene_title(scene),))
+                for scene in scenes
+                for metric in (*QUALITY, "fps")
+            ),
             tuple(lines),
             best_of=rival,
         ),
@@ -113,7 +121,8 @@ def scene_comparison(
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
     """Return every scene of a dataset in one condition, a block per method; the best method is bold."""
     methods = numbers.methods(dataset, condition)
-    metrics = (*_DEPLOYED, "chamfer") if (dataset, condition) == ("dtu", "non_engine") else _DEPLOYED
+    chamfer = ("chamfer",) if (dataset, condition) == ("dtu", "non_engine") else ()
+    metrics = (*QUALITY, "fps", *chamfer)
     return make_table(
         Layout(
             f"scenes-{slug(dataset)}-{slug(condition)}",
