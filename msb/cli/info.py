@@ -47,12 +47,14 @@ def info(
 def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     from rich.markup import escape
 
+    from msb.asset.look import up_axis
     from msb.methods import TIERS, lookup
 
     m = asset.manifest
     method, frame = lookup(m.method), m.coordinate_frame
     look = {name: value for name, value in m.appearance.items() if name != "background"}
     console = output.console()
+    axis = frame.up if frame.up != "unknown" else f"unknown, drawn as {up_axis(asset)}"
     table = plain_table("", "")
     table.show_header = False
     rows: list[tuple[str, str]] = [
@@ -66,7 +68,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         ("compositing", _parameters(m.compositing)),
         ("background", _background(m)),
         *([("training", _training(m))] if m.training else []),
-        ("frame", f"{frame.handedness}-handed, up {frame.up}, {frame.units} units"),
+        ("frame", f"{frame.handedness}-handed, up {axis}, {frame.units} units"),
         *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
         *(("setting", f"{name} = {setting_text(s.value)} ({s.source})") for name, s in m.settings.items()),
         *(

@@ -106,6 +106,10 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     print_table(cells, console)
     if output.quiet:
         return
+    if rows[0].before is not None and rows[0].before.corners_coincide is False:
+        console.print(
+            "No two corners coincide: it is no surface, and no repair makes it one.", soft_wrap=True
+        )
     for row in rows:
         if row.why is not None:
             console.print(escape(f"{row.strategy}: {row.why}"), soft_wrap=True)

@@ -131,6 +131,8 @@ def web(
     settings = parse_overrides(asset.manifest.method, assignments or [])
     views = cameras_at(cameras, chosen, None, scale, output) if cameras is not None else []
     color, axis = parse_background(background, asset), up or up_axis(asset)
+    if up is None and asset.manifest.coordinate_frame.up == "unknown":
+        output.note(f"{path}: what is up is not known and taken to be {axis}; --up says otherwise")
     if tier == "standard":
         _write_mesh(asset, target, output, path.name, settings, views, axis, color)
         return

@@ -87,6 +87,8 @@ def test_a_soup_without_coincident_corners_is_not_told_to_merge_them(msb: Msb, t
     for text in (alone, shown, msb("repair", trained, "-o", tmp_path / "out.ply").out):
         assert "Merge the vertices" not in text
         assert "--weld exact" not in text
+    compared = msb("repair", "--compare", "--task", "none", tmp_path / "alone.ply").out
+    assert "No two corners coincide: it is no surface, and no repair makes it one." in compared
     apart = write(tmp_path, "coincide.ply", (TETRAHEDRON[0][TETRAHEDRON[1][:2].reshape(-1)], corners[1][:2]))
     assert "(--weld exact shows what merging" in msb("audit", apart).out
 

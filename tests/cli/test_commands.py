@@ -223,6 +223,10 @@ def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
     )
     assert "what is up" not in msb("convert", tmp_path / "t.obj", tmp_path / "t.glb", "-f", "--up=+y").err
     assert "what is up" not in msb("convert", tmp_path / "t.obj", tmp_path / "t.ply").err
+    assert (
+        "taken to be +y; --up says otherwise" in msb("web", tmp_path / "t.obj", "-o", tmp_path / "t.html").err
+    )
+    assert "up unknown, drawn as +y" in msb("info", tmp_path / "t.obj").out
     assert "MESH_FILE_LEFT_OUT" in msb("convert", tmp_path / "t.obj", tmp_path / "t.triasset").err
     assert "UVs" not in msb("audit", tmp_path / "t.obj").err
 
@@ -232,6 +236,7 @@ def test_a_training_on_colmap_is_turned_upright_and_the_page_and_info_agree(msb:
     assert msb("convert", model, target).out.endswith("vertex colours, turned upright (-y was up)\n")
     assert "right-handed, up +y" in msb("info", target).out
     assert "right-handed, up -y" in msb("info", model).out
+    assert "what is up" not in msb("web", model, "-o", tmp_path / "m.html").err
     kept = msb("convert", model, tmp_path / "kept.glb", "--up=+y")
     assert "turned" not in kept.out + kept.err
     stored = library.open(model).buffers["positions"]
