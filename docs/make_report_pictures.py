@@ -48,3 +48,4 @@ if __name__ == "__main__":
         screenshot(made / "index.html", 1280, 1900, "report.png")
         screenshot(made / "index.html", 390, 1400, "report_phone.png")
         screenshot(made / VERDICT, 1280, 1640, "report_verdict.png")
+        screenshot(made / VERDICT, 390, 704, "report_verdict_phone.png")  # style.css shows it on phones

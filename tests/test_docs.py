@@ -115,6 +115,20 @@ def test_every_option_and_every_metric_has_a_word_in_the_docs() -> None:
     assert not [each.title for each in IMAGE_METRICS.values() if f"## {each.title}" not in metrics]
 
 
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [
+        ("worse.md", ("upside down", "stands on its head", "texture", "bake")),
+        ("guides/mesh.md", ("texture", "(LOD)", "levels of detail", "bake", "collision", "convex hulls")),
+    ],
+)
+def test_who_searches_lands_on_the_page_that_helps(page: str, words: tuple[str, ...]) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert [word for word in words if word not in text] == []
+    # Words in brackets are words to the site's search.
+    assert "()" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("separator: ")[1].split("\n")[0]
+
+
 def test_every_code_of_an_error_is_in_a_test() -> None:
     """Those of files that are read have tests of their own, which hold each to a bad file."""
     tests = "".join(
