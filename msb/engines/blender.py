@@ -159,6 +159,7 @@ class _Blender(Engine):
         times = self._render(camera, {form: str(path)})
         rgba, depth = (_read_png if self._defaults else _read_exr)(path)
         path.unlink()
+        depth = depth / np.float32(_unit(camera))
         return opaque_frame(rgba[..., :3], rgba[..., 3] > 0.5, depth, background, None, times)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
@@ -168,7 +169,7 @@ class _Blender(Engine):
     def _render(self, camera: Camera, target: Mapping[str, str]) -> dict[str, float]:
         low, high = self._mesh.depth_range(camera.world_to_camera)
         # A near and a far plane as tight as can be cost nothing and make the most of a depth buffer.
-        clip = max(NEAR, 0.99 * low), max(2 * NEAR, 1.01 * high)
+        clip = [_unit(camera) * plane for plane in (max(NEAR, 0.99 * low), max(2 * NEAR, 1.01 * high))]
         request = blender_camera(camera, self._turn)
         return {WALL_CLOCK: float(self._ask({**request, "clip": clip, **target})["ms"])}
 
@@ -257,8 +258,13 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
         "sensor_width": sensor,
         "lens": camera.fx * sensor / width,
         "shift": [(width / 2 - camera.cx) / width, (camera.cy - height / 2) / width * aspect[1] / aspect[0]],
-        "matrix": (turn @ camera.camera_to_world @ _FLIP).tolist(),
+        "matrix": (turn @ camera.camera_to_world @ _FLIP @ np.diag([*[1 / _unit(camera)] * 3, 1])).tolist(),
     }
+
+
+def _unit(camera: Camera) -> float:
+    """Return the length of the camera's axes, which Blender takes for 1."""
+    return float(np.linalg.norm(camera.camera_to_world[:3, 0]))
 
 
 def _python() -> str | None:

@@ -134,6 +134,7 @@ def camera_data(camera: Camera) -> dict[str, Any]:
         "cx": camera.cx,
         "cy": camera.cy,
         "world_to_camera": camera.world_to_camera.tolist(),
+        "unit": camera.unit,
     }
 
 

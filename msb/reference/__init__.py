@@ -95,8 +95,10 @@ def render_reference(
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
     # Dropped faces are computed with too, and give what they give.
     with np.errstate(all="ignore"):
-        frame: ReferenceFrame = own.render(asset, camera, color, values, real, Modes(order, sampling))
-    return frame
+        frame: ReferenceFrame = own.render(
+            asset, camera.in_units(), color, values, real, Modes(order, sampling)
+        )
+    return camera.in_world(frame)
 
 
 def precision(dtype: Any) -> type[Any]:

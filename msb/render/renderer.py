@@ -148,11 +148,11 @@ class Renderer:
         checked = self._checked(camera, background)
         with blaming(self._by):
             found = self._backend.render(*checked)
-            if isinstance(found, Frame):
-                return found
-            # A renderer that may not import us (the reference, a third party's) returns the same fields.
-            names = (item.name for item in fields(Frame))
-            return Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
+            if not isinstance(found, Frame):
+                # A renderer that may not import us (the reference, a third party's) returns the same fields.
+                names = (item.name for item in fields(Frame))
+                found = Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
+            return camera.in_world(found)
 
     def draw(self, camera: Camera, background: Background | None = None) -> Drawn:
         """Draw what `camera` sees and wait for it, but read nothing back; return how long the device took.
@@ -168,9 +168,10 @@ class Renderer:
 
     def _checked(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
         check_type("camera", camera, Camera, A_CAMERA)
+        seen = camera.in_units()
         if background is None:
-            return camera, self._background
-        return camera, check_background(background, self._official)
+            return seen, self._background
+        return seen, check_background(background, self._official)
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes on the device."""

@@ -47,7 +47,7 @@ def around(
     vector = [0.0, 0.0, 0.0]
     vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
     narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
-    distance = _MARGIN * max(sphere.radius, 1e-6) / math.sin(narrow / 2)
+    distance = _MARGIN * (sphere.radius or 1e-6) / math.sin(narrow / 2)
     cameras = turntable(
         sphere.center,
         distance,

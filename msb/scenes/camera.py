@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from msb.scenes.checks import Split
+
+_Drawn = TypeVar("_Drawn", bound=Any)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,9 @@ class Camera:
         Width and height for which the intrinsics were recorded, where that is not the size of this camera.
     split : {"train", "val", "test"}, optional
         The part of the dataset that the camera belongs to, if the dataset says so.
+    unit : float
+        The length in the world that renderers take for 1: their near planes, 0.01 on the standard tier, count
+        in it. It is 1 but for cameras made for something tiny or huge (`msb.scenes.turntable`).
 
     Raises
     ------
@@ -81,6 +86,7 @@ class Camera:
     image_path: Path | None = None
     source_size: tuple[int, int] | None = None
     split: Split | None = None
+    unit: float = 1.0
 
     def __post_init__(self) -> None:
         width, height = check_size((self.width, self.height))
@@ -97,6 +103,8 @@ class Camera:
             values["source_size"] = check_size(self.source_size)
         if self.split is not None:
             check_split(self.split)
+        if not 0 < self.unit < math.inf:
+            raise SceneError("CAMERA_FIELD_VALUE", f"unit is {self.unit}; it must be a positive length")
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
@@ -255,6 +263,23 @@ class Camera:
         sides = (max(1, math.floor(side * factor + 0.5)) for side in (self.width, self.height))
         return self.resized(*sides)
 
+    def in_units(self) -> Camera:
+        """Return the camera that renderers draw with: its axes count in its `unit`, and so do depths."""
+        if self.unit == 1:
+            return self
+        pose = self.world_to_camera.copy()
+        pose[:3] /= self.unit
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return _InUnits(**{**values, "world_to_camera": pose, "unit": 1.0})
+
+    def in_world(self, frame: _Drawn) -> _Drawn:
+        """Return a frame that was drawn with the camera `in_units`, with its depths in scene units."""
+        if self.unit == 1:
+            return frame
+        planes = {name: getattr(frame, name) for name in ("depth", "depth_median")}
+        scaled = {name: x * x.dtype.type(self.unit) for name, x in planes.items() if x is not None}
+        return replace(frame, **scaled)
+
     def centered(self) -> Camera:
         """Return the camera with its principal point in the middle of the image.
 
@@ -278,3 +303,10 @@ class Camera:
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         # Pickled arrays come back writable; the constructor makes them read-only again.
         return Camera, self._values()
+
+
+class _InUnits(Camera):
+    """A camera whose axes are not of length 1."""
+
+    def __post_init__(self) -> None:
+        self.world_to_camera.setflags(write=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import operator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,8 +86,17 @@ def turntable(
         outward = math.cos(angle) * start + math.sin(angle) * side
         eye = middle + radius * (math.cos(elevation) * outward + math.sin(elevation) * axis)
         pose = look_at_pose(eye, middle, axis)
-        cameras.append(Camera.from_fov(width, height, pose, fov_y=fov_y, name=f"turntable_{index:05d}"))
+        camera = Camera.from_fov(width, height, pose, fov_y=fov_y, name=f"turntable_{index:05d}")
+        cameras.append(replace(camera, unit=unit_at(radius)))
     return cameras
+
+
+def unit_at(distance: float) -> float:
+    """Return the `Camera.unit` with which something `distance` away is drawn alike whatever its size is.
+
+    What has an ordinary size is drawn in a unit of 1, bit for bit; a power of two rounds nothing.
+    """
+    return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
 
 def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
@@ -140,7 +150,7 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
         pose[:3, 3] = -pose[:3, :3] @ _catmull_rom(_around(centers, segment, closed), at)
         fx, fy, cx, cy = (1 - at) * lenses[segment] + at * lenses[(segment + 1) % len(keys)]
         name = f"flight_{index:05d}"
-        flight.append(Camera(keys[0].width, keys[0].height, fx, fy, cx, cy, pose, name))
+        flight.append(replace(keys[0], fx=fx, fy=fy, cx=cx, cy=cy, world_to_camera=pose, name=name))
     return flight
 
 

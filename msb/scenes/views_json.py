@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -74,10 +75,10 @@ def _color(node: Node) -> tuple[float, float, float]:
 
 
 def _camera(node: Node) -> Camera:
-    node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:])
+    node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:], "unit")
     name, size, split = map(node.get, _OPTIONAL)
     with node.locating():
-        return Camera(
+        camera = Camera(
             node["width"].whole(),
             node["height"].whole(),
             node["fx"].number(),
@@ -90,6 +91,8 @@ def _camera(node: Node) -> Camera:
             None if size is None else cast("tuple[int, int]", tuple(n.whole() for n in size.items())),
             None if split is None else cast("Split", split.text()),
         )
+        unit = node.get("unit")
+        return camera if unit is None else replace(camera, unit=unit.number())
 
 
 def write_cameras(
@@ -138,4 +141,5 @@ def _entry(camera: Camera) -> dict[str, Any]:
     entry = {"name": camera.name} | {key: getattr(camera, key) for key in _REQUIRED}
     entry |= {key: getattr(camera, key) for key in _OPTIONAL[1:]}
     entry["world_to_camera"] = camera.world_to_camera.tolist()
+    entry |= {"unit": camera.unit} if camera.unit != 1 else {}
     return {key: value for key, value in entry.items() if value is not None}

@@ -46,10 +46,10 @@ function surfaceProjection(view, near, far, flip) {
   ]];
 }
 
-// The members that every method has, from a view ({ width, height, fx, fy, cx, cy, world_to_camera }: OpenCV,
+// The members that every method has, from a view ({ width, height, fx, fy, cx, cy, world_to_camera, unit }: OpenCV,
 // row-major). Formulas and roundings as in msb/render/splat/view.py.
 function cameraMembers(view, scale, near, far, own) {
-  const f = Math.fround, W = view.world_to_camera.map((row) => row.map(f));
+  const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));
   const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
   const [signs, P] = "flip" in own ? surfaceProjection(view, near, far, own.flip) : blendedProjection(view, near, far);
   const full = P.map((row) => [0, 1, 2, 3].map((column) => {

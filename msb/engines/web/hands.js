@@ -45,7 +45,10 @@ function fit() {
   const forward = side.normalize().addScaledVector(up, 0.4).normalize().negate();
   const right = new THREE.Vector3().crossVectors(forward, up).normalize();
   const down = new THREE.Vector3().crossVectors(forward, right);
-  const eye = world.center.clone().addScaledVector(forward, -1.05 * world.radius / Math.sin(half));
+  const distance = 1.05 * world.radius / Math.sin(half);
+  const eye = world.center.clone().addScaledVector(forward, -distance);
+  // As msb/scenes/paths.py has it.
+  view.unit = distance >= 0.5 && distance <= 64 ? 1 : 2 ** (Math.round(Math.log2(distance)) - 1);
   state.target.copy(world.center);
   state.view = placed(view, eye, right, down, forward);
   show();

@@ -331,6 +331,5 @@ class SplattingPipeline(OnDevice):
 
     def _background_depth(self, camera: Camera) -> np.float32:
         """Return the largest distance from the camera to a stored corner."""
-        pose = camera.world_to_camera
-        center = -(pose[:3, :3].T @ pose[:3, 3])
-        return np.float32(np.sqrt(np.square(self._stored_positions - center).sum(axis=1).max()))
+        away = self._stored_positions - camera.center
+        return np.float32(np.sqrt(np.square(away).sum(axis=1).max()))

@@ -163,9 +163,11 @@ class Surroundings:
     def first_camera(self) -> Camera:
         """Return a square camera at the first view; `sized` gives it a window's shape."""
         from msb.scenes import Camera
+        from msb.scenes.paths import unit_at
 
         pose = self.first_pose()
-        return Camera.look_at(pose.eye, pose.target, up=pose.up, width=SIDE, height=SIDE, fov_y=FOV_Y)
+        camera = Camera.look_at(pose.eye, pose.target, up=pose.up, width=SIDE, height=SIDE, fov_y=FOV_Y)
+        return replace(camera, unit=unit_at(pose.distance))
 
     def turntable(self, count: int, width: int, height: int) -> list[View]:
         """Return views from all sides."""
