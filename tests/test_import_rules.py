@@ -43,9 +43,10 @@ ALLOWED: dict[str, set[str]] = {
     "__init__": GROUND
     | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"}
     | {"validating", "why"},
-    "why": GROUND | {"adapters", "meshes", "metrics", "opening", "render"},
+    "why": GROUND | {"adapters", "meshes", "metrics", "opening", "render", "views"},
     # From a path to what lies there, and back.
     "opening": GROUND | {"meshes", "adapters"},
+    "views": GROUND | {"adapters", "render"},
     "saving": GROUND | {"meshes"},
     "auditing": GROUND | {"opening", "topology"},
     "validating": GROUND | {"adapters", "topology"},
@@ -100,7 +101,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
     # A trial can be of the repaired mesh.
-    "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing", "repair"},
+    "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing", "repair", "views"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
 }

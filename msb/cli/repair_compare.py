@@ -41,18 +41,20 @@ def compare_strategies(
     """Print the table of `msb.trial.repairs`, and write its JSON and a picture of each strategy."""
     from msb.atomic import new_folder
     from msb.cli.inputs import open_asset
+    from msb.errors import about
     from msb.scenes import read_cameras
-    from msb.scenes.around import around
-    from msb.trial.look import VIEWS
     from msb.trial.repairs import STRATEGIES, compare, document
+    from msb.views import choose_views
 
     wanted = _tasks(tasks)
     output.check_free(folder, folder=True)
     output.check_outputs()
     with output.progress(f"reading {source.name}"):
         asset = open_asset(source, output)
-    views = around(asset, VIEWS) if cameras is None else read_cameras(cameras)
-    which = f"{len(views)} {'turntable views' if cameras is None else f'views of {cameras}'}"
+    given = None if cameras is None else read_cameras(cameras)
+    with about(source):
+        views = choose_views(asset, given, source, size=(960, 720), device=device).seeing(asset, device)
+    which = views.said if cameras is None else views.said.replace("given", f"of {cameras}")
     total = len(STRATEGIES) + 1 + (plan is not None and ",".join(plan) not in STRATEGIES)
     with (
         output.counted("trying repairs", total) as step,

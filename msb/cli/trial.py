@@ -91,8 +91,8 @@ def trial(
     """Try what artists do with meshes: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
     Each task is done by the libraries that artists' tools use, on the mesh as it is stored (or welded, or
-    repaired, on request), in a process that is ended at its limits. Without --cameras, eight views from a
-    turntable judge how the results look.
+    repaired, on request), in a process that is ended at its limits. How the results look is judged by
+    --cameras, else by the cameras of the training where they lie beside the model, else by views round it.
     """
     from msb.cli.inputs import expand
     from msb.repair.plan import DEFAULT, parse_plan
@@ -186,17 +186,21 @@ class _Run:
         with self.output.progress(f"reading {path.name}"):
             asset = open_asset(path, self.output)
         if self.save is None:
-            found = self.tried(asset, None)
+            found = self.tried(asset, None, path)
         else:
             with new_folder(self.save) as folder:
-                found = self.tried(asset, folder)
+                found = self.tried(asset, folder, path)
         if "no_pictures" in found.cameras:
-            self.output.note(f"no picture could be drawn, so none was judged: {found.cameras['no_pictures']}")
+            self.output.note(f"{found.cameras['no_pictures']}; so nothing is judged by how it looks")
+        elif "see_nothing" in found.cameras:
+            self.output.note(
+                f"{found.cameras['see_nothing']} of the views see none of the mesh, and do not count"
+            )
         if self.output.prints_text:
             self.show(found, path)
         return found
 
-    def tried(self, asset: Any, folder: Path | None) -> Trials:
+    def tried(self, asset: Any, folder: Path | None, path: Path) -> Trials:
         """Return what became of the tasks, which a bar counts."""
         from msb.trial.run import try_asset
 
@@ -214,6 +218,7 @@ class _Run:
                 cameras=self.views,
                 limits=self.limits,
                 device=self.device,
+                source=path,
                 keep=folder,
                 watch=watch,
             )
@@ -234,8 +239,8 @@ class _Run:
         welded = "" if self.weld is None else ", welded"
         if self.plan is not None:
             welded += f", repaired by {','.join(self.plan)}"
-        views = f"{found.cameras['count']} {'views of a turntable' if self.views is None else 'cameras'}"
-        echo(f"{name}: {found.mesh['vertices']:,} vertices, {found.mesh['faces']:,} faces{welded}; {views}")
+        echo(f"{name}: {found.mesh['vertices']:,} vertices, {found.mesh['faces']:,} faces{welded}")
+        echo(f"views: {found.cameras['views']}")
         table = plain_table(
             "Task", "Outcome", "Seconds", "What was made, and what is wrong with it", right=(2,)
         )

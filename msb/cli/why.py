@@ -14,6 +14,7 @@ from msb.cli.output import Output, plain_table
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from msb.views import Views
     from msb.why import Cause, Causes
 
 EPILOG = epilog(
@@ -49,14 +50,14 @@ def why(
     The asset is drawn with each cause and without it, everything else alike. Below 30 dB the difference is
     plain to see, above 40 dB it is not. The last lines are of all of it at once: the standard tier against
     the method's own look, what engine settings mend of that, and what only a bake could. Without --cameras
-    eight views around the asset are drawn.
+    it is seen by those of its training where they lie beside it, else from around.
     """
     from msb.asset.settings import parse_overrides
     from msb.cli.camera_options import cameras_at, parse_background, parse_size
     from msb.cli.inputs import open_asset
     from msb.errors import about
-    from msb.scenes.around import around
-    from msb.why import CAUSES, TURNTABLE
+    from msb.views import choose_views
+    from msb.why import CAUSES
     from msb.why import why as find
 
     output = Output(json_file, quiet, verbose, force)
@@ -68,11 +69,10 @@ def why(
         refuse({"camera": chosen, "scale": scale}, "needs --cameras PATH")
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    if cameras is None:
-        count, width, height = TURNTABLE
-        views = around(asset, count, *(parse_size(size) if size else (width, height)))
-    else:
-        views = cameras_at(cameras, chosen, size, scale, output)
+    given = None if cameras is None else cameras_at(cameras, chosen, size, scale, output)
+    with about(path):
+        views = choose_views(asset, given, path, size=parse_size(size or "640x480"), device=device)
+        views = views.seeing(asset, device)
     color = parse_background(background, asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
         causes = find(
@@ -83,15 +83,15 @@ def why(
             device=device,
             step=step,
         )
-    where: dict[str, Any] = {"views": len(views), "cameras": "turntable" if cameras is None else cameras}
-    where["background"] = list(color)
+    where: dict[str, Any] = {"views": len(views.cameras)}
+    where |= {"cameras": views.origin if cameras is None else cameras, "background": list(color)}
     head = {"schema": SCHEMA, "path": str(path), "method": asset.manifest.method, **where}
     listed = [cause.to_dict() for cause in causes]
     output.write_json({**head, "causes": listed, "total": causes.total.to_dict()})
     if save is not None:
         _save(causes, save)
     if output.prints_text:
-        _print(causes, head, save, output)
+        _print(causes, head, views, save, output)
 
 
 def _save(causes: list[Cause], folder: Path) -> None:
@@ -106,16 +106,18 @@ def _save(causes: list[Cause], folder: Path) -> None:
             write_image(folder / f"{cause.name}.png", picture, "png")
 
 
-def _print(causes: Causes, head: dict[str, Any], save: Path | None, output: Output) -> None:
+def _print(causes: Causes, head: dict[str, Any], views: Views, save: Path | None, output: Output) -> None:
     from rich.markup import escape
 
     from msb.why import EQUAL
 
     console = output.console()
-    views = f"{head['views']} view{'' if head['views'] == 1 else 's'} " + (
-        "around it" if head["cameras"] == "turntable" else "given"
-    )
-    console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}, {views}")
+    console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}", soft_wrap=True)
+    if not views.cameras:
+        console.print(escape(views.nothing), soft_wrap=True)
+        return
+    if not output.quiet:
+        console.print(escape(f"views: {views.said}"), soft_wrap=True)
     table = plain_table("Cause", "dB", "" if output.quiet else "How to see whether it is yours", right=(1,))
     shown = sorted((one for one in causes if one.db is not None), key=lambda one: one.db or 0.0)
     for cause in shown:

@@ -6,14 +6,20 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from msb.asset.look import up_axis
-from msb.scenes.paths import turntable
+from msb.scenes.camera import Camera
+from msb.scenes.paths import turntable, unit_at
+from msb.scenes.poses import look_at_pose
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.scenes.camera import Camera
 
 _FOV_Y = math.radians(40)
+_FOV_INSIDE = math.radians(60)
+_LEAST = 0.02
+"""Share of the faces, on each side, of which an asset may be larger than `inside` takes it for."""
 _MARGIN = 1.05
 """A turntable's distance, relative to that at which the bounding sphere fills the image."""
 ELEVATION = 20.0
@@ -43,9 +49,7 @@ def around(
         Degrees above the horizon.
     """
     sphere = asset.manifest.bounding_sphere
-    axis = up or up_axis(asset)
-    vector = [0.0, 0.0, 0.0]
-    vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
+    vector = _vector(up or up_axis(asset))
     narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
     distance = _MARGIN * (sphere.radius or 1e-6) / math.sin(narrow / 2)
     cameras = turntable(
@@ -59,3 +63,31 @@ def around(
         elevation=math.radians(elevation),
     )
     return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
+
+
+def inside(asset: Asset, count: int, width: int, height: int) -> list[Camera]:
+    """Return cameras within an asset that look across its middle, half-way out to what encloses it.
+
+    The middle is that of most faces, and a few far ones do not count; no camera where that has no extent.
+    """
+    middles = asset.buffers["positions"][asset.buffers["indices"]].mean(axis=1, dtype=np.float64)
+    low, middle, high = np.quantile(middles, (_LEAST, 0.5, 1 - _LEAST), axis=0)
+    up = _vector(up_axis(asset))
+    if not (low < middle).all() or not (middle < high).all():
+        return []
+    found = []
+    for camera in around(asset, count, width, height):
+        away = camera.center - asset.manifest.bounding_sphere.center
+        reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
+        eye = middle + 0.5 * reach.min() * away
+        distance = math.dist(eye, middle)
+        pose = look_at_pose(eye, middle, up)
+        lens = Camera.from_fov(width, height, pose, fov_y=_FOV_INSIDE, name=camera.name)
+        found.append(replace(lens, unit=unit_at(distance)))
+    return found
+
+
+def _vector(axis: str) -> list[float]:
+    vector = [0.0, 0.0, 0.0]
+    vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
+    return vector

@@ -24,11 +24,10 @@ if TYPE_CHECKING:
 
     from msb.render import Frame
     from msb.trial.mesh import TriedMesh
+    from msb.views import Views
 
 BACKGROUND = (0.5, 0.5, 0.5)
 """The colour behind the mesh: neither a dark nor a bright surface that is lost goes unseen before it."""
-VIEWS = 8
-"""Cameras of the turntable where none are given."""
 PICTURE_WIDTH = 480
 _DARKEST = 0.4
 """Light on a face of a picture that is seen from its edge, of that on one which faces the camera."""
@@ -41,21 +40,23 @@ class Look:
     ----------
     mesh : TriedMesh
         The mesh as it was.
-    cameras : sequence of Camera
-        At least one.
+    views : Views
     device : str, optional
         The OpenCL device, as `msb.Renderer` takes it.
 
     Attributes
     ----------
     why_not : str or None
-        Why there are no pictures: no OpenCL device. All methods then return None or nothing.
+        Why there are no pictures to judge by: no OpenCL device, or no camera that sees the mesh. All methods
+        then return None or nothing.
+    unseeing : int
+        How many of the cameras saw none of the mesh, and are left out.
     """
 
-    def __init__(self, mesh: TriedMesh, cameras: Sequence[Camera], device: str | None = None) -> None:
-        self.mesh, self.cameras, self.device = mesh, list(cameras), device
+    def __init__(self, mesh: TriedMesh, views: Views, device: str | None = None) -> None:
+        self.mesh, self.views, self.cameras, self.device = mesh, views, views.cameras, device
         self.why_not: str | None = None
-        self._pictures: list[NDArray[np.uint8]] | None = None
+        self.unseeing = 0
 
     def psnr(self, mesh: TriedMesh) -> dict[str, Any]:
         """Return how much `mesh` looks like the mesh as it was.
@@ -63,11 +64,12 @@ class Look:
         Returns
         -------
         dict
-            "psnr": the mean over the cameras in dB, where equal pictures count 100; None without pictures.
+            "psnr": the mean over the cameras that see the mesh in dB, where equal pictures count 100; None
+            without pictures.
             "same_pictures": whether all are equal.
         """
-        before = self._before()
-        if before is None:
+        before = [image for image, _ in self._before]
+        if not before:
             return {"psnr": None, "same_pictures": None}
         if not len(mesh.faces):
             mesh = _speck(mesh)
@@ -75,8 +77,8 @@ class Look:
 
     def visible_points(self, count: int) -> NDArray[np.float64] | None:
         """Return about `count` points (n, 3) of the surface that cameras see, evenly over their pixels."""
-        depths = self._depths
-        if depths is None:
+        depths = [depth for _, depth in self._before]
+        if not depths:
             return None
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
         found: list[NDArray[np.float64]] = []
@@ -98,8 +100,8 @@ class Look:
         A point is empty if a camera has it in its picture more than `tolerance` before the surface that is
         drawn there, or where none is drawn. Points in no picture do not count; None if all are such.
         """
-        depths = self._depths
-        if depths is None:
+        depths = [depth for _, depth in self._before]
+        if not depths:
             return None
         seen = np.zeros(len(points), bool)
         empty = np.zeros(len(points), bool)
@@ -117,7 +119,7 @@ class Look:
 
     def picture(self, mesh: TriedMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
         """Return a small picture (H, W, 3) of `mesh`: from `camera` as it is, else from the first, shaded."""
-        if not len(mesh.faces):
+        if not len(mesh.faces) or (camera is None and not self.cameras):
             return None
         if camera is None:
             first = self.cameras[0]
@@ -127,21 +129,22 @@ class Look:
             return to_bytes(frame.image)
         return None
 
-    def _before(self) -> list[NDArray[np.uint8]] | None:
-        if self._pictures is None and self.why_not is None:
-            found = [to_bytes(frame.image) for frame in self._frames(self.mesh, self.cameras)]
-            self._pictures = None if self.why_not else found
-        return self._pictures
-
     @cached_property
-    def _depths(self) -> list[NDArray[np.float32]] | None:
-        found = [np.array(frame.depth) for frame in self._frames(self.mesh, self.cameras)]
-        return None if self.why_not else found
+    def _before(self) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
+        """Image and depths of the mesh as it was, of each camera that sees it; `cameras` are those then."""
+        drawn = [
+            (camera, to_bytes(frame.image), np.array(frame.depth), bool((frame.alpha > 0).any()))
+            for camera, frame in zip(self.cameras, self._frames(self.mesh, self.cameras), strict=False)
+        ]
+        seeing = [(camera, image, depth) for camera, image, depth, sees in drawn if sees]
+        if not seeing and self.why_not is None:
+            self.why_not = self.views.nothing
+        self.unseeing = len(drawn) - len(seeing)
+        self.cameras = [camera for camera, _, _ in seeing] or self.cameras
+        return [(image, depth) for _, image, depth in seeing]
 
     def _frames(self, mesh: TriedMesh, cameras: Sequence[Camera]) -> Iterator[Frame]:
         """Yield what each camera sees; nothing where there is no device to draw on."""
-        if self.why_not is not None:
-            return
         try:
             renderer = Renderer(asset_from_mesh(mesh.to_mesh()), "standard", self.device)
         except MsbError as error:

@@ -18,6 +18,7 @@ from msb.topology.halfedge import NONE
 from msb.trial.limits import Limits
 from msb.trial.look import BACKGROUND, likeness
 from msb.trial.run import try_asset
+from msb.views import choose_views
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.topology import Audit
     from msb.trial.run import Trial
+    from msb.views import Views
 
     Images = list[NDArray[np.uint8]]
 
@@ -139,7 +141,7 @@ def passed(trials: Iterable[Trial]) -> int:
 
 def compare(
     asset: Asset,
-    cameras: Sequence[Camera],
+    cameras: Views | Iterable[Camera],
     options: Options,
     *,
     plan: tuple[str, ...] | None = None,
@@ -153,8 +155,8 @@ def compare(
     Parameters
     ----------
     asset : Asset
-    cameras : sequence of Camera
-        The views over which looks are compared.
+    cameras : Views or iterable of Camera
+        The views over which looks are compared, as far as they see the asset.
     options : Options
         Numbers of the steps, and limits of the peers and of the libraries that try tasks.
     plan : tuple of str, optional
@@ -168,7 +170,8 @@ def compare(
     step : callable
         Called after each row; there is one for each strategy, one for `plan`, and one more.
     """
-    judge = _Judge(cameras, tasks, Limits(options.seconds, options.memory_gib), device)
+    views = choose_views(asset, cameras).seeing(asset, device)
+    judge = _Judge(views, tasks, Limits(options.seconds, options.memory_gib), device)
     audit, _ = audit_arrays(asset.buffers["positions"], asset.buffers["indices"])
     looks, before = judge.result(asset)
     stored = Row(
@@ -214,7 +217,9 @@ def compare(
                 before,
                 _size(done.asset),
                 seconds,
-                picture=None if keep is None else keep_picture(keep, name, asset, done, cameras[0], device),
+                picture=None
+                if keep is None or not views.cameras
+                else keep_picture(keep, name, asset, done, views.cameras[0], device),
             )
         )
         step()
@@ -224,10 +229,9 @@ def compare(
 class _Judge:
     """What strategies made, looked at and tried; what equals something earlier is not tried again."""
 
-    def __init__(
-        self, cameras: Sequence[Camera], tasks: Sequence[str], limits: Limits, device: str | None
-    ) -> None:
-        self.cameras, self.tasks, self.limits, self.device = cameras, tasks, limits, device
+    def __init__(self, views: Views, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
+        self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
+        self.why = None if views.cameras else views.nothing
         self.originals: dict[Tier, Images | str] = {}
         """The images of the first asset that is judged."""
         self.known: dict[tuple[str, ...], tuple[dict[Tier, Look], tuple[Trial, ...]]] = {}
@@ -236,7 +240,7 @@ class _Judge:
         """Return how an asset looks beside the first one, and what became of the tasks."""
         key = (made.manifest.method, *(spec.sha256 for spec in made.manifest.buffers.values()))
         if key not in self.known:
-            drawn = {tier: _draw(made, tier, self.cameras, self.device) for tier in TIERS}
+            drawn = {tier: self.why or _draw(made, tier, self.views.cameras, self.device) for tier in TIERS}
             self.originals = self.originals or drawn
             looks = {tier: _look(self.originals[tier], found) for tier, found in drawn.items()}
             self.known[key] = looks, self.tried(made)
@@ -246,9 +250,7 @@ class _Judge:
         """Return what became of the tasks."""
         if not self.tasks:
             return ()
-        return try_asset(
-            made, self.tasks, cameras=self.cameras, limits=self.limits, device=self.device
-        ).trials
+        return try_asset(made, self.tasks, cameras=self.views, limits=self.limits, device=self.device).trials
 
 
 def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | None) -> Images | str:

@@ -12,14 +12,14 @@ from msb.meshes import write_mesh
 from msb.opening import as_asset
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
-from msb.scenes.around import around
 from msb.topology.weld import parse_weld
 from msb.trial.children import run_attempt
 from msb.trial.limits import Limits
-from msb.trial.look import VIEWS, Look
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.registry import able, chosen_tasks, missing_modules
 from msb.trial.task import Judgement, file_outcome
+from msb.views import choose_views
 
 if TYPE_CHECKING:
     import os
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.topology.weld import Weld
     from msb.trial.task import Attempt, Made, Numbers, Outcome, Reply, Task
+    from msb.views import Views
 
 SCHEMA = "msb.trial/1"
 
@@ -90,7 +91,8 @@ class Trials:
     limits : dict
         `Limits.to_dict`.
     cameras : dict
-        How many there were, and "turntable" or "given"; with a reason where no picture could be drawn.
+        How many there were, where they are "from" ("given", "training", "turntable", "inside"), and the same
+        in words; how many "see_nothing" of the mesh, and why there are "no_pictures", where that is so.
     """
 
     path: str | None
@@ -129,7 +131,8 @@ def trial(
     repair : sequence of str, or str, optional
         The plan of a repair that is made first, as `msb.repair` takes it; after the weld.
     cameras : sequence of Camera, optional
-        Where the mesh is looked at from; eight turntable views if not given.
+        Where the mesh is looked at from, at least one; those of its training where they lie beside the path,
+        else eight views round it, or inside it, if not given (docs/trial.md).
     limits : Limits, optional
         What each library may take for each task; 60 s and 4 GiB if not given.
     device : str, optional
@@ -143,7 +146,7 @@ def trial(
     Raises
     ------
     UsageError
-        `USAGE`: there is no such task, or no such step of a repair, or the limits are none.
+        `USAGE`: there is no such task, no such step of a repair, or no camera, or the limits are none.
     AssetError
         A coordinate is not finite, or an index is out of range; `TRIASSET_EMPTY`: the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
@@ -157,7 +160,14 @@ def trial(
     'fails'
     """
     found = try_asset(
-        as_asset(asset), tasks, weld=weld, repair=repair, cameras=cameras, limits=limits, device=device
+        as_asset(asset),
+        tasks,
+        weld=weld,
+        repair=repair,
+        cameras=cameras,
+        limits=limits,
+        device=device,
+        source=asset,
     )
     return list(found.trials)
 
@@ -168,9 +178,10 @@ def try_asset(
     *,
     weld: Weld | None = None,
     repair: Sequence[str] | str | None = None,
-    cameras: Sequence[Camera] | None = None,
+    cameras: Views | Sequence[Camera] | None = None,
     limits: Limits | None = None,
     device: str | None = None,
+    source: Asset | str | os.PathLike[str] | None = None,
     keep: Path | None = None,
     meshes: bool = True,
     watch: Callable[[Trial], None] = lambda _: None,
@@ -179,6 +190,8 @@ def try_asset(
 
     Parameters
     ----------
+    source : path-like, optional
+        Where the asset is from, for the cameras of its training.
     keep : Path, optional
         The folder that gets a picture of each task and, with `meshes`, what was made, as GLB.
     meshes : bool
@@ -195,17 +208,15 @@ def try_asset(
     if plan is not None:
         with about(asset.path):
             mesh = _repaired(mesh, plan)
-    look = Look(mesh, cameras if cameras is not None else around(asset, VIEWS), device)
+    views = choose_views(asset, cameras, source, size=(960, 720), device=device)
+    look = Look(mesh, views, device)
     found = []
     for task in chosen:
         found.append(_Trying(task, mesh, look, limits).run(keep, meshes=meshes))
         watch(found[-1])
-    views: dict[str, Any] = {
-        "count": len(look.cameras),
-        "from": "turntable" if cameras is None else "given",
-    }
-    if look.why_not is not None:
-        views["no_pictures"] = look.why_not
+    seen_by: dict[str, Any] = {"count": len(look.cameras), "from": views.origin, "views": views.said}
+    seen_by |= {"see_nothing": look.unseeing} if look.unseeing else {}
+    seen_by |= {} if look.why_not is None else {"no_pictures": look.why_not}
     tried = {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
@@ -213,8 +224,8 @@ def try_asset(
         "repair": None if plan is None else list(plan),
         "sha256": mesh.sha256,
     }
-    path = None if asset.path is None else str(asset.path)
-    return Trials(path, tuple(found), tried, limits.to_dict(), views)
+    of = None if asset.path is None else str(asset.path)
+    return Trials(of, tuple(found), tried, limits.to_dict(), seen_by)
 
 
 def _repaired(mesh: TriedMesh, plan: tuple[str, ...]) -> TriedMesh:
@@ -284,6 +295,8 @@ class _Trying:
         if not made:
             return Judgement("fails", why, numbers)
         judged = self.task.judge(self.mesh, made, self.look)
+        if self.task.by_look and judged.outcome != "fails" and self.look.why_not is not None:
+            judged = Judgement("not_run", f"not judged: {self.look.why_not}", judged.numbers)
         reason = "; ".join(filter(None, (why, judged.why))) or None
         return Judgement(judged.outcome, reason, {**judged.numbers, **numbers})
 

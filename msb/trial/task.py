@@ -114,6 +114,8 @@ class Task:
         Makes arrays for the attempts from the pictures.
     picture : callable, optional
         Draws what was made, as an image (H, W, 3) uint8, or None if there is nothing to draw.
+    by_look : bool
+        Whether it is judged by pictures: without any there is no judgement, unless it fails.
     """
 
     name: str
@@ -126,6 +128,7 @@ class Task:
     instead: tuple[Attempt, ...] = ()
     prepare: Callable[[TriedMesh, Look], dict[str, NDArray[Any]]] | None = None
     picture: Callable[[TriedMesh, Mapping[str, Made], Look], NDArray[Any] | None] | None = None
+    by_look: bool = False
 
 
 def file_outcome(given: TriedMesh, made: TriedMesh) -> Outcome:

@@ -15,26 +15,24 @@ import numpy as np
 from msb.asset.settings import with_settings
 from msb.callable_packages import make_callable
 from msb.opening import as_asset
-from msb.scenes.around import around
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
+from msb.views import choose_views
 from msb.why.causes import CAUSES
 from msb.why.total import Total, measured_total
 from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, difference
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from msb.asset import Asset
     from msb.scenes import Camera
+    from msb.views import Views as ChosenViews
     from msb.why.causes import Known
     from msb.why.views import Image
 
-__all__ = ["CAUSES", "EQUAL", "TURNTABLE", "Cause", "Causes", "Total", "why"]
-
-TURNTABLE = (8, 640, 480)
-"""The number of views without cameras, and their width and height in pixels."""
+__all__ = ["CAUSES", "EQUAL", "Cause", "Causes", "Total", "why"]
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ class Causes(list[Cause]):
 
 def why(
     asset: Asset | str | os.PathLike[str],
-    cameras: Sequence[Camera] | None = None,
+    cameras: ChosenViews | Iterable[Camera] | None = None,
     *,
     background: Sequence[float] | str | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -109,7 +107,8 @@ def why(
     asset : Asset or path-like
         An asset, or the path of anything that `msb.open` takes.
     cameras : sequence of Camera, optional
-        The views; a turntable around the asset if not given.
+        The views, at least one; those of its training where they lie beside the path, else eight views round
+        it, or inside it, if not given.
     background : (3,) floats, or str, optional
         As for `msb.render`, with its default.
     settings : mapping, optional
@@ -122,7 +121,8 @@ def why(
     Returns
     -------
     list of Cause
-        One for each of `CAUSES`, also for those that do not apply. Its attribute `total` is all at once.
+        One for each of `CAUSES`, also for those that do not apply: none does where no view sees the asset. Its
+        attribute `total` is all at once.
 
     Raises
     ------
@@ -130,11 +130,10 @@ def why(
         The errors of `msb.Renderer`.
     """
     found = with_settings(as_asset(asset), settings or {})
-    count, width, height = TURNTABLE
-    seen = around(found, count, width, height) if cameras is None else list(cameras)
+    chosen = choose_views(found, cameras, asset, device=device).seeing(found, device)
     stated = found.manifest.appearance.get("background")
     color = own_background(found.manifest) if background is None else check_background(background, stated)
-    views = Views(found, seen, color, device)
+    views = Views(found, chosen, color, device)
     causes = Causes()
     for known in CAUSES:
         causes.append(_measured(known, views))

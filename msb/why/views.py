@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.meshes import Mesh
     from msb.render import Frame
-    from msb.scenes import Camera
+    from msb.views import Views as ChosenViews
 
     Image = NDArray[np.float32]
 
@@ -39,17 +39,18 @@ class Views:
     def __init__(
         self,
         asset: Asset,
-        cameras: Sequence[Camera],
+        views: ChosenViews,
         background: tuple[float, float, float],
         device: str | None,
     ) -> None:
-        self.asset, self.cameras, self.background, self.device = asset, cameras, background, device
+        self.asset, self.cameras, self.background, self.device = asset, views.cameras, background, device
+        self._blind = None if views.cameras else views.nothing
         self._official: list[Image] | None = None
         self._plain: list[Frame] | None = None
 
     def own(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return images of the dedicated tier, of another asset of its method or with other settings."""
-        why = why_not(self.asset.manifest, "dedicated")
+        why = why_not(self.asset.manifest, "dedicated") or self._blind
         if why is not None:
             raise DoesNotApplyError(why)
         settings = options.pop("settings", {})
@@ -64,7 +65,7 @@ class Views:
 
     def mesh(self) -> Mesh:
         """Return the mesh of the standard tier."""
-        why = why_not(self.asset.manifest, "standard")
+        why = why_not(self.asset.manifest, "standard") or self._blind
         if why is not None:
             raise DoesNotApplyError(why)
         return mesh_from_asset(self.asset)

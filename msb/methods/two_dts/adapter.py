@@ -43,6 +43,12 @@ _UPSTREAM: dict[str, tuple[str, Any]] = {
 """Setting -> its key in section "model" of a config, and what the official code takes where it is absent."""
 
 
+def training_scene(root: Path) -> object:
+    """Return the folder of the scene that the config in `root` names, if it does."""
+    dataset = read_config(root, None)[0].get("dataset")
+    return dataset.get("local_dir") if isinstance(dataset, dict) else None
+
+
 def recognises(content: Content) -> bool:
     """Return whether `content` is a checkpoint tuple whose first item has our keys, or a PLY of triangles."""
     if content.ply_names:

@@ -217,5 +217,6 @@ TASKS = (
         ),
         prepare=_prepare,
         picture=beside,
+        by_look=True,
     ),
 )

@@ -137,6 +137,7 @@ TASKS = tuple(
         _says,
         {"percent": percent},
         picture=beside,
+        by_look=True,
     )
     for percent in (50, 25, 10)
 )

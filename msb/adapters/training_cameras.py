@@ -1,0 +1,56 @@
+"""The cameras that a model was trained with: those beside it, or those of the scene its config names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.adapters.locate import locate
+from msb.adapters.training_config import read_cfg_args
+from msb.asset import is_asset
+from msb.errors import MsbError
+from msb.methods import role
+from msb.scenes import read_cameras
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from msb.scenes import Camera
+
+CAMERAS = "cameras.json"
+"""What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:
+scene/__init__.py)."""
+_LEVELS = 6
+"""Folders above a model from which the scene is looked for, if it is not where the config says."""
+
+
+def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], str]]:
+    """Yield the cameras of the training of the model at `path`, and where they are from; the surest first."""
+    try:
+        root = path.absolute().parent if is_asset(path) else locate(path).root.absolute()
+        found = [(root / CAMERAS, CAMERAS)] if (root / CAMERAS).is_file() else []
+        if (scene := _scene(root, method)) is not None:
+            found.append((scene, scene.name))
+    except (MsbError, OSError, ValueError):  # a mesh file, a name that no path can have
+        return
+    for place, name in found:
+        try:
+            yield read_cameras(place), name
+        except MsbError:  # a scene of images alone, a file of something else
+            continue
+
+
+def _scene(root: Path, method: str) -> Path | None:
+    """Return the scene that the config in `root` names: there, or where it was moved to."""
+    own: Any = role(method, "adapter")
+    named = own.training_scene(root) if hasattr(own, "training_scene") else _of_cfg_args(root)
+    if not isinstance(named, str) or not named:
+        return None
+    parts = Path(named.replace("\\", "/")).parts
+    ends = [Path(*parts[k:]) for k in range(len(parts) - 1)]
+    moved = (above / end for end in ends for above in (root, *root.parents[:_LEVELS]))
+    return next((place for place in (Path(named), *moved) if place.is_dir()), None)
+
+
+def _of_cfg_args(root: Path) -> object:
+    return read_cfg_args(root)[0].get("source_path")

@@ -1,0 +1,190 @@
+"""The views that judge a model where none are given: those of its training, else round it or inside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from msb.asset.tiers import why_not
+from msb.errors import DeviceError, UsageError
+from msb.paths import PATH_TYPES
+from msb.render import Renderer
+from msb.render.backend import lean_options
+from msb.scenes.around import around, inside
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.methods import Tier
+    from msb.scenes import Camera
+
+MOST = 12
+"""Cameras of a training that are taken, evenly spread."""
+_LOOK = (320, 240)
+"""The size of the pictures that tell a room from a thing."""
+_SAMPLES = 4000
+"""Faces that are looked for in them."""
+_BEHIND = 2 / 3
+"""Share of what is seen from outside that is seen from behind, from which on the winding says that outside is
+the wrong side. Faces that are wound at random have a half."""
+_SLACK = 1.01
+"""How much deeper than what a picture shows a face may be and still be seen."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """Cameras, where they are from, and the same in words, such as "8 views round it"."""
+
+    cameras: list[Camera]
+    origin: Literal["given", "training", "turntable", "inside"]
+    said: str
+
+    @property
+    def nothing(self) -> str:
+        """What to say where none of the cameras sees a pixel of the mesh."""
+        if self.origin == "given":
+            return (
+                "no camera sees the mesh: the cameras given look elsewhere; they must be of its coordinates"
+            )
+        return f"no camera sees the mesh ({self.said}); --cameras gives others"
+
+    def seeing(self, asset: Asset, device: str | None = None) -> Views:
+        """Return those that see a pixel of the asset, on the standard tier or as its method draws it."""
+        every: tuple[Tier, ...] = ("standard", "dedicated")
+        tiers = [tier for tier in every if why_not(asset.manifest, tier) is None]
+        found: set[int] = set()
+        try:
+            for tier in tiers:
+                left = [index for index in range(len(self.cameras)) if index not in found]
+                with Renderer(asset, tier, device, **lean_options(tier, None)) as renderer:
+                    found |= {k for k in left if (renderer.render(self.cameras[k]).alpha > 0).any()}
+        except DeviceError:  # whoever draws says so
+            return self
+        blind = len(self.cameras) - len(found)
+        if not blind or not tiers:
+            return self
+        said = f"{self.said}; {blind} see none of it and do not count" if found else self.said
+        return replace(self, cameras=[self.cameras[k] for k in sorted(found)], said=said)
+
+
+def choose_views(
+    asset: Asset,
+    given: Views | Iterable[Camera] | None = None,
+    source: Asset | str | os.PathLike[str] | None = None,
+    *,
+    count: int = 8,
+    size: tuple[int, int] = (640, 480),
+    device: str | None = None,
+) -> Views:
+    """Return the views that judge an asset.
+
+    Parameters
+    ----------
+    given : iterable of Camera, optional
+        Somebody's wish, which is taken.
+    source : path-like, optional
+        Where the asset is from, if it does not know that itself: its training is looked for there.
+    count : int
+        Views round the asset, or inside it.
+    size : (int, int)
+        Their width and height; those of a training have no longer side.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: no camera is given.
+    """
+    if isinstance(given, Views):
+        return given
+    if given is not None:
+        found = list(given)
+        if not found:
+            raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
+        return Views(found, "given", f"{len(found)} camera{'' if len(found) == 1 else 's'} given")
+    outside = Views(around(asset, count, *size), "turntable", f"{count} views round it")
+    place = Path(source) if isinstance(source, PATH_TYPES) else asset.path
+    try:
+        return _of_training(asset, place, size, device) or _inside(asset, outside, device) or outside
+    except DeviceError:  # whoever draws says so
+        return outside
+
+
+def _of_training(asset: Asset, place: Path | None, size: tuple[int, int], device: str | None) -> Views | None:
+    from msb.adapters.training_cameras import training_cameras
+
+    for cameras, name in () if place is None else training_cameras(place, asset.manifest.method):
+        few = spread(cameras, MOST)
+        few = [one.scaled(min(1.0, max(size) / max(one.width, one.height))) for one in few]
+        of = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
+        views = Views(few, "training", f"{of} cameras of the training ({name})")
+        if views.seeing(asset, device).cameras:
+            return views
+    return None
+
+
+def _inside(asset: Asset, outside: Views, device: str | None) -> Views | None:
+    first = outside.cameras[0]
+    within = inside(asset, len(outside.cameras), first.width, first.height)
+    if not within or not _is_interior(asset, outside.cameras, within, device):
+        return None
+    said = (
+        f"{len(within)} views from inside: most of its faces are hidden from outside, or seen from behind; "
+    )
+    return Views(within, "inside", f"{said}--cameras gives others")
+
+
+def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:
+    """Return `count` of the cameras, or all of them, evenly spread from the first one on."""
+    if len(cameras) <= count:
+        return list(cameras)
+    return [cameras[k * len(cameras) // count] for k in range(count)]
+
+
+def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], device: str | None) -> bool:
+    """Return whether most faces are hidden, or seen from behind, from outside, and more are seen within.
+
+    Whether a face is seen says its middle: its size, in pixels or in the world, is of no account.
+    """
+    if why_not(asset.manifest, "standard") is not None:
+        return False
+    with Renderer(asset, "standard", device) as renderer:
+        front, back, behind = _seen(asset, renderer, outside)
+        sided = behind >= _BEHIND
+        shown = (front if sided else front | back).mean()
+        if shown >= 0.5:
+            return False
+        front, back, _ = _seen(asset, renderer, within)
+        return bool((front if sided else front | back).mean() > shown)
+
+
+def _seen(
+    asset: Asset, renderer: Renderer, cameras: list[Camera]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float]:
+    """Return which of some faces are seen from the front, which from behind, and how often from behind."""
+    faces = asset.buffers["indices"]
+    corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _SAMPLES)]].astype(np.float64)
+    middle = corners.mean(axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    front, back = np.zeros((2, len(middle)), bool)
+    sides = [0, 0]
+    for camera in (one.resized(*_LOOK) for one in cameras):
+        depth = renderer.render(camera).depth
+        pixels, z = camera.project(middle)
+        column, row = np.floor(np.nan_to_num(pixels, nan=-1.0)).T
+        here = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        there = np.where(
+            here, depth[np.where(here, row, 0).astype(int), np.where(here, column, 0).astype(int)], 0
+        )
+        seen = (there > 0) & (z <= _SLACK * there)
+        facing = (normal * (camera.center - middle)).sum(axis=1) > 0
+        front |= seen & facing
+        back |= seen & ~facing
+        sides = [sides[0] + int((seen & facing).sum()), sides[1] + int((seen & ~facing).sum())]
+    return front, back, sides[1] / max(1, sum(sides))
