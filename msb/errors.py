@@ -665,6 +665,10 @@ CODES: dict[str, Code] = {
                 "A package's metric fails on an image, or gives no finite number; the others are measured.",
                 "Update or remove the package the message names.",
             ),
+            "METRIC_NOTHING_SHOWN": (
+                "No view of a condition shows a pixel of the model, so no number says how it looks.",
+                "Give the scene that the model was trained on, or a model in the scene's coordinates.",
+            ),
             "METRIC_ARGUMENT": (
                 "An argument of a metric is out of range.",
                 "The message says what it takes.",

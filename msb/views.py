@@ -50,9 +50,7 @@ class Views:
     def nothing(self) -> str:
         """What to say where none of the cameras sees a pixel of the mesh."""
         if self.origin == "given":
-            return (
-                "no camera sees the mesh: the cameras given look elsewhere; they must be of its coordinates"
-            )
+            return f"no camera sees the mesh ({self.said}): they look elsewhere, or are of other coordinates"
         return f"no camera sees the mesh ({self.said}); --cameras gives others"
 
     def seeing(self, asset: Asset, device: str | None = None) -> Views:
@@ -156,7 +154,7 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
         return False
     with Renderer(asset, "standard", device) as renderer:
         front, back, behind = _seen(asset, renderer, outside)
-        sided = behind >= _BEHIND
+        sided = behind >= _BEHIND or behind <= 1 - _BEHIND
         shown = (front if sided else front | back).mean()
         if shown >= 0.5:
             return False

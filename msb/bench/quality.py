@@ -17,8 +17,9 @@ from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
 from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import check_size, find_renders
-from msb.errors import UsageError
+from msb.errors import MetricError, UsageError
 from msb.files import file_sha256
+from msb.metrics.images import is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
 if TYPE_CHECKING:
@@ -61,6 +62,9 @@ def measure_quality(job: Job) -> dict[str, Any]:
             writers.submit(write_image, folder / f"{name}.png", image, "png")
             truth = job.photographs / f"{name}.png"
             rows.append(_compare(job, camera, name, to_bytes(image), truth, measures))
+        if not source.shows:
+            text = "no test view shows a pixel of the model, so there is nothing to compare; its coordinates "
+            raise MetricError("METRIC_NOTHING_SHOWN", f"{text}may not be those of the scene")
     rows = [row.model_copy(update={"sha256": file_sha256(job.folder / str(row.file))}) for row in rows]
     return {
         "quality": _summary(rows, measures, job.vgg_weights),
@@ -88,6 +92,8 @@ class _Imported:
     job: Job
     scene: Scene
 
+    shows: bool = False
+
     def __post_init__(self) -> None:
         assert self.job.renders is not None
         self.found = find_renders(self.job.renders, self.scene.test)
@@ -97,6 +103,7 @@ class _Imported:
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
             scale = np.float32(255 if image.dtype == np.uint8 else 1)
+            self.shows |= not is_plain(image)
             yield np.asarray(image, np.float32) / scale
 
     def about(self) -> dict[str, Any]:
@@ -117,12 +124,18 @@ class _Drawn:
     scene: Scene
     name: str = ""
     engine: Mapping[str, str] | None = None
+    shows: bool = False
 
     def images(self) -> Iterator[NDArray[np.float32]]:
         with open_renderer(self.job) as renderer:
             self.name, self.engine = renderer.name, renderer.device_info
             for camera in self.scene.test:
-                yield renderer.render(camera, self.scene.background).image
+                frame = renderer.render(camera, self.scene.background)
+                empty = (frame.alpha == 0).all() and (
+                    frame.image == np.asarray(self.scene.background, np.float32)
+                ).all()
+                self.shows |= not empty
+                yield frame.image
 
     def about(self) -> dict[str, Any]:
         host = self.job.tier == "reference"

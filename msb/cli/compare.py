@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -26,6 +26,7 @@ from msb.errors import about
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.scenes import Camera
     from msb_viewers.deployment.shots import Comparison
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
@@ -102,7 +103,7 @@ def compare(
 
     Pictures stand side by side, with a wipe, or as a map of their difference with its PSNR. The command opens
     a window; with --screenshot or --html it writes these instead and needs no display. Without --cameras
-    the views go round the asset.
+    the views are those of its training where they lie beside it, else from around.
     """
     output = Output(None, quiet, verbose, force)
     files = Files(screenshot, None, html)
@@ -155,8 +156,8 @@ def _comparison(
     from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
-    views = _views(options)
-    if views and not any(view.photograph for view in views):
+    views = _views(options) if options.cameras is not None else _chosen(asset, path, options, output)
+    if options.cameras is not None and not any(view.photograph for view in views):
         output.note(f"{options.cameras}: no photograph of its cameras is there; --image-folder names them")
     tiers, missing = choose_tiers(asset, views, options.tiers, headless=headless)
     if options.tiers is None and headless and "reference" not in tiers:
@@ -173,26 +174,44 @@ def _comparison(
     )
 
 
-def _views(options: CompareOptions) -> list[View]:
-    if options.cameras is None:
-        given = {"camera": options.chosen, "image-folder": options.images, "scale": options.scale}
-        refuse(given, "needs --cameras PATH")
+def _chosen(asset: Asset, path: Path, options: CompareOptions, output: Output) -> list[View]:
+    """Return the views of the training or from inside; none where the asset is to be turned."""
+    from msb.views import choose_views
+
+    given = {"camera": options.chosen, "image-folder": options.images, "scale": options.scale}
+    refuse(given, "needs --cameras PATH")
+    found = choose_views(asset, None, path, device=options.device)
+    output.note(f"views: {found.said}")
+    if found.origin == "turntable":
         return []
+    views = _with_photographs(found.cameras, found.place or Path(), None, None)
+    sizes = [min(1.0, max(TURNTABLE[1:]) / max(one.camera.width, one.camera.height)) for one in views]
+    return [replace(one, camera=one.camera.scaled(s)) for one, s in zip(views, sizes, strict=True)]
+
+
+def _views(options: CompareOptions) -> list[View]:
+    assert options.cameras is not None
     from msb.cli.camera_options import choose_cameras
     from msb.scenes import read_cameras
+
+    cameras = choose_cameras(read_cameras(options.cameras), options.chosen, None, None)
+    return _with_photographs(cameras, Path(options.cameras), options.images, options.scale)
+
+
+def _with_photographs(
+    cameras: list[Camera], place: Path, images: Path | None, scale: float | None
+) -> list[View]:
+    """Return views of cameras that were read at `place`, with the photographs that are there or in `images`."""
     from msb.scenes.datasets import photographs_beside
     from msb_viewers.deployment.views import dataset_views
 
-    cameras = choose_cameras(read_cameras(options.cameras), options.chosen, None, None)
-    place = Path(options.cameras)
     beside = place if place.is_dir() else place.parent
-    images = options.images
     if images is not None:
         images = beside / images if (beside / images).is_dir() else images
     elif not any(camera.image_path and camera.image_path.is_file() for camera in cameras):
         found = photographs_beside(place, cameras)
         images = None if found is None else found[0]
-    return dataset_views(cameras, images, options.scale, beside=beside)
+    return dataset_views(cameras, images, scale, beside=beside)
 
 
 def _write(state: CompareState, options: CompareOptions, files: Files, output: Output) -> None:

@@ -28,6 +28,7 @@ EPILOG = epilog(
     "      data_stubs/scenes/mipnerf360/pebble/images_4",
 )
 SCHEMA = "msb.eval/1"
+NOTHING_SHOWN = "every rendering is of one colour: none shows anything, so there is nothing to compare"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
 _COLUMNS = ("name", "pred", "gt", "width", "height")
 
@@ -81,6 +82,8 @@ class _Task:
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
+        self.plain: list[tuple[bool, bool]] = []
+        """Whether rendering and ground truth of a pair are each of one colour."""
         self.notes = [one.to_line(vgg_weights) for one in self.measures.warnings]
 
     def run(self, pairs: list[ImagePair], *, fail_fast: bool) -> int:
@@ -115,7 +118,10 @@ class _Task:
         for message, count in alike.items():
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} fail alike: {message}")
-        data = self.summary(rows, failed)
+        nothing = bool(rows) and all(a for a, _ in self.plain) and not all(b for _, b in self.plain)
+        if nothing:
+            rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]
+        data = self.summary(rows, failed) | ({"reason": NOTHING_SHOWN} if nothing else {})
         self.output.write_json(data)
         self.output.write_csv((*_COLUMNS, *self.metrics), rows)
         if self.output.prints_text and rows:
@@ -125,8 +131,10 @@ class _Task:
     def compare(self, pair: ImagePair) -> dict[str, Any]:
         """Return the row of one pair."""
         from msb import metrics
+        from msb.metrics.images import is_plain
 
         pred, gt = (metrics.read_image(path, background=self.background) for path in (pair.pred, pair.gt))
+        self.plain.append((is_plain(pred), is_plain(gt)))
         with about(pair.pred):
             return {
                 "name": pair.name,
@@ -175,6 +183,8 @@ class _Task:
         table.add_row(f"[bold]mean of {of} image{plural}[/bold]", "", *self._cells(data["mean"]))
         console = self.output.console()
         console.print(table)
+        if "reason" in data:
+            self.output.note(f"warning: {data['reason']}")
         if self.output.quiet:
             return
         if data["psnr_inf_count"]:

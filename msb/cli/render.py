@@ -326,6 +326,11 @@ class _Task:
             else:
                 for _ in images():
                     pass
+        if not any(row["coverage"] for row in rows):
+            text = (
+                "warning: no picture shows any of it: the cameras look elsewhere, or are of other coordinates"
+            )
+            self.output.note(f"{text}; --turntable 8 looks at all of it")
         if self.output.prints_text:
             self.say(rows, renderer.tier)
         return rows

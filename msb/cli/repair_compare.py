@@ -125,7 +125,9 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     reasons = {look.why for row in rows for look in (row.looks or {}).values() if look.why}
     for why in sorted(reasons):
         console.print(escape(f"not drawn: {why}"), soft_wrap=True)
-    console.print(f"PSNR in dB against the asset as stored, the mean over {escape(which)}.", soft_wrap=True)
+    if any(look.same or look.psnr is not None for look in (rows[0].looks or {}).values()):
+        text = f"PSNR in dB against the asset as stored, the mean over {escape(which)}."
+        console.print(text, soft_wrap=True)
 
 
 def print_table(rows: list[list[str]], console: Console) -> None:

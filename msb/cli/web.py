@@ -125,11 +125,17 @@ def web(
     from msb.asset.settings import parse_overrides
     from msb.cli.camera_options import cameras_at, parse_background
     from msb.cli.inputs import open_asset
+    from msb.views import choose_views
 
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
     settings = parse_overrides(asset.manifest.method, assignments or [])
-    views = cameras_at(cameras, chosen, None, scale, output) if cameras is not None else []
+    if cameras is not None:
+        views = cameras_at(cameras, chosen, None, scale, output)
+    else:
+        found = choose_views(asset, None, path)
+        views = [] if found.origin == "turntable" else found.cameras
+        output.note(f"views: {found.said}")
     color, axis = parse_background(background, asset), up or up_axis(asset)
     if up is None and asset.manifest.coordinate_frame.up == "unknown":
         output.note(f"{path}: what is up is not known and taken to be {axis}; --up says otherwise")

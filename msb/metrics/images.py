@@ -142,6 +142,11 @@ def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(value)
 
 
+def is_plain(image: NDArray[Any]) -> bool:
+    """Return whether all pixels of an image (H, W, 3) are of one colour, as where it shows nothing."""
+    return bool((image == image[:1, :1]).all())
+
+
 def unmasked(values: ArrayLike, name: str, code: str) -> NDArray[Any]:
     """Return `values` as an array, unless some are masked: a metric would read what lies under the mask.
 

@@ -1,0 +1,80 @@
+"""A turntable shows the same picture of a thing whatever its size is."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import msb
+from data_stubs.surface import icosphere
+from msb.asset import build_asset
+from msb.errors import SceneError
+from msb.metrics import psnr
+from msb.reference import render_reference
+from msb.scenes import interpolated, read_cameras, write_cameras
+from msb.scenes.around import around
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIZES = [10.0**power for power in range(-6, 7)]
+
+
+def ball(radius: float) -> msb.Asset:
+    directions, faces = icosphere(6)
+    colors = (np.abs(directions) * 255).astype(np.uint8)
+    positions = (radius * directions).astype(np.float32)
+    return build_asset(
+        {"positions": positions, "indices": faces.astype(np.uint32), "color": colors}, {"color": "vertex"}
+    )
+
+
+@pytest.mark.parametrize("radius", SIZES)
+def test_a_ball_looks_alike_at_every_size(radius: float) -> None:
+    frames = []
+    for asset in (ball(1.0), ball(radius)):
+        (camera, _) = around(asset, 2, 96, 72)
+        frames.append(msb.render(asset, camera))
+    one, other = frames
+    assert one.alpha.mean() > 0.4
+    assert psnr(one.image.clip(0, 1), other.image.clip(0, 1)) > 60
+    np.testing.assert_allclose(other.depth / radius, one.depth, atol=1e-3)
+
+
+@pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
+def test_a_method_draws_a_small_model_as_it_does_a_large_one(method: str) -> None:
+    asset = msb.open(ROOT / "data_stubs" / "models" / "pebble" / method)
+    sphere = asset.manifest.bounding_sphere
+    half = replace(
+        asset,
+        buffers={**asset.buffers, "positions": asset.buffers["positions"] / np.float32(128)},
+        manifest=replace(
+            asset.manifest,
+            bounding_sphere=replace(
+                sphere, radius=sphere.radius / 128, center=tuple(x / 128 for x in sphere.center)
+            ),
+        ),
+    )
+    (large, small) = (around(one, 1, 64, 48)[0] for one in (asset, half))
+    assert (large.unit, small.unit < 1) == (1.0, True)
+    whole = msb.render(asset, large, tier="dedicated")
+    for frame in (msb.render(half, small, tier="dedicated"), render_reference(half, small)):
+        assert psnr(whole.image.clip(0, 1), np.asarray(frame.image).clip(0, 1)) > 60
+        np.testing.assert_allclose(128 * frame.depth, whole.depth, atol=1e-3)
+
+
+def test_the_unit_of_a_camera_is_kept(tmp_path: Path) -> None:
+    cameras = around(ball(1e-3), 3, 64, 48)
+    assert cameras[0].unit < 0.01
+    write_cameras(cameras, tmp_path / "views.json")
+    assert read_cameras(tmp_path / "views.json") == cameras
+    assert copy.deepcopy(cameras[0]) == cameras[0]
+    assert {one.unit for one in interpolated(cameras, 5)} == {cameras[0].unit}
+    assert cameras[0].resized(32, 24).unit == cameras[0].in_units().resized(32, 24).unit * cameras[0].unit
+    with pytest.raises(SceneError, match="unit is 0"):
+        replace(cameras[0], unit=0)

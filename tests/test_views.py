@@ -1,0 +1,171 @@
+"""The views that judge a model where none are given, and what is said where they show nothing."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from data_stubs.surface import icosphere
+from msb.asset import build_asset
+from msb.repair.plan import Options
+from msb.scenes import write_cameras
+from msb.scenes.around import around
+from msb.trial.repairs import compare
+from msb.views import MOST, choose_views
+from msb.why import why
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Mesh = tuple[NDArray[Any], NDArray[Any]]
+
+MODELS = ROOT / "data_stubs" / "models"
+CAPTURE = MODELS / "walled" / "mesh_splatting"
+
+
+def asset_of(*meshes: Mesh, turned: bool = False) -> msb.Asset:
+    """Return all meshes as one asset; `turned`: every second face, so that the winding says nothing."""
+    starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(meshes, starts, strict=False)])
+    if turned:
+        faces[::2] = faces[::2, ::-1]
+    points = np.concatenate([points for points, _ in meshes])
+    return build_asset({"positions": points.astype(np.float32), "indices": faces.astype(np.uint32)}, {})
+
+
+def ball(scale: float = 1.0, at: float = 0.0) -> Mesh:
+    points, faces = icosphere(6)
+    return scale * points + [0.0, at, 0.0], faces.astype(np.int64)
+
+
+def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
+    """Return the walls and the floor of a room 2 wide, each of many faces."""
+    steps = np.linspace(-1, 1, 9)
+    u, v = (part.ravel() for part in np.meshgrid(steps, steps))
+    first = np.flatnonzero((u < 1) & (v < 1))
+    square = np.concatenate(
+        [np.stack([first, first + 9, first + 1], 1), np.stack([first + 1, first + 9, first + 10], 1)]
+    )
+    points, faces = [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            if axis == 1 and side > 0 and not lid:
+                continue
+            corner = np.zeros((81, 3))
+            corner[:, axis], corner[:, (axis + 1) % 3], corner[:, (axis + 2) % 3] = side, u, v
+            faces.append((square[:, ::-1] if side > 0 else square) + 81 * len(points))
+            points.append(corner * [1, height, 1])
+    found = np.concatenate(faces)
+    return np.concatenate(points), found[:, ::-1] if inward else found
+
+
+@pytest.mark.parametrize(
+    ("origin", "asset"),
+    [
+        pytest.param("turntable", asset_of(ball()), id="ball"),
+        pytest.param("turntable", asset_of(ball(), turned=True), id="ball-soup"),
+        pytest.param("inside", asset_of((ball()[0], ball()[1][:, ::-1])), id="ball-inward"),
+        pytest.param("turntable", asset_of(room(1.0, inward=False)), id="room-outward"),
+        pytest.param("inside", asset_of(room(1.0, inward=True)), id="room"),
+        pytest.param(
+            "inside", asset_of(room(1.0, inward=True), ball(0.25, at=-0.75)), id="room-with-a-thing"
+        ),
+        pytest.param(
+            "inside", asset_of(room(1.0, inward=False), ball(0.25, at=-0.75), turned=True), id="soup-of-them"
+        ),
+        pytest.param("turntable", asset_of(room(0.3, inward=True)), id="low-room"),
+        pytest.param("turntable", asset_of(room(0.5, inward=False, lid=True), ball(0.25)), id="box"),
+        pytest.param("turntable", msb.load(ROOT / "data_stubs" / "splat_like.triasset"), id="splat"),
+        pytest.param("turntable", msb.open(MODELS / "pebble" / "triangle_splatting"), id="pebble"),
+        pytest.param("turntable", msb.open(MODELS / "pebble" / "diffsoup"), id="no-static-colour"),
+    ],
+)
+def test_what_is_hidden_or_seen_from_behind_is_looked_at_from_inside(origin: str, asset: msb.Asset) -> None:
+    for scale in (1e-4, 1.0, 1e4):
+        positions = asset.buffers["positions"] * np.float32(scale)
+        if asset.manifest.method != "mesh":
+            positions, scale = asset.buffers["positions"], 1.0
+        same = build_asset({"positions": positions, "indices": asset.buffers["indices"]}, {})
+        found = choose_views(same if asset.manifest.method == "mesh" else asset)
+        assert (found.origin, len(found.cameras)) == (origin, 8)
+        assert found.seeing(asset if scale == 1 else same).said == found.said
+
+
+def test_a_training_is_looked_for_beside_the_model_and_in_the_scene_its_config_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = choose_views(msb.open(CAPTURE), source=CAPTURE)
+    assert (found.origin, found.said) == ("training", f"{MOST} of 57 cameras of the training (pebble)")
+    assert max(found.cameras[0].width, found.cameras[0].height) == 640
+    moved = tmp_path / "models" / "mine"
+    shutil.copytree(CAPTURE, moved)
+    asset = msb.open(moved)
+    assert choose_views(asset, source=moved).origin == "turntable"
+    shutil.copytree(
+        ROOT / "data_stubs/scenes/mipnerf360/pebble/sparse", tmp_path / "mipnerf360/pebble/sparse"
+    )
+    assert choose_views(asset, source=moved).said == f"{MOST} of 57 cameras of the training (pebble)"
+    write_cameras(found.cameras[:3], moved / "cameras.json")
+    (file,) = moved.rglob("*.pt")
+    assert choose_views(asset, source=file).said == "3 cameras of the training (cameras.json)"
+    write_cameras(elsewhere(), moved / "cameras.json")
+    assert choose_views(asset, source=moved).said.endswith("(pebble)"), "they see none of it"
+
+
+def test_the_config_of_two_dts_names_its_scene(tmp_path: Path) -> None:
+    shutil.copytree(MODELS / "walled" / "two_dts", tmp_path / "model")
+    scene = ROOT / "data_stubs/scenes/mipnerf360/pebble"
+    with (tmp_path / "model" / "config.yaml").open("a") as file:
+        file.write(f"dataset:\n  local_dir: {scene}\n")
+    found = choose_views(msb.open(tmp_path / "model"), source=tmp_path / "model")
+    assert found.said.endswith("cameras of the training (pebble)")
+
+
+def elsewhere(count: int = 1) -> list[msb.Camera]:
+    size: dict[str, Any] = {"width": 32, "height": 24, "fov_y": 0.8}
+    return [msb.Camera.look_at((0, 0, 50 + k), (0, 0, 90), up=(0, 1, 0), **size) for k in range(count)]
+
+
+def test_what_no_camera_sees_is_not_judged() -> None:
+    asset = asset_of(ball())
+    (tried,) = msb.trial(asset, ["decimate_50"], cameras=elsewhere())
+    assert tried.outcome == "not_run"
+    assert tried.why is not None
+    assert tried.why.startswith("not judged: no camera sees the mesh (1 camera given)")
+    assert {own["psnr"] for own in tried.numbers.values() if isinstance(own, dict)} == {None}
+    causes = why(asset, elsewhere())
+    assert {(one.applies, one.db) for one in causes} == {(False, None)}
+    assert all("no camera sees the mesh" in str(one.reason) for one in causes)
+    rows = compare(asset, elsewhere(), Options(), tasks=())
+    looks = [look for row in rows for look in (row.looks or {}).values()]
+    assert not any(look.same or look.psnr is not None for look in looks)
+    assert all("no camera sees the mesh" in str(look.why) for look in looks)
+
+
+def test_views_that_see_nothing_do_not_count() -> None:
+    asset = asset_of(ball())
+    seeing = around(asset, 2, 48, 36)
+    (alone,) = msb.trial(asset, ["decimate_10"], cameras=seeing)
+    (beside,) = msb.trial(asset, ["decimate_10"], cameras=[*elsewhere(6), *seeing])
+    assert alone.numbers == beside.numbers
+    some = choose_views(asset, [*elsewhere(6), *seeing]).seeing(asset)
+    assert (some.cameras, some.said) == (seeing, "8 cameras given; 6 see none of it and do not count")
+    assert [one.db for one in why(asset, seeing)] == [one.db for one in why(asset, [*elsewhere(6), *seeing])]
+
+
+def test_no_camera_at_all_is_a_wrong_use() -> None:
+    for judge in (
+        lambda: msb.trial(asset_of(ball()), ["solid"], cameras=[]),
+        lambda: why(asset_of(ball()), []),
+    ):
+        with pytest.raises(msb.MsbError, match="cameras is empty") as caught:
+            judge()
+        assert caught.value.code == "USAGE"
