@@ -40,11 +40,12 @@ _SLACK = 1.01
 
 @dataclass(frozen=True)
 class Views:
-    """Cameras, where they are from, and the same in words, such as "8 views round it"."""
+    """Cameras, where they are from, the same in words, and the file or folder of a training's."""
 
     cameras: list[Camera]
     origin: Literal["given", "training", "turntable", "inside"]
     said: str
+    place: Path | None = None
 
     @property
     def nothing(self) -> str:
@@ -117,11 +118,11 @@ def choose_views(
 def _of_training(asset: Asset, place: Path | None, size: tuple[int, int], device: str | None) -> Views | None:
     from msb.adapters.training_cameras import training_cameras
 
-    for cameras, name in () if place is None else training_cameras(place, asset.manifest.method):
+    for cameras, found in () if place is None else training_cameras(place, asset.manifest.method):
         few = spread(cameras, MOST)
         few = [one.scaled(min(1.0, max(size) / max(one.width, one.height))) for one in few]
         of = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
-        views = Views(few, "training", f"{of} cameras of the training ({name})")
+        views = Views(few, "training", f"{of} cameras of the training ({found.name})", found)
         if views.seeing(asset, device).cameras:
             return views
     return None

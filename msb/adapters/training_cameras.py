@@ -24,18 +24,18 @@ _LEVELS = 6
 """Folders above a model from which the scene is looked for, if it is not where the config says."""
 
 
-def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], str]]:
+def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Path]]:
     """Yield the cameras of the training of the model at `path`, and where they are from; the surest first."""
     try:
         root = path.absolute().parent if is_asset(path) else locate(path).root.absolute()
-        found = [(root / CAMERAS, CAMERAS)] if (root / CAMERAS).is_file() else []
+        found = [root / CAMERAS] if (root / CAMERAS).is_file() else []
         if (scene := _scene(root, method)) is not None:
-            found.append((scene, scene.name))
+            found.append(scene)
     except (MsbError, OSError, ValueError):  # a mesh file, a name that no path can have
         return
-    for place, name in found:
+    for place in found:
         try:
-            yield read_cameras(place), name
+            yield read_cameras(place), place
         except MsbError:  # a scene of images alone, a file of something else
             continue
 

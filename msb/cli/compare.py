@@ -201,7 +201,7 @@ def _views(options: CompareOptions) -> list[View]:
 def _with_photographs(
     cameras: list[Camera], place: Path, images: Path | None, scale: float | None
 ) -> list[View]:
-    """Return views of cameras that were read at `place`, with the photographs that are there or in `images`."""
+    """Return views of cameras that were read at `place`, with the photographs there or in `images`."""
     from msb.scenes.datasets import photographs_beside
     from msb_viewers.deployment.views import dataset_views
 

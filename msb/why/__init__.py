@@ -121,8 +121,8 @@ def why(
     Returns
     -------
     list of Cause
-        One for each of `CAUSES`, also for those that do not apply: none does where no view sees the asset. Its
-        attribute `total` is all at once.
+        One for each of `CAUSES`, also for those that do not apply: none does where no view sees the asset.
+        Its attribute `total` is all at once.
 
     Raises
     ------

@@ -101,8 +101,9 @@ class Views:
             if not front.any():  # an asset has a face: one without area, which is not drawn
                 front[0], faces = True, np.zeros((1, 3), mesh.faces.dtype)
             colors = None if mesh.face_colors is None else mesh.face_colors[front]
-            one = Views(self.asset, [camera], self.background, self.device)
-            frames += one.of_mesh(replace(mesh, faces=faces, face_colors=colors))
+            shown = asset_from_mesh(replace(mesh, faces=faces, face_colors=colors))
+            with Renderer(shown, "standard", self.device) as renderer:
+                frames.append(renderer.render(camera, self.background))
         return frames
 
     def _drawn(self, asset: Asset, tier: Any, settings: Mapping[str, Any], **options: Any) -> list[Frame]:

@@ -61,7 +61,7 @@ def test_renderings_of_one_colour_have_no_numbers(msb: Msb, tmp_path: Path) -> N
     assert found["reason"] in msb("eval", tmp_path / "empty", tmp_path / "true").err
 
 
-@pytest.mark.parametrize("tier", ["standard", "dedicated"])
+@pytest.mark.parametrize("tier", ["standard", pytest.param("dedicated", marks=pytest.mark.slow)])
 def test_a_page_has_the_cameras_of_the_training(msb: Msb, tmp_path: Path, tier: str) -> None:
     page = tmp_path / "page.html"
     result = msb(
