@@ -143,20 +143,25 @@ def _read(path: Path, options: CompareOptions, output: Output, *, headless: bool
 
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    comparison = _comparison(asset, path, options, output, headless=headless)
+    views, said = _views(options), ""
+    if options.cameras is None:
+        views, said = _chosen(asset, path, options)
+    comparison = _comparison(asset, path, views, options, output, headless=headless)
     with about(path):
-        return CompareState.first(comparison, layout=options.layout, pair=options.pair, up=options.up)
+        state = CompareState.first(comparison, layout=options.layout, pair=options.pair, up=options.up)
+    if said:
+        output.note(f"views: {said}")
+    return state
 
 
 def _comparison(
-    asset: Asset, path: Path, options: CompareOptions, output: Output, *, headless: bool
+    asset: Asset, path: Path, views: list[View], options: CompareOptions, output: Output, *, headless: bool
 ) -> Comparison:
     from msb.asset.settings import effective_settings, parse_overrides
     from msb.cli.camera_options import parse_background
     from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
-    views = _views(options) if options.cameras is not None else _chosen(asset, path, options, output)
     if options.cameras is not None and not any(view.photograph for view in views):
         output.note(f"{options.cameras}: no photograph of its cameras is there; --image-folder names them")
     tiers, missing = choose_tiers(asset, views, options.tiers, headless=headless)
@@ -174,23 +179,25 @@ def _comparison(
     )
 
 
-def _chosen(asset: Asset, path: Path, options: CompareOptions, output: Output) -> list[View]:
-    """Return the views of the training or from inside; none where the asset is to be turned."""
+def _chosen(asset: Asset, path: Path, options: CompareOptions) -> tuple[list[View], str]:
+    """Return the views of the training or from inside, none where it is to be turned, and their words."""
     from msb.views import choose_views
 
-    given = {"camera": options.chosen, "image-folder": options.images, "scale": options.scale}
-    refuse(given, "needs --cameras PATH")
     found = choose_views(asset, None, path, device=options.device)
-    output.note(f"views: {found.said}")
     if found.origin == "turntable":
-        return []
+        return [], found.said
     views = _with_photographs(found.cameras, found.place or Path(), None, None)
     sizes = [min(1.0, max(TURNTABLE[1:]) / max(one.camera.width, one.camera.height)) for one in views]
-    return [replace(one, camera=one.camera.scaled(s)) for one, s in zip(views, sizes, strict=True)]
+    return [
+        replace(one, camera=one.camera.scaled(size)) for one, size in zip(views, sizes, strict=True)
+    ], found.said
 
 
 def _views(options: CompareOptions) -> list[View]:
-    assert options.cameras is not None
+    if options.cameras is None:
+        given = {"camera": options.chosen, "image-folder": options.images, "scale": options.scale}
+        refuse(given, "needs --cameras PATH")
+        return []
     from msb.cli.camera_options import choose_cameras
     from msb.scenes import read_cameras
 

@@ -130,15 +130,17 @@ def web(
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
     settings = parse_overrides(asset.manifest.method, assignments or [])
+    said = ""
     if cameras is not None:
         views = cameras_at(cameras, chosen, None, scale, output)
     else:
         found = choose_views(asset, None, path)
-        views = [] if found.origin == "turntable" else found.cameras
-        output.note(f"views: {found.said}")
+        views, said = [] if found.origin == "turntable" else found.cameras, found.said
     color, axis = parse_background(background, asset), up or up_axis(asset)
     if up is None and asset.manifest.coordinate_frame.up == "unknown":
         output.note(f"{path}: what is up is not known and taken to be {axis}; --up says otherwise")
+    if said:
+        output.note(f"views: {said}")
     if tier == "standard":
         _write_mesh(asset, target, output, path.name, settings, views, axis, color)
         return
