@@ -151,12 +151,12 @@ class Engine:
     """An engine that sees nothing but red, and cannot draw without reading back."""
 
     name, version = "red engine", "1.2"
+    color: tuple[float, float, float] | None = (1.0, 0.0, 0.0)
 
     def __init__(self, asset: Any, *, device: Any = None, settings: Any = None) -> None: ...
 
     def render(self, camera: Any, background: Any) -> Frame:
-        image = np.zeros((camera.height, camera.width, 3), np.float32)
-        image[..., 0] = 1
+        image = np.full((camera.height, camera.width, 3), self.color or background, np.float32)
         plane = np.zeros(image.shape[:2], np.float32)
         return Frame(image, plane, plane)
 
@@ -200,6 +200,16 @@ def test_an_engine_has_a_column_of_its_own(red: Bench) -> None:
     assert found.timing is None
     assert found.reasons["timing"].code == "UNSUPPORTED_TIER"
     assert "reading its image back" in found.reasons["timing"].message
+
+
+def test_a_condition_that_shows_nothing_has_no_number_but_a_reason(
+    red: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Engine, "color", None)
+    found = red.record(red.compute("red", "quality"))
+    assert (found.status, found.quality) == ("failed", None)
+    assert found.reason.code == "METRIC_NOTHING_SHOWN"
+    assert found.reason.message.startswith("no test view shows a pixel of the model")
 
 
 def test_chamfer_needs_a_scan(bench: Bench) -> None:
