@@ -6,6 +6,7 @@ import json
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pydantic import Field
 
@@ -51,7 +52,7 @@ class Model(Record):
     checkpoint: File | None
     asset: File
     background: tuple[float, float, float] | None
-    training: dict[str, bool | int | str] = Field(default_factory=dict)
+    training: dict[str, Any] = Field(default_factory=dict)
     stamps: tuple[tuple[str, int, int], ...]
     asked: str
     warnings: tuple[str, ...] = ()
