@@ -117,7 +117,7 @@ def test_no_number_stands_on_an_edited_photograph(again: ProtocolFile) -> None:
     found = run_protocol(again, only=["two_dts/standard"], redo=True, watch=watch)
     assert planned(found) == {"two_dts/standard": {"quality": "asked for", "timing": "asked for"}}
     assert cell(again, "two_dts/standard").quality == before
-    said = [text.partition(": ")[2] for text in watch.said if "ground_truth" in text]
+    said = [text.split(": ", 2)[2] for text in watch.said if "ground_truth" in text]
     assert said == ["test/r_0.png was changed; the ground truth was written again"]
 
 
