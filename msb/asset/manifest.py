@@ -93,6 +93,11 @@ class CoordinateFrame(_Record):
     up: str = "unknown"
     units: str = "scene"
 
+    @property
+    def known_up(self) -> str | None:
+        """The axis that points up; None where that is not known."""
+        return None if self.up == "unknown" else self.up
+
 
 @dataclass(frozen=True)
 class BufferSpec(_Record):

@@ -87,8 +87,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     if why is not None:
         text = f"{asset.manifest.method} on tier standard: {why}"
         raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
-    vertices, frame = asset.buffers["positions"], asset.manifest.coordinate_frame
-    up = None if frame.up == "unknown" else frame.up
+    vertices, up = asset.buffers["positions"], asset.manifest.coordinate_frame.known_up
     faces = asset.buffers["indices"].astype(np.int64)
     colors = colors_of(asset)
     if colors is None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from msb.atomic import new_file
 from msb.errors import AssetError, UsageError, about, shorten
 from msb.extras import install
 from msb.meshes import write_mesh
+from msb.meshes.assets import as_held
 from msb.opening import as_asset
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
@@ -210,9 +211,9 @@ def try_asset(
             mesh = _repaired(mesh, plan)
     views = choose_views(asset, cameras, source, size=(960, 720), device=device)
     look = Look(mesh, views, device)
-    found = []
+    found, up = [], asset.manifest.coordinate_frame.known_up
     for task in chosen:
-        found.append(_Trying(task, mesh, look, limits).run(keep, meshes=meshes))
+        found.append(_Trying(task, mesh, look, limits, up).run(keep, meshes=meshes))
         watch(found[-1])
     seen_by: dict[str, Any] = {"count": len(look.cameras), "from": views.origin, "views": views.said}
     seen_by |= {"see_nothing": look.unseeing} if look.unseeing else {}
@@ -240,8 +241,8 @@ def _repaired(mesh: TriedMesh, plan: tuple[str, ...]) -> TriedMesh:
 class _Trying:
     """One task on one mesh."""
 
-    def __init__(self, task: Task, mesh: TriedMesh, look: Look, limits: Limits) -> None:
-        self.task, self.mesh, self.look, self.limits = task, mesh, look, limits
+    def __init__(self, task: Task, mesh: TriedMesh, look: Look, limits: Limits, up: str | None) -> None:
+        self.task, self.mesh, self.look, self.limits, self.up = task, mesh, look, limits, up
 
     def run(self, keep: Path | None, *, meshes: bool) -> Trial:
         """Make the attempts, judge them, and keep what is wanted."""
@@ -337,7 +338,8 @@ class _Trying:
                 if len(mesh.faces):
                     files.append(self.file(library, key))
                     with new_file(folder / files[-1]) as stream:
-                        write_mesh(mesh.to_mesh(), stream, suffix=".glb")
+                        upright = as_held(replace(mesh.to_mesh(), up=self.up), ".glb")
+                        write_mesh(upright, stream, suffix=".glb")
         image = self.task.picture(self.mesh, made, self.look) if self.task.picture and made else None
         if image is None:
             return tuple(files), None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics.likeness import decibels
 from msb.topology import audit_arrays
@@ -70,6 +72,13 @@ def test_a_file_that_is_bad_as_the_mesh_was_works_with_care(replying: Any, tmp_p
     assert (found.outcome, found.why) == ("care", "uv.glb is, seams aside, BAD as the mesh was")
     assert found.numbers["verdict"]["level"] == "bad"
     assert "uv.glb" in found.files
+
+
+def test_files_are_upright_as_glb_files_are(replying: Any, tmp_path: Path) -> None:
+    replying({"xatlas": Made(dict(UV), {"uv": with_uv(soup(box()))}, {"chart": np.zeros(36, np.int64)})})
+    mesh = replace(box().to_mesh(), up="-y")
+    try_asset(asset_from_mesh(mesh), ["uv"], keep=tmp_path)
+    assert np.array_equal(read_mesh(tmp_path / "uv.glb").vertices, soup(box()).vertices * [1, -1, -1])
 
 
 def test_a_file_that_is_worse_than_the_mesh_says_why(replying: Any) -> None:
