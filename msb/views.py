@@ -14,6 +14,7 @@ from msb.paths import PATH_TYPES
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.scenes.around import around, inside
+from msb.scenes.sets import given_cameras
 
 if TYPE_CHECKING:
     import os
@@ -98,12 +99,12 @@ def choose_views(
     Raises
     ------
     UsageError
-        `USAGE`: no camera is given.
+        `USAGE`: no camera is given, or something else.
     """
     if isinstance(given, Views):
         return given
     if given is not None:
-        found = list(given)
+        found = given_cameras(given)
         if not found:
             raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
         return Views(found, "given", f"{len(found)} camera{'' if len(found) == 1 else 's'} given")

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from msb.adapters.content import Content, Options
 from msb.adapters.locate import locate
 from msb.asset import Asset, build_asset
+from msb.asset.arguments import check_type
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
 from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
 from msb.files import file_sha256
 from msb.methods import BUILT_IN, METHODS, role, with_role
 from msb.packages import warn
+from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
+    from pathlib import Path
 
     from msb.adapters.locate import Place
     from msb.adapters.model import Model
@@ -114,12 +116,14 @@ def read_model(
 
     Without `check_values` parameters may be NaN, because the audit counts them.
     """
-    if method is not None and method not in METHODS:
-        text = f'there is no method "{shorten(method, 40)}"; there are {", ".join(METHODS)}'
+    if settings is not None:
+        check_type("settings", settings, Mapping, "a mapping from names to values")
+    if method is not None and method not in tuple(METHODS):
+        text = f'there is no method "{shorten(str(method), 40)}"; there are {", ".join(METHODS)}'
         raise UsageError("USAGE", text, value=method)
     place = locate(path)
     content = Content(place)
-    options = Options(settings or {}, None if config is None else Path(config), check_values)
+    options = Options(settings or {}, None if config is None else given_path(config), check_values)
     if method is not None:
         _refuse_other(content, method)
     chosen = method or _detect(content)

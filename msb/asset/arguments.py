@@ -1,8 +1,12 @@
-"""Refuse arguments of public functions that have a wrong type."""
+"""Refuse arguments of public functions that have a wrong type or value."""
 
 from __future__ import annotations
 
-from msb.errors import UsageError
+from numbers import Integral, Real
+
+import numpy as np
+
+from msb.errors import UsageError, shorten
 
 AN_ASSET = "an Asset, as msb.open returns it"
 A_CAMERA = "an msb.Camera"
@@ -25,3 +29,20 @@ def check_type(name: str, value: object, kind: type, wanted: str) -> None:
     """
     if not isinstance(value, kind):
         raise UsageError("USAGE", f"{name} is of type {type(value).__name__}; it must be {wanted}")
+
+
+def checked_number(name: str, value: object, *, whole: bool = False, positive: bool = False) -> float:
+    """Return a number of Python's or NumPy's as Python's, 0 or more, or above 0 if `positive`.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: it is none, also if it is true or false, not finite, or not `whole`.
+    """
+    kind = Integral if whole else Real
+    if isinstance(value, kind) and not isinstance(value, bool | np.bool_):
+        number = int(value) if isinstance(value, Integral) else float(value)
+        if 0 <= number < np.inf and (number or not positive):
+            return number
+    wanted = "a whole number, 0 or more" if whole else "a positive number" if positive else "0 or more"
+    raise UsageError("USAGE", f"{name} is {shorten(repr(value), 40)}; it must be {wanted}")

@@ -76,6 +76,9 @@ def _check(
     name: str, array: NDArray[Any], rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
     """Raise MESH_ARRAY unless `array` is (rows, one of widths) of one of `types`; rows None is any number."""
+    if not isinstance(array, np.ndarray):
+        text = f"{name} is of type {type(array).__name__}; it must be a NumPy array"
+        raise MeshError("MESH_ARRAY", text)
     ok = array.ndim == 2 and array.shape[1] in widths and array.dtype in types and rows in (None, len(array))
     if not ok:
         shape = f"({'N' if rows is None else rows}, {' or '.join(map(str, widths))})"

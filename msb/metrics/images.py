@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.errors import MetricError
+from msb.errors import MetricError, shorten
 from msb.extras import need_extra
 from msb.metrics.identity import ImageMetric
 
@@ -158,7 +158,11 @@ def unmasked(values: ArrayLike, name: str, code: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
         text = f"{name} is a masked array, and a masked value is neither kept nor left out; decide first"
         raise MetricError(code, text)
-    return np.asarray(values)
+    try:
+        return np.asarray(values)
+    except Exception as error:  # rows of different lengths; an array of another library that refuses
+        text = f"{name} cannot be made a NumPy array: {type(error).__name__}: {shorten(str(error), 200)}"
+        raise MetricError(code, text) from error
 
 
 def image_pair(

@@ -140,7 +140,7 @@ def identity(
         METRIC_ARGUMENT: there is no such metric.
     """
     known = _by_name()
-    if name not in known:
+    if name not in tuple(known):
         raise MetricError("METRIC_ARGUMENT", f"there is no metric '{name}'; there are {', '.join(known)}")
     return known[name].identity(weights=weights, **parameters)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from msb.asset.arguments import check_type, checked_number
 from msb.errors import UsageError, shorten
 from msb.topology.weld import parse_weld
 
@@ -29,6 +29,8 @@ DEFAULT = ("orient", "pair")
 """The plan that changes nothing visible."""
 BY_PEER = {"igl": ("cut",), "pymeshlab": ("drop",)}
 """Peer -> the steps that it can do in our stead."""
+_WHOLE = ("debris_faces", "close_edges")
+_LIMITS = ("seconds", "memory_gib")
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,14 @@ class Options:
         MeshError
             `WELD_DISTANCE`.
         """
-        for name in ("pair_color", "debris_faces", "debris_share", "close_edges", "close_share"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
-                raise UsageError("USAGE", f"{name} is {shorten(str(value), 40)}; it must be 0 or more")
-        if self.peer is not None and self.peer not in BY_PEER:
-            text = f'there is no peer "{shorten(self.peer, 40)}"; there are {", ".join(BY_PEER)}'
+        numbers = {
+            name: checked_number(name, getattr(self, name), whole=name in _WHOLE, positive=name in _LIMITS)
+            for name in ("pair_color", *_WHOLE, "debris_share", "close_share", *_LIMITS)
+        }
+        if self.peer is not None and self.peer not in tuple(BY_PEER):
+            text = f'there is no peer "{shorten(str(self.peer), 40)}"; there are {", ".join(BY_PEER)}'
             raise UsageError("USAGE", text)
-        return replace(self, weld=parse_weld(self.weld))
+        return replace(self, weld=parse_weld(self.weld), **numbers)  # type: ignore[arg-type]
 
 
 def parse_plan(plan: Sequence[str] | str) -> tuple[str, ...]:
@@ -73,9 +75,10 @@ def parse_plan(plan: Sequence[str] | str) -> tuple[str, ...]:
     UsageError
         `USAGE`.
     """
+    check_type("plan", plan, Iterable, "names of steps")
     names = tuple(plan.split(",")) if isinstance(plan, str) else tuple(plan)
     for name in names:
-        if name not in STEPS:
+        if name not in tuple(STEPS):
             text = f'there is no step "{shorten(str(name), 40)}"; there are {", ".join(STEPS)}'
             raise UsageError("USAGE", text)
     if not names:

@@ -165,6 +165,16 @@ class _Work:
         return {f"{shown.domain}_colors": values / 255 if values.dtype == np.uint8 else values}
 
 
+def _wrong_with(weights: NDArray[Any], count: int) -> str | None:
+    try:
+        found = np.asarray(weights)
+    except Exception:  # rows of different lengths; an array of another library that refuses
+        return "are no array"
+    if found.shape != (count,) or found.dtype.kind not in "biuf":
+        return f"have shape {found.shape} and are {found.dtype}"
+    return None if (np.isfinite(found) & (found >= 0)).all() else "are negative, or not finite"
+
+
 def run_plan(
     buffers: Buffers,
     domains: Mapping[str, str],
@@ -206,8 +216,8 @@ def run_plan(
     """
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
     refuse_nonfinite(points)
-    if weights is not None and np.shape(weights) != (len(faces),):
-        text = f"weights have shape {np.shape(weights)}; there must be one for each of {len(faces)} faces"
+    if weights is not None and (wrong := _wrong_with(weights, len(faces))):
+        text = f"weights {wrong}; there must be a number, 0 or more, for each of {len(faces)} faces"
         raise UsageError("USAGE", text)
     before, _ = audit_arrays(points, faces)
     start = first or unchanged(faces, len(points))

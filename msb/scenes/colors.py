@@ -64,7 +64,7 @@ def check_background(background: object, official: object = None) -> Color:
 def _three_numbers(values: Any) -> Color | None:
     try:
         array = np.asarray(values)
-    except (TypeError, ValueError):  # rows of different lengths; an array of another library that refuses
+    except Exception:  # rows of different lengths; an array of another library that refuses
         return None
     if array.shape != (3,) or array.dtype.kind not in "fiu" or np.ma.is_masked(values):
         return None

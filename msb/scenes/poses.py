@@ -70,8 +70,8 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `matrix` as a new array (4, 4) float64 of finite numbers."""
     try:
         given: NDArray[Any] = np.asarray(matrix)
-    except (ValueError, TypeError):
-        text = f"{what} has rows of different lengths; it must be 4 x 4 numbers"
+    except Exception:  # rows of different lengths; an array of another library that refuses
+        text = f"{what} is no array, or has rows of different lengths; it must be 4 x 4 numbers"
         raise SceneError("CAMERA_MATRIX", text) from None
     if given.shape != (4, 4) or given.dtype.kind not in "fiu":
         text = f"{what} is an array of {given.dtype} of shape {given.shape}; it must be 4 x 4 numbers"
@@ -146,7 +146,8 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
     Raises
     ------
     SceneError
-        CAMERA_LOOK_AT: not three finite numbers each, `eye` is `target`, or `up` lies along the view.
+        CAMERA_LOOK_AT: not three numbers each, none beyond `MAX_COORDINATE`; `eye` is `target`, or `up`
+        lies along the view.
     """
     points = {"eye": eye, "target": target, "up": up}
     position, aim, upward = (vector3(name, point) for name, point in points.items())
@@ -175,10 +176,10 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """
     try:
         vector = np.asarray(value, dtype=np.float64)
-    except (ValueError, TypeError):
+    except Exception:  # it is no array, or one of another library that refuses
         vector = np.zeros(0)
     if vector.shape != (3,) or not (np.abs(vector) <= MAX_COORDINATE).all():
-        text = f"{name} is {shorten(repr(value))}; it must be three finite numbers"
+        text = f"{name} is {shorten(repr(value))}; it must be three numbers up to {MAX_COORDINATE:g}"
         raise SceneError("CAMERA_LOOK_AT", text)
     return vector
 

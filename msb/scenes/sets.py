@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from msb.errors import shorten
+from msb.errors import UsageError, shorten
 from msb.paths import normal_form
+from msb.scenes.camera import Camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
-    from msb.scenes.camera import Camera
     from msb.scenes.source import Source
 
 HOLD = 8
 """Every HOLD-th view is a test view: `llffhold` of `graphdeco-inria/gaussian-splatting`."""
+
+
+def given_cameras(cameras: Iterable[Camera]) -> list[Camera]:
+    """Return the cameras of a caller.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: they are something else.
+    """
+    found = list(cameras) if isinstance(cameras, Iterable) else None
+    if found is None or not all(isinstance(camera, Camera) for camera in found):
+        raise UsageError("USAGE", f"cameras is {shorten(repr(cameras), 40)}; it must be several msb.Camera")
+    return found
 
 
 def check_set(cameras: Sequence[Camera], source: Source) -> None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from msb.atomic import new_file
 from msb.errors import OutputError, SceneError
+from msb.paths import given_path
 from msb.scenes.camera import Camera
 from msb.scenes.json_node import MAX_BYTES, read_json
-from msb.scenes.sets import check_set
+from msb.scenes.sets import check_set, given_cameras
 from msb.scenes.source import Source
 
 if TYPE_CHECKING:
@@ -118,9 +119,11 @@ def write_cameras(
         CAMERA_NONE, CAMERA_DUPLICATE or CAMERA_FIELD_VALUE (the background).
     OutputError
         OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large to be read again.
+    UsageError
+        USAGE: no cameras, or no path, as where the two are given in the other order.
     """
-    cameras = list(cameras)
-    check_set(cameras, Source(Path(path), b""))
+    cameras, path = given_cameras(cameras), given_path(path)
+    check_set(cameras, Source(path, b""))
     head: dict[str, Any] = {"schema": SCHEMA}
     if background is not None:
         head["background"] = [float(value) for value in background]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.errors import MeshError
+from msb.errors import MeshError, shorten
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -61,6 +61,9 @@ def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
         array = np.asarray(values)
     except ValueError as error:
         raise MeshError("MESH_ARRAY", f"{name} is not an array: rows differ in length") from error
+    except Exception as error:  # an array of another library, on a GPU or with gradients, refuses
+        text = f"{name} cannot be made a NumPy array: {type(error).__name__}: {shorten(str(error), 200)}"
+        raise MeshError("MESH_ARRAY", text) from error
     if array.shape in {(0,), (0, 3), (1, 0)}:  # [], no rows, and [[]]
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:

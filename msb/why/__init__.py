@@ -7,11 +7,13 @@ docs/worse.md shows every cause in pictures.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
 from msb.callable_packages import make_callable
 from msb.opening import as_asset
@@ -24,7 +26,7 @@ from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, difference
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from msb.asset import Asset
     from msb.scenes import Camera
@@ -129,6 +131,8 @@ def why(
     UsageError, AssetError, DeviceError
         The errors of `msb.Renderer`.
     """
+    if settings is not None:
+        check_type("settings", settings, Mapping, "a mapping from names to values")
     found = with_settings(as_asset(asset), settings or {})
     chosen = choose_views(found, cameras, asset, device=device).seeing(found, device)
     stated = found.manifest.appearance.get("background")

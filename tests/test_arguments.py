@@ -1,0 +1,96 @@
+"""Wrong use of public functions is an error of ours that says what is wrong; numbers of NumPy are numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.meshes import Mesh
+from msb.metrics import psnr
+from msb.repair import plan
+from msb.scenes import write_cameras
+from msb.why import why
+from tests.conftest import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+VIEW: dict[str, Any] = {"up": (0, 1, 0), "width": 16, "height": 12, "fov_y": 0.6}
+MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
+CAMERA = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), **VIEW)
+
+
+class Refuses:
+    """An array of another library that does not become one of NumPy's, such as a tensor with gradients."""
+
+    shape, ndim, dtype = (4, 3), 2, np.dtype(np.float32)
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+    def __len__(self) -> int:
+        return 4
+
+
+@pytest.fixture(scope="module")
+def asset(demo_asset: Path) -> msb.Asset:
+    return msb.open(demo_asset)
+
+
+WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
+    "why without cameras": (lambda a: why(a, []), "USAGE", "at least one"),
+    "why of a camera": (lambda a: why(a, CAMERA), "USAGE", "several msb.Camera"),  # type: ignore[arg-type]
+    "why of names": (lambda a: why(a, ["a"]), "USAGE", "several msb.Camera"),  # type: ignore[list-item]
+    "settings": (lambda a: why(a, settings=3), "USAGE", "settings is of type int"),  # type: ignore[arg-type]
+    "a plan": (lambda a: msb.repair(a, 3), "USAGE", "plan is of type int"),
+    "steps": (lambda a: msb.repair(a, [["cut"]]), "USAGE", "there is no step"),
+    "a peer": (lambda a: msb.repair(a, "cut", peer=["igl"]), "USAGE", "there is no peer"),
+    "no seconds": (lambda a: msb.repair(a, "cut", seconds=-1), "USAGE", "seconds is -1; .* positive"),
+    "text seconds": (lambda a: msb.repair(a, "cut", seconds="x"), "USAGE", "seconds is 'x'; .* positive"),
+    "NaN memory": (lambda a: msb.repair(a, "cut", memory_gib=np.nan), "USAGE", "memory_gib is nan"),
+    "half a face": (lambda a: msb.repair(a, debris_faces=1.5), "USAGE", "is 1.5; .* a whole number"),
+    "true edges": (lambda a: msb.repair(a, close_edges=np.True_), "USAGE", "close_edges is .*True"),
+    "refused weights": (lambda a: msb.repair(a, "drop", weights=Refuses()), "USAGE", "are no array"),
+    "NaN weights": (lambda a: msb.repair(a, "drop", weights=weights(a, np.nan)), "USAGE", "not finite"),
+    "negative weights": (lambda a: msb.repair(a, "drop", weights=weights(a, -1)), "USAGE", "negative"),
+    "vertices": (lambda _: msb.audit(Refuses(), [[0, 1, 2]]), "MESH_ARRAY", "RuntimeError: Can't call"),
+    "an image": (lambda _: psnr(Refuses(), np.zeros((4, 4, 3))), "METRIC_IMAGE_VALUE", "RuntimeError"),
+    "a background": (lambda a: msb.render(a, CAMERA, background=Refuses()), "USAGE", "background is"),
+    "export settings": (lambda _: msb.export(MODEL, settings=3), "USAGE", "settings is of type int"),  # type: ignore[arg-type]
+    "export method": (lambda _: msb.export(MODEL, method=3), "USAGE", 'no method "3"'),  # type: ignore[arg-type]
+    "export config": (lambda _: msb.export(MODEL, config=3), "USAGE", "the path is of type int"),  # type: ignore[arg-type]
+    "trial cameras": (lambda a: msb.trial(a, ["uv"], cameras=3), "USAGE", "several msb.Camera"),
+    "lists": (lambda _: Mesh([[0, 0, 0]], [[0, 0, 0]]), "MESH_ARRAY", "vertices is of type list"),
+    "swapped": (lambda _: write_cameras("c.json", [CAMERA]), "USAGE", "cameras is 'c.json'"),
+    "no path": (lambda _: write_cameras([CAMERA], [CAMERA]), "USAGE", "the path is of type list"),
+    "far": (lambda _: msb.Camera.look_at((1e30, 0, 0), (0, 0, 0), **VIEW), "CAMERA_LOOK_AT", r"1e\+18"),
+}
+
+
+def weights(asset: msb.Asset, value: float) -> np.ndarray:
+    return np.full(asset.manifest.face_count, value)
+
+
+@pytest.mark.parametrize(("call", "code", "words"), WRONG.values(), ids=WRONG)
+def test_wrong_arguments_are_our_errors(
+    asset: msb.Asset, call: Callable[[msb.Asset], Any], code: str, words: str
+) -> None:
+    with pytest.raises(msb.MsbError, match=words) as caught:
+        call(asset)
+    assert caught.value.code == code
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    given = plan.Options(debris_faces=np.int64(3), pair_color=np.float32(0.5), seconds=np.int8(2))
+    held = given.check()
+    assert (held.debris_faces, held.pair_color, held.seconds) == (3, 0.5, 2)
+    assert type(held.debris_faces) is int
+
+
+def test_cameras_may_come_one_after_the_other(asset: msb.Asset) -> None:
+    tiny = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), **{**VIEW, "width": 4, "height": 3})
+    assert len(why(asset, iter([tiny, tiny]))) == len(why(asset, [tiny]))
