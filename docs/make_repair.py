@@ -108,7 +108,9 @@ def _cracks(numbers: dict[str, Any]) -> str:
 
 
 def _collision(numbers: dict[str, Any]) -> str:
-    return f"{numbers['parts']} parts, {100 * (numbers['empty_share'] or 0):.0f} % in mid-air"
+    kind = "mesh" if numbers.get("best") == "pymeshlab" else "hull"
+    shape = f"{kind} of {numbers['faces']:,}" if "instead" in numbers else f"{numbers['parts']} parts"
+    return f"{shape}, {100 * (numbers['empty_share'] or 0):.0f} % in mid-air"
 
 
 def _crossing(numbers: dict[str, Any]) -> str:

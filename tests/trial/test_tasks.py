@@ -53,6 +53,15 @@ def test_a_box_wound_inwards_is_a_solid_with_care(task: str) -> None:
     assert judged.numbers["volume"] == pytest.approx(-1.0)
 
 
+def test_parts_add_up_also_where_bodies_wound_both_ways_cancel_each_other() -> None:
+    (task,) = BOOLEAN
+    numbers = {"accepted_merged": True, "accepted": True, "volume": 1e-9, "volume_left": 1.0}
+    look: Any = NoLook()
+    for taken, outcome in ((-1.0, "works"), (-0.5, "fails")):
+        made = Made({**numbers, "volume_taken": taken, "faces_left": 8})
+        assert task.judge(box(), {"manifold3d": made}, look).outcome == outcome
+
+
 @pytest.mark.slow
 @pytest.mark.oracle
 def test_the_box_takes_half_of_the_volume() -> None:

@@ -62,8 +62,9 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
     numbers = made["manifold3d"].numbers
     if not numbers["accepted_merged"]:
         return Judgement("fails", f"manifold3d refuses it: {numbers['status']}", numbers)
-    whole = numbers["volume"]
-    error = abs(numbers["volume_left"] + numbers["volume_taken"] - whole) / abs(whole) if whole else 1.0
+    whole, left, taken = (numbers[name] for name in ("volume", "volume_left", "volume_taken"))
+    size = max(abs(whole), abs(left) + abs(taken))  # bodies wound both ways may cancel each other
+    error = abs(left + taken - whole) / size if size else 1.0
     numbers = {**numbers, "volume_error": error}
     if error > TOLERANCE:
         return Judgement(
@@ -79,7 +80,8 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
 def _says(numbers: Numbers) -> str:
     if "volume_left" not in numbers:
         return ""
-    share = numbers["volume_left"] / ((numbers["volume_left"] + numbers["volume_taken"]) or 1.0)
+    left, taken = abs(numbers["volume_left"]), abs(numbers["volume_taken"])
+    share = left / ((left + taken) or 1.0)
     return f"{numbers['faces_left']:,} faces left, {100 * share:.0f} % of the volume"
 
 

@@ -160,13 +160,13 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
     own = judged[best]
     if best == "coacd":
         return own
-    kinds = {"manifold3d": "a hull of {}{}", "pymeshlab": "a mesh of {} for what stands still{}"}
+    kinds = {"manifold3d": "hull of {}{}", "pymeshlab": "mesh of {} for what stands still{}"}
     parts = [
-        kinds[library].format(counted(one.numbers["faces"], "face"), _mid_air(one.numbers, " ({})"))
+        "a " + kinds[library].format(counted(one.numbers["faces"], "face"), _mid_air(one.numbers, " ({})"))
         for library, one in judged.items()
     ]
     why = f"instead {' and '.join(parts)} {'was' if len(parts) == 1 else 'were'} made"
-    why += f"; {own.why}" if own.why else ""
+    why += f"; of the {kinds[best].split()[0]}, {own.why}" if own.why else ""
     numbers = {**own.numbers, "best": best, "instead": {name: one.numbers for name, one in judged.items()}}
     return Judgement(worst((own.outcome, "care")), why, numbers)
 
