@@ -23,11 +23,10 @@ import msb
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.repair.plan import Options
-from msb.scenes.around import around
 from msb.topology.shown import structure_text
-from msb.trial.look import VIEWS
 from msb.trial.repairs import compare
 from msb.trial.run import try_asset
+from msb.views import choose_views
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,15 +82,16 @@ def torus(around_it: int = 48, through: int = 24) -> Asset:
     return asset_from_mesh(Mesh(points, faces, (0.5 + points / 3).astype(np.float32)))
 
 
-def measure(asset: Asset, name: str, pictures: Path) -> dict[str, Any]:
+def measure(asset: Asset, name: str, pictures: Path, source: Path | None = None) -> dict[str, Any]:
     """Return the audit's verdict, the trials, and the repairs where they are compared; write pictures."""
     pictures.mkdir()
     found: dict[str, Any] = {"faces": asset.manifest.face_count, "verdict": msb.audit(asset).verdict}
-    tried = try_asset(asset, keep=pictures, meshes=False).to_dict()
+    views = choose_views(asset, None, source, size=(960, 720))
+    tried = try_asset(asset, cameras=views, keep=pictures, meshes=False).to_dict()
     keys = ("task", "outcome", "why", "seconds", "numbers", "libraries")
     found["trials"] = [{key: one[key] for key in keys} for one in tried["trials"]]
     if name in COMPARED:
-        rows = compare(asset, around(asset, VIEWS), Options(), keep=pictures)
+        rows = compare(asset, views, Options(), keep=pictures)
         found["repairs"] = [row.to_dict() for row in rows]
     return found
 
@@ -229,7 +229,8 @@ def main() -> None:
         folder = Path(temporary)
         for name in names:
             source = sources[name]
-            figures[name] = measure(torus() if source is None else msb.open(source), name, folder / name)
+            asset = torus() if source is None else msb.open(source)
+            figures[name] = measure(asset, name, folder / name, source)
             text = json.dumps(figures, indent=1, sort_keys=True)
             FIGURES.write_text(f"{text}\n", encoding="utf-8")
         if set(PICTURED) <= set(names):
