@@ -36,7 +36,7 @@ def test_every_row_has_the_trials_before_and_after_and_equal_results_are_tried_o
     monkeypatch.setattr(module, "STRATEGIES", ways)
     points, faces = BOOK
     asset = build_asset({"positions": points, "indices": faces.astype(np.uint32)}, {})
-    camera = Camera.look_at((0.3, 0.3, -4), (0, 0, 0), up=(0, 1, 0), width=32, height=24, fov_y=0.8)
+    camera = Camera.look_at((2, 3, -4), (0, 0, 0), up=(0, 1, 0), width=32, height=24, fov_y=0.8)
     rows = {row.strategy: row for row in compare(asset, [camera], Options(), tasks=("solid",))}
     assert asked == [5, 9]
     assert rows[STORED].to_dict()["trials"] == rows["weld"].to_dict()["trials"] == {"solid": "fails"}
