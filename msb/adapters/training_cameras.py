@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 CAMERAS = "cameras.json"
 """What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:
-scene/__init__.py)."""
+scene/__init__.py), and a run beside the assets it makes."""
 _LEVELS = 6
 """Folders above a model from which the scene is looked for, if it is not where the config says."""
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from msb.adapters.training_cameras import CAMERAS
 from msb.atomic import new_file
 from msb.bench.cell import INTERNAL, compute, reason_of, write_result
 from msb.bench.folder import Results, exclusive
@@ -29,6 +31,7 @@ from msb.bench.records import Reason, Result
 from msb.bench.start import check_start, wrong_at_start
 from msb.bench.videos import video_tasks, write_video
 from msb.errors import CODES, EXIT_STATUS, InputError, MsbError
+from msb.scenes import write_cameras
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -230,6 +233,7 @@ class _Run:
         made = [model for model in models.values() if isinstance(model, Model)]
         for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.notes()]):
             self.watch.note(line)
+        self.keep_cameras(planned)
         planned = self.photographs(planned)
         for one in planned:
             if one.reason is not None:
@@ -257,6 +261,15 @@ class _Run:
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         found = dict(self.each("models", prepare_model, unique))
         return {pair: found[task] for pair, task in tasks.items() if task is not None}
+
+    def keep_cameras(self, planned: Sequence[Planned]) -> None:
+        """Write each scene's cameras beside the assets made of its models: they judge these later, too."""
+        jobs = [one.job for one in planned if one.job is not None]
+        scenes = {Path(job.model.asset.path).parent: job.scene for job in jobs if job.model is not None}
+        for folder, at in scenes.items():
+            if folder.is_relative_to(self.results.root / "assets"):
+                scene = at.read()
+                write_cameras([*scene.train, *scene.test], folder / CAMERAS)
 
     def photographs(self, planned: list[Planned]) -> list[Planned]:
         """Write missing or changed ground truth; if that fails, the cells that need it have failed."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+import msb
 from msb import metrics
 from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
@@ -20,6 +21,7 @@ from msb.bench.records import read_result
 from msb.bench.run import _Nobody, run_protocol
 from msb.errors import MsbError
 from msb.scenes.datasets import read_scene
+from msb.views import choose_views
 from tests.bench.protocols import PEBBLE, STUBS, cell, images, planned, protocol, records
 
 if TYPE_CHECKING:
@@ -80,6 +82,15 @@ def test_numbers_are_those_of_the_images_beside_the_record(finished: ProtocolFil
     assert quality.psnr == pytest.approx(np.mean([image.psnr for image in quality.images]), rel=1e-12)
     assert quality.lpips_reason == "no VGG weights ([metrics] vgg_weights)"
     assert [one["name"] for one in quality.metrics] == ["psnr", "ssim"]
+
+
+def test_the_assets_of_a_run_are_judged_by_the_cameras_of_its_scene(finished: ProtocolFile) -> None:
+    one = cell(finished, "two_dts/standard")
+    assert one.asset is not None
+    views = choose_views(msb.load(one.asset.path))
+    scene = read_scene(SCENE, dataset="nerf_synthetic")
+    assert views.origin == "training"
+    assert {view.name for view in views.cameras} <= {camera.name for camera in [*scene.train, *scene.test]}
 
 
 def test_conditions_can_be_compared_and_the_unsupported_says_why(finished: ProtocolFile) -> None:
