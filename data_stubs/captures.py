@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from data_stubs.colmap_file import rounded, write_colmap
 from data_stubs.photographs import averaged, to_bytes
-from msb.matrices import inverse
+from msb.base.matrices import inverse
 from msb.scenes import Camera
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from fuzz.targets import TARGETS
-from msb.extras import install, is_installed
+from msb.base.extras import install, is_installed
 
 SLACK = 300
 """Seconds a worker may take beyond its time: for imports, seeds, and the last input."""

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, overload
 
 from msb.asset import Asset
+from msb.base.paths import PATH_TYPES
 from msb.errors import MeshError, about
-from msb.paths import PATH_TYPES
 from msb.topology import Audit, audit_arrays
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msb.atomic import new_folder
+from msb.base.atomic import new_folder
 
 if TYPE_CHECKING:
     import os
@@ -44,7 +44,7 @@ def write_demo(folder: str | os.PathLike[str]) -> int:
     OutputError
         `OUTPUT_UNWRITABLE`.
     UsageError
-        `OUTPUT_EXISTS`, as `msb.atomic.new_folder`.
+        `OUTPUT_EXISTS`, as `msb.base.atomic.new_folder`.
     """
     source = demo_folder()
     found = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]

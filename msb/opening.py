@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
+from msb.base.files import is_folder
+from msb.base.paths import PATH_TYPES, given_path
 from msb.errors import CheckpointError, about
-from msb.files import is_folder
-from msb.paths import PATH_TYPES, given_path
 
 if TYPE_CHECKING:
     import os

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.writer import FORMS
-from msb.atomic import new_file
+from msb.base.atomic import new_file
+from msb.base.paths import given_path
 from msb.errors import UsageError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import as_held, mesh_from_asset
 from msb.meshes.formats import written_suffixes
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset import Validation, is_asset
 from msb.asset import validate as validate_asset
+from msb.base.paths import given_path
 from msb.errors import InputError, MsbError, Unsupported, error_finding, finding
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os

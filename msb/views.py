@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from msb.asset.tiers import why_not
+from msb.base.paths import PATH_TYPES
 from msb.errors import DeviceError, UsageError
-from msb.paths import PATH_TYPES
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.scenes.around import around, inside

@@ -20,23 +20,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow  # `make lint` runs them
 
 ROOT = Path(__file__).parent.parent
-GROUND = {
-    "errors",
-    "extras",
-    "methods",
-    "atomic",
-    "bounded_parsing",
-    "callable_packages",
-    "children",
-    "files",
-    "matrices",
-    "npz",
-    "packages",
-    "paths",
-    "asset",
-    "scenes",
-    "_version",
-}
+GROUND = {"errors", "base", "methods", "asset", "scenes", "_version"}
 """NumPy and the standard library only."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
@@ -52,27 +36,17 @@ ALLOWED: dict[str, set[str]] = {
     "validating": GROUND | {"adapters", "topology"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
-    "methods": {"errors", "packages", "scenes"},
-    "packages": {"errors"},
-    "extras": {"errors"},
-    "atomic": {"errors", "renaming"},
-    "renaming": set(),
-    "demo": {"atomic"},
-    "files": {"errors", "paths"},
-    "bounded_parsing": set(),
-    "matrices": set(),
-    "npz": set(),
-    "callable_packages": set(),
-    "children": {"errors", "atomic"},
-    "paths": {"errors"},
+    "methods": {"errors", "base", "scenes"},
+    "demo": {"base"},
+    "base": {"errors"},
     "_version": set(),
     "asset": GROUND,
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
-    "cl": {"errors", "extras", "atomic", "children", "_version"},
-    "topology": {"errors", "extras", "children", "npz", "cl"},
-    "metrics": {"errors", "extras", "bounded_parsing", "files", "packages", "paths", "meshes"},
+    "cl": {"errors", "base", "_version"},
+    "topology": {"errors", "base", "cl"},
+    "metrics": {"errors", "base", "meshes"},
     "render": GROUND | {"cl", "opening"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes"},
@@ -82,8 +56,7 @@ ALLOWED: dict[str, set[str]] = {
     "methods.reference": GROUND | {"reference"},
     "methods.look": GROUND | {"render", "cl"},
     # Of bench, the records and what follows from them; of metrics and topology, how numbers are printed.
-    "report": {"errors", "extras", "files", "methods", "packages", "paths", "_version"}
-    | {"bench", "metrics", "topology"},
+    "report": {"errors", "base", "methods", "_version"} | {"bench", "metrics", "topology"},
     "bench": GROUND
     | {
         "auditing",

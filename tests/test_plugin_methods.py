@@ -13,10 +13,10 @@ import pytest
 import msb
 from msb import methods
 from msb.adapters.exporter import detect
+from msb.base.packages import PackageWarning
 from msb.cl import open_device
 from msb.methods import BUILT_IN, METHODS
 from msb.metrics import registry
-from msb.packages import PackageWarning
 from tests.conftest import ROOT
 from tests.test_docs_commands import installed
 

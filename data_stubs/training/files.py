@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from data_stubs.torch_file import write_torch
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

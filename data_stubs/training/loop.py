@@ -15,7 +15,7 @@ from data_stubs.training.losses import Photograph
 from data_stubs.training.model import Model, Statistics
 from data_stubs.training.state import FILE, read_state, write_state
 from msb import metrics
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.errors import UsageError
 
 if TYPE_CHECKING:

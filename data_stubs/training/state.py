@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
+from msb.base.npz import write_npz
 from msb.errors import UsageError
-from msb.npz import write_npz
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,11 +13,11 @@ from msb.asset import Asset, build_asset
 from msb.asset.arguments import check_type
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
+from msb.base.files import file_sha256
+from msb.base.packages import warn
+from msb.base.paths import given_path
 from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
-from msb.files import file_sha256
 from msb.methods import BUILT_IN, METHODS, role, with_role
-from msb.packages import warn
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os

@@ -11,11 +11,11 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from msb.base.files import is_file, open_error
+from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
-from msb.files import is_file, open_error
 from msb.meshes import MESH_SUFFIXES
 from msb.methods import METHODS
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -10,8 +10,8 @@ import re
 import warnings
 from typing import TYPE_CHECKING, Any
 
+from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
-from msb.files import read_file
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.trained import saw_test_views
 

@@ -12,9 +12,9 @@ from msb.asset.manifest import ASSET_SUFFIX, MANIFEST_NAME
 from msb.asset.packed import parse_packed
 from msb.asset.paths import map_member
 from msb.asset.strict_json import MAX_BYTES
+from msb.base.files import map_file, open_error
+from msb.base.paths import given_path
 from msb.errors import AssetError, Finding, InputError, finding, shorten
-from msb.files import map_file, open_error
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     import mmap

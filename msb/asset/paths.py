@@ -8,8 +8,8 @@ import stat
 from typing import TYPE_CHECKING
 
 from msb.asset.manifest import MANIFEST_NAME
+from msb.base.files import READ_ONLY, is_missing, map_descriptor, special_kind, system_reason
 from msb.errors import AssetError
-from msb.files import READ_ONLY, is_missing, map_descriptor, special_kind, system_reason
 
 if TYPE_CHECKING:
     import mmap

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.matrices import inverse
 from msb.errors import UsageError
-from msb.matrices import inverse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

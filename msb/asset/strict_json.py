@@ -11,7 +11,7 @@ import re
 from typing import Any, NoReturn
 
 from msb.asset.manifest import MANIFEST_NAME
-from msb.bounded_parsing import json_nesting
+from msb.base.bounded_parsing import json_nesting
 from msb.errors import AssetError, shorten
 
 MAX_BYTES = 1 << 20

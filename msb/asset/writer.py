@@ -11,7 +11,7 @@ from msb.asset.check import check_manifest
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
 from msb.asset.progress import Meter
 from msb.asset.strict_json import MAX_BYTES
-from msb.atomic import new_file, new_folder
+from msb.base.atomic import new_file, new_folder
 from msb.errors import AssetError
 
 if TYPE_CHECKING:

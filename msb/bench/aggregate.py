@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from msb.base.packages import Lazy
 from msb.metrics.registry import IMAGE_METRICS
-from msb.packages import Lazy
 from msb.scenes.datasets.catalog import DATASETS
 
 if TYPE_CHECKING:

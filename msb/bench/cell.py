@@ -8,7 +8,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.bench.folder import RESULT, Results, check_run
 from msb.bench.job import MAIN, Done
 from msb.bench.parts import (

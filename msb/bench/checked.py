@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from msb.asset.strict_json import parse_strict_json
+from msb.base.files import read_file
 from msb.errors import AssetError, InputError, shorten
-from msb.files import read_file
 
 if TYPE_CHECKING:
     import os

@@ -8,8 +8,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.base.files import file_sha256
 from msb.bench.records import File
-from msb.files import file_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,7 +30,7 @@ def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
 
 
 def describe_file(path: Path) -> File:
-    """Return path, size and hash of a file, or of a folder with all below it; errors as of `msb.files`."""
+    """Return path, size and hash of a file, or of a folder with all below it."""
     if not path.is_dir():
         sha256 = file_sha256(path)
         return File(path=str(path), bytes=path.stat().st_size, sha256=sha256)

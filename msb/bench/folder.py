@@ -12,11 +12,11 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from msb.atomic import new_file, remove_leftovers
+from msb.base.atomic import new_file, remove_leftovers
+from msb.base.extras import need_extra
 from msb.bench.checked import read_json
 from msb.bench.records import read_result
 from msb.errors import InputError, MsbError, OutputError, UsageError
-from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

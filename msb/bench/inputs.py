@@ -11,13 +11,13 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
+from msb.base.files import file_sha256
 from msb.bench.digest import digest
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, views_of
 from msb.bench.quality import metrics_digest
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
-from msb.files import file_sha256
 from msb.scenes.datasets import scaled_note, trained_otherwise
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:
 
 def _repairs(job: Job, wanted: TrialTable) -> Inputs:
     """Return what decides the comparison of repairs."""
-    from msb.extras import is_installed
+    from msb.base.extras import is_installed
     from msb.repair.plan import BY_PEER
     from msb.trial.repairs import STRATEGIES
 

@@ -14,7 +14,7 @@ from msb.adapters.exporter import detect, finish, read_model
 from msb.adapters.locate import locate
 from msb.asset import Asset, is_asset, load, write_asset
 from msb.asset.manifest import MANIFEST_NAME
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.bench.checked import checked, read_json
 from msb.bench.digest import describe_file, digest, list_sha256, stamp
 from msb.bench.folder import Results, check_run

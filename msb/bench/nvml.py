@@ -6,8 +6,8 @@ import contextlib
 import os
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.base.extras import install
 from msb.bench.records import Count, Record
-from msb.extras import install
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -102,7 +102,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
     ------
     InputError, SceneError, AssetError, OutputError
     """
-    from msb.atomic import new_folder
+    from msb.base.atomic import new_folder
     from msb.trial.limits import Limits
     from msb.trial.run import try_asset
 
@@ -138,7 +138,7 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     ------
     InputError, SceneError, AssetError, OutputError
     """
-    from msb.atomic import new_folder
+    from msb.base.atomic import new_folder
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
 

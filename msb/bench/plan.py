@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.base.files import file_sha256
 from msb.bench.cell import reason_of
 from msb.bench.folder import Results, check_names
 from msb.bench.inputs import Known, inputs_of
@@ -16,7 +17,6 @@ from msb.bench.protocol import overrides
 from msb.bench.protocol_tables import AUTO, REFERENCE
 from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
 from msb.errors import InputError, MsbError, UsageError
-from msb.files import file_sha256
 from msb.methods import METHODS, TIERS, lookup
 from msb.render.backend import find_renderer
 from msb.scenes.datasets import find_scenes, scene_at

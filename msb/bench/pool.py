@@ -15,9 +15,9 @@ import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
+from msb.base.extras import need_extra
+from msb.base.packages import PackageWarning
 from msb.errors import DeviceError, UsageError, shorten
-from msb.extras import need_extra
-from msb.packages import PackageWarning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.base.bounded_parsing import parse_toml
+from msb.base.paths import given_path
 from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
 from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTable, Protocol, VariantTable
 from msb.bench.records import CONDITIONS
-from msb.bounded_parsing import parse_toml
 from msb.demo import PROTOCOL, demo_folder
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.methods import METHODS
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     import re

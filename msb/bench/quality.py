@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb import metrics
-from msb.atomic import new_folder
+from msb.base.atomic import new_folder
+from msb.base.files import file_sha256
 from msb.bench.digest import digest
 from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
 from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import check_size, find_renders
 from msb.errors import MetricError, UsageError
-from msb.files import file_sha256
 from msb.metrics.images import is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 

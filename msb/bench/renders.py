@@ -6,14 +6,14 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from msb.base.files import file_sha256, is_folder
+from msb.base.paths import normal_form
 from msb.bench.checked import read_bytes
 from msb.bench.digest import list_sha256
 from msb.bench.records import File
 from msb.errors import InputError, MetricError, shorten
-from msb.files import file_sha256, is_folder
 from msb.metrics.image_files import read_image
 from msb.metrics.pairs import images_below
-from msb.paths import normal_form
 from msb.render.images import image_names
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from msb.adapters.training_cameras import CAMERAS
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.bench.cell import INTERNAL, compute, reason_of, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from msb.base.extras import need_extra
+from msb.base.files import regular_file
 from msb.bench.quality import image_measures
 from msb.errors import MsbError
-from msb.extras import need_extra
-from msb.files import regular_file
 from msb.metrics.registry import modules_needed
 
 if TYPE_CHECKING:

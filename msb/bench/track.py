@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from msb._version import __version__
+from msb.base.extras import need_extra
 from msb.bench.checked import checked, read_json
 from msb.bench.nvml import Gpu, Gpus
 from msb.bench.records import Amount, Count, Record
 from msb.errors import InputError
-from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

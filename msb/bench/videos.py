@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb import metrics
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.bench.aggregate import CONDITION_TITLES
 from msb.bench.checked import read_json
 from msb.bench.digest import digest

@@ -23,8 +23,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.base.extras import install
 from msb.errors import DeviceError, shorten
-from msb.extras import install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.atomic import new_file
-from msb.children import ending, environment, last_line, module_command
+from msb.base.atomic import new_file
+from msb.base.children import ending, environment, last_line, module_command
 from msb.cl import mend
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import user_cache

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from msb.base.paths import shell_word
 from msb.cli.output import plain_table
 from msb.cli.repair_text import advice
 from msb.errors import MsbError, one_line
-from msb.paths import shell_word
 from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
 

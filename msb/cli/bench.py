@@ -192,8 +192,8 @@ def _read_old(path: Path) -> dict[str, Any]:
         `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED`: it is no record of this command.
     """
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
+    from msb.base.files import read_file
     from msb.errors import AssetError
-    from msb.files import read_file
 
     try:
         data = parse_strict_json(read_file(path, MAX_BYTES), file=path, name="the record")

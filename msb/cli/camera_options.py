@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from msb.base.paths import normal_form
 from msb.errors import UsageError, shorten
-from msb.paths import normal_form
 
 if TYPE_CHECKING:
     from msb.asset import Asset

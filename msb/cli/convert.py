@@ -168,7 +168,7 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 
 
 def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
     from msb.cli.inputs import open_asset
     from msb.cli.mesh_files import beyond_a_mesh, note_losses, note_up
     from msb.meshes import read_mesh, write_mesh

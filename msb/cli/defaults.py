@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.base.files import is_file, read_file
 from msb.cli.options import MOVED
 from msb.errors import InputError, UsageError, shorten
-from msb.files import is_file, read_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -77,7 +77,7 @@ def _has_our_table(path: Path) -> bool:
     text = _read(path)
     if not _OURS.search(text):  # most often not, and then nothing is parsed
         return False
-    from msb.bounded_parsing import parse_toml
+    from msb.base.bounded_parsing import parse_toml
 
     try:
         tool = parse_toml(text.decode()).get("tool")
@@ -142,7 +142,7 @@ def in_files(key: str, option: Any) -> bool:
 
 
 def _add_file(found: Defaults, commands: Commands, path: Path) -> None:
-    from msb.bounded_parsing import parse_toml
+    from msb.base.bounded_parsing import parse_toml
 
     try:
         data: Any = parse_toml(_read(path).decode())

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from msb.base.paths import shell_word
 from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo
 from msb.errors import UsageError
-from msb.paths import shell_word
 
 EPILOG = epilog("msb demo-data out/demo-data")
 
@@ -27,9 +27,9 @@ def demo_data(
     the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces demo
     data in DIR, results in it included, and nothing else.
     """
-    from msb.atomic import check_place
+    from msb.base.atomic import check_place
+    from msb.base.files import is_folder
     from msb.demo import PROTOCOL, RESULTS, is_demo, write_demo
-    from msb.files import is_folder
 
     output = Output(None, quiet, verbose, force)
     if is_folder(target) and not any(target.iterdir()):

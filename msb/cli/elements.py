@@ -7,9 +7,9 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
+from msb.base.npz import write_npz
 from msb.cli.output import csv_text
-from msb.npz import write_npz
 from msb.saving import checked_ending
 
 if TYPE_CHECKING:

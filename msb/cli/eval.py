@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from msb.base.extras import need_extra
 from msb.cli.failures import report_error
 from msb.cli.options import CsvFile, FailFast, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, plain_table
 from msb.errors import EXIT_STATUS, MsbError, UsageError, about, shorten
-from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from msb.adapters.locate import bare_models, is_checkpoint, locate
 from msb.asset import ASSET_SUFFIX, is_asset
+from msb.base.files import open_error
 from msb.errors import InputError
-from msb.files import open_error
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
-from msb.atomic import forget_free_places
+from msb.base.atomic import forget_free_places
 from msb.cli.help_pages import plain_record, plain_usage, whole_words
 from msb.errors import UsageError
 

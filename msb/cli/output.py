@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.atomic import check_place, is_stream, new_file
+from msb.base.atomic import check_place, is_stream, new_file
 from msb.errors import OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ class Output:
         """Refuse to overwrite `path` without --force, and a place where nothing can be written.
 
         A device or pipe is written through, and a `folder` cannot be. What another program writes there from
-        now on is not replaced either without --force: `msb.atomic`.
+        now on is not replaced either without --force: `msb.base.atomic`.
 
         Raises
         ------

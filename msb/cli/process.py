@@ -13,7 +13,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.atomic import DISK_ERRORS
+from msb.base.atomic import DISK_ERRORS
 from msb.cli.failures import report_error
 from msb.cli.options import MOVED
 from msb.cli.output import log, say, silence
@@ -118,8 +118,8 @@ def _open_closed_streams() -> None:
 def _output_error(error: Exception) -> OutputError | None:
     """Return what to say if `error` is that standard output cannot be written.
 
-    Other errors are excluded: `msb.atomic` reports files that cannot be written, and an error of opening has
-    a file name.
+    Other errors are excluded: `msb.base.atomic` reports files that cannot be written, and an error of opening
+    has a file name.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
@@ -155,8 +155,8 @@ def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError |
     if hasattr(error, "format_message"):  # the command-line library's own usage errors
         return UsageError("USAGE", _usage_text(error, name, defaults))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # Looking whether there is a file raises it, too. What is written has its own error: `msb.atomic`.
-        from msb.files import open_error
+        # Looking whether there is a file raises it, too; files that are written have an error of their own.
+        from msb.base.files import open_error
 
         return open_error(error, error.filename)
     if isinstance(error, MemoryError):

@@ -284,7 +284,7 @@ class _Task:
 
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write `made` to a mesh file, and return the audit of what the file holds."""
-        from msb.atomic import new_file
+        from msb.base.atomic import new_file
         from msb.cli.mesh_files import note_losses
         from msb.meshes import write_mesh
         from msb.meshes.assets import as_held
@@ -302,8 +302,8 @@ class _Task:
 
 
 def _write_maps(path: Path, done: Repaired | Outcome) -> None:
-    from msb.atomic import new_file
-    from msb.npz import write_npz
+    from msb.base.atomic import new_file
+    from msb.base.npz import write_npz
 
     with new_file(path) as file:
         write_npz(file, {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned})

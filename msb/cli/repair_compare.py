@@ -39,7 +39,7 @@ def compare_strategies(
     output: Output,
 ) -> None:
     """Print the table of `msb.trial.repairs`, and write its JSON and a picture of each strategy."""
-    from msb.atomic import new_folder
+    from msb.base.atomic import new_folder
     from msb.cli.inputs import open_asset
     from msb.errors import about
     from msb.scenes import read_cameras

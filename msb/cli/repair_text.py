@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from msb.paths import shell_word
+from msb.base.paths import shell_word
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from msb.base.extras import need_extra
 from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
-from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from msb.bench.records import Result
@@ -124,7 +124,7 @@ def report(
 
 def _check_target(target: Path, folders: list[Path], output: Output) -> None:
     """Refuse to replace what is not a report, and without --force what somebody put into one."""
-    from msb.atomic import check_place, is_stream
+    from msb.base.atomic import check_place, is_stream
     from msb.report.pages import is_report, not_ours
 
     inside = any(folder.resolve().is_relative_to(target.resolve()) for folder in folders)
@@ -251,7 +251,7 @@ def _draw(result: Result) -> bytes:
 def _write(
     made: Report, wanted: list[Format], figures: dict[Place, bytes], target: Path, output: Output
 ) -> list[str]:
-    from msb.atomic import new_folder
+    from msb.base.atomic import new_folder
     from msb.report.pages import report_files
 
     with output.progress(f"writing {target.name}"):

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from msb.base.paths import shell_word
 from msb.cli.options import DeviceName, JsonFile, Quiet, Verbose, alone, epilog
 from msb.cli.output import Output, echo, plain_table, say
 from msb.cli.scene_options import ImageFolder
 from msb.cli.stage_bar import stage_bar
 from msb.errors import UsageError
-from msb.paths import shell_word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

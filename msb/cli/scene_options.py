@@ -29,7 +29,7 @@ def scene_for(asset: Asset, path: Path, image_folder: str | None) -> Scene:
     ------
     InputError, SceneError
     """
-    from msb.paths import given_path
+    from msb.base.paths import given_path
     from msb.scenes.datasets import dataset_of, scene_at, stated_background
 
     manifest = asset.manifest

@@ -45,7 +45,7 @@ def track(
     non_engine_timing takes the record: it says that loading and writing are included. GPU memory is
     measured by NVML (NVIDIA, extra gpu); if that is missing the record says why.
     """
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
     from msb.bench.renderer_timing import timing_of_command
     from msb.bench.track import track as run
 

@@ -180,7 +180,7 @@ class _Run:
 
     def one(self, path: Path) -> Trials:
         """Try the tasks on what is at `path`, keep what was made, and print the table."""
-        from msb.atomic import new_folder
+        from msb.base.atomic import new_folder
         from msb.cli.inputs import open_asset
 
         with self.output.progress(f"reading {path.name}"):

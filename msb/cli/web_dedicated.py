@@ -51,7 +51,7 @@ def write_page(
     verify: bool,
 ) -> None:
     """Write the page of `asset`, measured where a browser is at hand; tell what became of it."""
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
     from msb.cli.camera_options import around
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack

@@ -19,9 +19,9 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from msb.base.extras import install, is_installed
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
-from msb.extras import install, is_installed
 from msb.render.backend import Drawn
 
 if TYPE_CHECKING:

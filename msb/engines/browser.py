@@ -22,7 +22,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from msb.children import apart
+from msb.base.children import apart
 from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:

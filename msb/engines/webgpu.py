@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb._version import __version__
+from msb.base.extras import install, is_installed
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import (
     INSTALL,
@@ -27,7 +28,6 @@ from msb.engines.webgpu_adapter import (
     release,
 )
 from msb.errors import DeviceError
-from msb.extras import install, is_installed
 from msb.render.backend import Drawn
 
 if TYPE_CHECKING:

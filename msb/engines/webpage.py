@@ -14,7 +14,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.look import AMBIENT, GREY, light_toward
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

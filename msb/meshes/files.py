@@ -7,8 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
-from msb.files import read_file
 from msb.meshes.formats import FORMATS, Format, written_suffixes
 from msb.meshes.source import Source
 from msb.meshes.writing import check_writable

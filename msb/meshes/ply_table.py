@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.files import map_file
 from msb.errors import MeshFileError
-from msb.files import map_file
 from msb.meshes.ply_body import open_body
 from msb.meshes.ply_header import MAX_HEADER_BYTES, Header, read_header
 from msb.meshes.source import Source

@@ -22,6 +22,17 @@ from importlib.util import find_spec
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.base.packages import (
+    NAME,
+    Lazy,
+    PackageError,
+    PackageWarning,
+    contained,
+    installed,
+    load,
+    warn,
+    whose,
+)
 from msb.errors import UsageError, shorten
 from msb.methods.declare import (
     ORDERS,
@@ -39,7 +50,6 @@ from msb.methods.declare import (
     SettingValue,
     Tier,
 )
-from msb.packages import NAME, Lazy, PackageError, PackageWarning, contained, installed, load, warn, whose
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

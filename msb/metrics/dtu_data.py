@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.files import is_folder, library_reason, regular_file
+from msb.base.paths import given_path
 from msb.errors import InputError, MetricError, shorten
-from msb.files import is_folder, library_reason, regular_file
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     import os

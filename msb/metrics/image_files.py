@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.extras import need_extra
+from msb.base.files import library_reason, regular_file
 from msb.errors import MetricError, shorten
-from msb.extras import need_extra
-from msb.files import library_reason, regular_file
 
 if TYPE_CHECKING:
     import os

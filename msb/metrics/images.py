@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.extras import need_extra
 from msb.errors import MetricError, shorten
-from msb.extras import need_extra
 from msb.metrics.identity import ImageMetric
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from msb.base.files import open_error
+from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
-from msb.files import open_error
 from msb.metrics.image_files import IMAGE_SUFFIXES
-from msb.paths import given_path, normal_form
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.files import regular_file
 from msb.errors import Finding, MetricError, finding
-from msb.files import regular_file
 from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import image_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg

@@ -12,11 +12,11 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from msb.base.packages import Lazy, PackageError, contained, installed, load, whose
 from msb.errors import MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
 from msb.metrics.identity import ImageMetric
 from msb.metrics.images import PSNR_CAP, image_pair
-from msb.packages import Lazy, PackageError, contained, installed, load, whose
 
 if TYPE_CHECKING:
     from pathlib import Path

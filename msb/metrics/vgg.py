@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.bounded_parsing import json_nesting
+from msb.base.bounded_parsing import json_nesting
+from msb.base.extras import need_extra
+from msb.base.files import file_sha256, library_reason, regular_file
 from msb.errors import MetricError, shorten
-from msb.extras import need_extra
-from msb.files import file_sha256, library_reason, regular_file
 
 if TYPE_CHECKING:
     import os

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.callable_packages import make_callable
+from msb.base.callable_packages import make_callable
 from msb.render.frame import Frame
 from msb.render.renderer import Renderer, render
 

@@ -10,9 +10,9 @@ from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from msb.asset.tiers import why_not
+from msb.base.packages import PackageError, contained, installed, load, whose
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.methods import TIERS
-from msb.packages import PackageError, contained, installed, load, whose
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

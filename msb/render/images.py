@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
+from msb.base.extras import need_extra
 from msb.errors import UsageError
-from msb.extras import need_extra
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

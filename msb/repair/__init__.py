@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.callable_packages import make_callable
+from msb.base.callable_packages import make_callable
 from msb.repair.assets import Repaired, repair
 from msb.repair.plan import STEPS
 

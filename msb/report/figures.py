@@ -16,8 +16,8 @@ from functools import cached_property, partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.base.extras import need_extra
 from msb.bench.aggregate import CONDITION_TITLES, expected_scenes
-from msb.extras import need_extra
 from msb.methods import METHODS
 from msb.report.numbers import (
     DRAWN_CONDITIONS,

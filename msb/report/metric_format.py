@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
+from msb.base.packages import Lazy
 from msb.bench.aggregate import METRICS
 from msb.metrics.registry import IMAGE_METRICS
-from msb.packages import Lazy
 from msb.topology.shown import DECIMALS, structure_text
 
 if TYPE_CHECKING:

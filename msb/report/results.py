@@ -6,11 +6,11 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from msb.base.files import file_sha256, is_folder
+from msb.base.paths import given_path
 from msb.bench.folder import Results
 from msb.bench.records import CONDITIONS, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
-from msb.files import file_sha256, is_folder
-from msb.paths import given_path
 from msb.report import repairs, trials
 
 if TYPE_CHECKING:

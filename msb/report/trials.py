@@ -6,8 +6,8 @@ import base64
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from msb.base.files import read_file
 from msb.errors import shorten
-from msb.files import read_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.base.files import is_file, is_folder
+from msb.base.paths import SpelledFiles
 from msb.errors import shorten
-from msb.files import is_file, is_folder
-from msb.paths import SpelledFiles
 from msb.scenes import colmap_binary, colmap_text
 from msb.scenes.camera import Camera
 from msb.scenes.poses import rotation_from_quaternion

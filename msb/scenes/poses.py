@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
-from msb.matrices import inverse
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

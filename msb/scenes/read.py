@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from msb.files import is_file, is_folder
-from msb.paths import given_path
+from msb.base.files import is_file, is_folder
+from msb.base.paths import given_path
 from msb.scenes import cameras_json, transforms, views_json
 from msb.scenes.colmap import find_model, read_model
 from msb.scenes.json_node import read_json

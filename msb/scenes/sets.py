@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from msb.base.paths import normal_form
 from msb.errors import UsageError, shorten
-from msb.paths import normal_form
 from msb.scenes.camera import Camera
 
 if TYPE_CHECKING:

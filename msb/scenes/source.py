@@ -6,8 +6,8 @@ import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from msb.base.files import map_file
 from msb.errors import SceneError
-from msb.files import map_file
 
 if TYPE_CHECKING:
     import mmap

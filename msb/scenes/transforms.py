@@ -10,8 +10,8 @@ import re
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, cast
 
+from msb.base.paths import SpelledFiles
 from msb.errors import InputError, SceneError
-from msb.paths import SpelledFiles
 from msb.scenes.camera import Camera
 from msb.scenes.checks import check_name, check_size, focal_from_fov
 from msb.scenes.image_size import image_size

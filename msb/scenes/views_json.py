@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
+from msb.base.paths import given_path
 from msb.errors import OutputError, SceneError
-from msb.paths import given_path
 from msb.scenes.camera import Camera
 from msb.scenes.json_node import MAX_BYTES, read_json
 from msb.scenes.sets import check_set, given_cameras

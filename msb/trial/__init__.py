@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.callable_packages import make_callable
+from msb.base.callable_packages import make_callable
 from msb.trial.limits import Limits
 from msb.trial.run import Trial, trial
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.children import (
+from msb.base.children import (
     apart,
     check_written,
     end,
@@ -22,8 +22,8 @@ from msb.children import (
     module_command,
     shared_folder,
 )
+from msb.base.npz import write_npy
 from msb.errors import shorten
-from msb.npz import write_npy
 from msb.trial.limits import end_with_parent, limit_memory
 from msb.trial.mesh import load_mesh
 from msb.trial.registry import TASKS

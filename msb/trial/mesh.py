@@ -11,9 +11,9 @@ import numpy as np
 
 from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
+from msb.base.npz import write_npy
 from msb.errors import about
 from msb.meshes import Mesh
-from msb.npz import write_npy
 from msb.topology import audit_arrays
 from msb.topology.verdict import judge
 from msb.topology.weld import weld_vertices

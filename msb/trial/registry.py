@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from msb.base.extras import is_installed, need_extra
 from msb.errors import UsageError, shorten
-from msb.extras import is_installed, need_extra
 
 if TYPE_CHECKING:
     from msb.trial.task import Attempt, Task

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
+from msb.base.extras import install
 from msb.errors import AssetError, UsageError, about, shorten
-from msb.extras import install
 from msb.meshes import write_mesh
 from msb.meshes.assets import as_held
 from msb.opening import as_asset

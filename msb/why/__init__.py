@@ -15,7 +15,7 @@ import numpy as np
 
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
-from msb.callable_packages import make_callable
+from msb.base.callable_packages import make_callable
 from msb.opening import as_asset
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background

@@ -15,7 +15,7 @@ import pytest
 
 from msb.asset import Asset, load, validate, write_asset
 from msb.asset import writer as writer_module
-from msb.atomic import new_file, new_folder
+from msb.base.atomic import new_file, new_folder
 from msb.errors import AssetError, OutputError
 from tests.corpus.good import mesh, parts, soup
 

@@ -16,8 +16,8 @@ import pytest
 from typer.main import get_command
 
 import msb as library
-from msb import atomic, renaming
-from msb.atomic import check_place, forget_free_places, new_file, new_folder
+from msb.base import atomic, renaming
+from msb.base.atomic import check_place, forget_free_places, new_file, new_folder
 from msb.cli.app import app
 from msb.errors import OutputError, UsageError
 from tests.conftest import ROOT
@@ -111,13 +111,13 @@ def test_a_folder_is_not_written_onto_a_device(msb: Msb, tmp_path: Path) -> None
 # --- two at once ---------------------------------------------------------------------------------------
 
 _WAITING = """
-import sys, msb.atomic
-move = msb.atomic._moved_to_free_place
+import sys, msb.base.atomic
+move = msb.base.atomic._moved_to_free_place
 def wait(*arguments):
     print("ready", flush=True)
     sys.stdin.readline()
     return move(*arguments)
-msb.atomic._moved_to_free_place = wait
+msb.base.atomic._moved_to_free_place = wait
 from msb.cli import main
 main()
 """

@@ -8,9 +8,9 @@ import re
 
 import pytest
 
+from msb.base.paths import shell_word
 from msb.cli.output import plain_table
 from msb.cli.whole_words import WholeWordConsole
-from msb.paths import shell_word
 
 WORDS = ("pthread-haswell-AMD", "SCENE_IMAGE_MISSING", "of", "a", "photograph")
 

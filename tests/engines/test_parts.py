@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb import extras
+from msb.base import extras
 from msb.engines import blender, browser, webgpu
 from msb.engines.agreement import agreement, interior
 from msb.engines.blender import CyclesRenderer, blender_camera

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from msb.base.packages import PackageWarning
 from msb.bench.aggregate import METRICS as ALL_METRICS
 from msb.bench.records import ImageQuality, Quality, read_result
 from msb.errors import InputError
 from msb.metrics import IMAGE_METRICS, METRICS, Measures, registry
-from msb.packages import PackageWarning
 from msb.report.results import read_results
 from tests.bench.protocols import protocol
 from tests.cli.conftest import msb

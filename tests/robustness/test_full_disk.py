@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.bench.run import run_protocol
 from msb.demo import CONTENTS
 from msb.errors import OutputError

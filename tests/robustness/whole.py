@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset.validation import validate
-from msb.atomic import is_leftover
+from msb.base.atomic import is_leftover
 from msb.bench.machine import OF_THE_MOMENT
 from msb.bench.records import read_result
 from msb.meshes import MESH_SUFFIXES, read_mesh
@@ -35,7 +35,7 @@ def finals(folder: Path) -> Iterator[Path]:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """Return what writers that were killed left, by the names `msb.atomic` gives.
+    """Return what writers that were killed left, by the names `msb.base.atomic` gives.
 
     A writer may be at work: what vanishes meanwhile is passed over, which `Path.rglob` does not do.
     """

@@ -12,7 +12,7 @@ import pytest
 
 import msb.topology.crosscheck as package
 from data_stubs.splat_like import splat_like
-from msb import extras
+from msb.base import extras
 from msb.errors import MeshError, UsageError
 from msb.meshes import read_mesh
 from msb.topology import audit_arrays

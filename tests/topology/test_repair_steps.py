@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msb.extras import is_installed
+from msb.base.extras import is_installed
 from msb.topology.arrays import mesh_arrays
 from msb.topology.audit import audit_arrays
 from msb.topology.crosscheck import PEERS, cross_check

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import msb
-from msb import extras
+from msb.base import extras
 from msb.errors import MeshError, OutputError, UsageError
 from msb.trial import children, registry
 from msb.trial.children import run_attempt

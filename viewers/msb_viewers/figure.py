@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.base.extras import need_extra
 from msb.errors import UsageError
-from msb.extras import need_extra
 from msb_viewers.camera import Pose, element_pose
 from msb_viewers.palette import NEUTRAL, STYLES, unit
 
@@ -89,7 +89,7 @@ def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: in
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
 
     check_suffix(path)
     need_matplotlib()

@@ -7,8 +7,8 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
+from msb.base.extras import need_extra
 from msb.errors import UsageError
-from msb.extras import need_extra
 
 PROBE = """
 from vtkmodules.vtkCommonCore import vtkLogger, vtkObject

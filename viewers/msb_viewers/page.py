@@ -45,7 +45,7 @@ def write_page(
     OutputError
         `OUTPUT_UNWRITABLE`.
     """
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
 
     with new_file(path) as file:
         file.write(page(model, state or ViewState.first(model), up or model.up))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.matrices import inverse
+from msb.base.matrices import inverse
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
 from msb_viewers.controls import Controls

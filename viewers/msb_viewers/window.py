@@ -69,7 +69,7 @@ def write_png(image: NDArray[np.uint8], path: Path) -> None:
     """
     from PIL import Image
 
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
 
     with new_file(path) as file:
         Image.fromarray(image).save(file, "PNG", optimize=True)

@@ -9,8 +9,8 @@ from msb.adapters.checkpoint.archive import read_archive
 from msb.adapters.checkpoint.legacy import is_legacy, read_legacy
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.structure import check_structure
+from msb.base.files import map_file
 from msb.errors import CheckpointError, json_safe
-from msb.files import map_file
 
 if TYPE_CHECKING:
     import os

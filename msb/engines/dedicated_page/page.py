@@ -13,6 +13,7 @@ import numpy as np
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
 from msb.asset.strict_json import parse_strict_json
+from msb.base.files import read_file
 from msb.engines.dedicated_page.stored import restore, store
 from msb.engines.dedicated_page.view_json import live_settings, view_json
 from msb.engines.hardware.packing import pack
@@ -20,7 +21,6 @@ from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
 from msb.errors import DeviceError, InputError
-from msb.files import read_file
 from msb.methods import lookup
 from msb.render.surface import Surface
 

@@ -12,8 +12,8 @@ import numpy as np
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings
 from msb.asset.strict_json import MAX_BYTES, parse_strict_json
+from msb.base.files import read_file
 from msb.errors import CheckpointError, InputError, MsbError, finding
-from msb.files import read_file
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, domains, samples

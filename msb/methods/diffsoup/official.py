@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.atomic import new_folder
+from msb.base.atomic import new_folder
 from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size

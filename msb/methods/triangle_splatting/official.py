@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.adapters.sh import evaluate_sh
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.meshes.writing import write_rows
 
 if TYPE_CHECKING:

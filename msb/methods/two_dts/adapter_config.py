@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from msb.adapters.training_config import missing, read_text, unusable
+from msb.base.files import is_file
 from msb.errors import CheckpointError, Finding, InputError, finding
-from msb.files import is_file
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ import numpy as np
 from msb.adapters.official import rounded_bytes
 from msb.asset.activation import sigmoid
 from msb.asset.look import baked_colors, stored_threshold, visible_faces
-from msb.atomic import new_file
+from msb.base.atomic import new_file
 from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 

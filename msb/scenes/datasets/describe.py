@@ -6,8 +6,8 @@ import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from msb.base.files import is_file
 from msb.errors import Finding, MsbError, error_finding, finding
-from msb.files import is_file
 from msb.scenes.colmap import find_model, read_points
 from msb.scenes.colors import NAMED
 from msb.scenes.datasets.catalog import DATASETS, guess_dataset

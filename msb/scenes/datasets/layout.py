@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from msb.base.files import is_file, is_folder
 from msb.errors import InputError, SceneError
-from msb.files import is_file, is_folder
 from msb.scenes.colmap import find_model
 from msb.scenes.datasets.neus import MATRICES, read_neus
 from msb.scenes.image_size import IMAGE_SUFFIXES

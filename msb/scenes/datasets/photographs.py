@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from msb.base.files import is_file, is_folder
 from msb.errors import SceneError, finding, shorten
-from msb.files import is_file, is_folder
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.layout import folders, images_in
 from msb.scenes.image_size import image_size

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msb.base.files import is_folder
+from msb.base.paths import SpelledFiles, given_path
 from msb.errors import InputError, SceneError, finding, shorten
-from msb.files import is_folder
-from msb.paths import SpelledFiles, given_path
 from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.masks import find_masks

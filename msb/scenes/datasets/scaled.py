@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
+from msb.base.files import is_file, is_folder
+from msb.base.paths import SpelledFiles, given_path
 from msb.errors import MsbError, shorten
-from msb.files import is_file, is_folder
-from msb.paths import SpelledFiles, given_path
 from msb.scenes.colmap import find_model
 from msb.scenes.datasets.layout import folders
 from msb.scenes.image_size import image_size

@@ -6,8 +6,8 @@ import contextlib
 import re
 from typing import TYPE_CHECKING, Any
 
+from msb.base.paths import SpelledFiles
 from msb.errors import Finding, MsbError, finding
-from msb.paths import SpelledFiles
 from msb.scenes.datasets.describe import color_name
 from msb.scenes.image_size import image_size
 

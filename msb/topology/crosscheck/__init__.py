@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from msb.extras import install, is_installed, need_extra
+from msb.base.extras import install, is_installed, need_extra
 from msb.topology.arrays import mesh_arrays
 from msb.topology.crosscheck.children import Reply, ask_peers
 from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.children import (
+from msb.base.children import (
     check_written,
     end,
     ending,
@@ -20,7 +20,7 @@ from msb.children import (
     module_command,
     shared_folder,
 )
-from msb.npz import write_npy
+from msb.base.npz import write_npy
 from msb.topology.crosscheck.peers import PEERS
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.children import leaving, shared_folder
+from msb.base.children import leaving, shared_folder
+from msb.base.extras import need_extra
+from msb.base.npz import write_npy
 from msb.errors import Unsupported
-from msb.extras import need_extra
-from msb.npz import write_npy
 from msb.topology.crosscheck.children import leave_mesh, run_children
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged

@@ -39,7 +39,7 @@ def write_page(
     OutputError
         `OUTPUT_UNWRITABLE`; and what `TierRenderers.shoot` raises.
     """
-    from msb.atomic import new_file
+    from msb.base.atomic import new_file
 
     rows = []
     for view in views:

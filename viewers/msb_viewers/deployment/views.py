@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.asset.look import up_axis
+from msb.base.paths import SpelledFiles
 from msb.errors import UsageError
-from msb.paths import SpelledFiles
 from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
 from msb_viewers.deployment.difference import fitted
 from msb_viewers.model import framing

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.atomic import DISK_ERRORS
+from msb.base.atomic import DISK_ERRORS
 from msb.errors import OutputError, shorten
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def module_command(module: str, *words: str) -> list[str]:
 
 def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the variables of a child, which finds this package whatever its folder is."""
-    root = str(Path(__file__).resolve().parents[1])
+    root = str(Path(__file__).resolve().parents[2])
     path = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path), **(more or {})}
 

@@ -18,8 +18,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, cast
 
+from msb.base.renaming import rename_to_new
 from msb.errors import OutputError, UsageError
-from msb.renaming import rename_to_new
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

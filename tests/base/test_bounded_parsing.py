@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from msb.bounded_parsing import MAX_TOML_DEPTH, json_nesting, parse_toml
+from msb.base.bounded_parsing import MAX_TOML_DEPTH, json_nesting, parse_toml
 
 
 def nested(text: str, levels: int) -> str:

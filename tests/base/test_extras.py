@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from msb.base.extras import install, need_extra
 from msb.bench.records import File
 from msb.errors import EXIT_STATUS, UsageError
-from msb.extras import install, need_extra
 from tests.conftest import ROOT
 from tests.report.factory import make_result, write
 

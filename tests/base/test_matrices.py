@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from msb.matrices import inverse
+from msb.base.matrices import inverse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import msb
-from msb.packages import PackageError, PackageWarning, contained, load
+from msb.base.packages import PackageError, PackageWarning, contained, load
 from msb.render.backend import BUILT_IN, ENGINES, renderers, what_is_missing
 from tests.cli.conftest import msb as msb_command
 from tests.conftest import ROOT

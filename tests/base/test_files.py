@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from msb.base.files import file_sha256, map_file, read_file, regular_file
 from msb.bench.checked import read_json
 from msb.cli.defaults import _read as read_settings_file
 from msb.errors import InputError, MsbError
-from msb.files import file_sha256, map_file, read_file, regular_file
 from msb.meshes import read_mesh
 from msb.metrics import read_image
 

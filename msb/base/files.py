@@ -9,8 +9,8 @@ import os
 import stat
 from typing import TYPE_CHECKING
 
+from msb.base.paths import given_path
 from msb.errors import InputError, shorten
-from msb.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
