@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from data_stubs.made_models import TRAINED
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     from msb.asset import Asset

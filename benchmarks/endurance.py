@@ -30,7 +30,7 @@ import psutil
 
 import msb
 from benchmarks.measure import machine
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.scenes.around import around
 from tests.tiny import MODELS, TINY
 

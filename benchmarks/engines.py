@@ -26,7 +26,7 @@ from data_stubs.make import splat_like_asset
 from msb import Camera
 from msb.asset import Description, build_asset
 from msb.engines.agreement import agreement
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.render.backend import ENGINES, what_is_missing
 from msb.render.images import to_bytes
 from tests.reference.golden import exported, golden_views

@@ -22,7 +22,7 @@ from data_stubs.made_models import write_models
 from docs.make_losses import capture, psnr
 from msb.engines.engine import WALL_CLOCK
 from msb.errors import MsbError, Unsupported
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.render.backend import SETTLED_AT, what_is_missing
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 
 from data_stubs.torch_file import write_torch
 from msb.asset.sh import SH_C0
-from msb.methods import BUILT_IN, METHODS
+from msb.registry import BUILT_IN, METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +41,7 @@ def write_models(folder: Path, surface: Surface, *, white: bool, layout: str) ->
     Parameters
     ----------
     folder : Path
-        The folder that receives a folder for each method, with its name in `msb.methods`.
+        The folder that receives a folder for each method, with its name in the registry.
     surface : Surface
     white : bool
         Whether the background of the training is white.

@@ -20,7 +20,7 @@ from data_stubs.torch_file import write_torch
 from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.manifest import CoordinateFrame, StoredSetting
 from msb.asset.sh import SH_C0
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.scenes import Camera, turntable, write_cameras
 
 HERE = Path(__file__).parent

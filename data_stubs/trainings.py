@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 HERE = Path(__file__).parent
 _LEFT_OUT = "training.npz"

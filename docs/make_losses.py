@@ -25,7 +25,7 @@ import msb
 from benchmarks.dedicated_scenes import BLENDED, is_connected, model
 from benchmarks.dedicated_scenes import camera as capture_camera
 from data_stubs.made_models import TRAINED
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.why import CAUSES, EQUAL, why
 from tests.golden.views import scenes, views
 

@@ -18,7 +18,7 @@ from docs.make_losses import EQUAL, psnr
 from msb.engines.hardware import renderer
 from msb.engines.hardware.plan import FRONT_TO_BACK
 from msb.engines.hardware.program import STOPS
-from msb.methods import METHODS
+from msb.registry import METHODS
 from tests.reference.golden import exported, golden_views
 
 if TYPE_CHECKING:

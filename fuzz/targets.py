@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from fuzz import readers, run_folder, seeds
 from fuzz.target import Target
 from msb.meshes import MESH_SUFFIXES
-from msb.methods import METHODS
+from msb.registry import METHODS
 from tests.adapters import assemble, models
 from tests.scenes.bad_cameras import SMALL as CAMERAS
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.methods import Tier
+    from msb.registry import Tier
     from msb.scenes import Camera
 
 MOST = 12

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from data_stubs.made_models import _WRITERS
 from msb.adapters.exporter import adapters
-from msb.methods import BUILT_IN, METHODS, with_role
+from msb.registry import BUILT_IN, METHODS, with_role
 from msb.scenes.datasets.rulebook import OURS, RULES
 from tests.conftest import ROOT
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import msb
-from msb import methods
+from msb import registry
 from msb.adapters.exporter import detect
 from msb.base.packages import PackageWarning
 from msb.cl import open_device
-from msb.methods import BUILT_IN, METHODS
-from msb.metrics import registry
+from msb.metrics import registry as metric_registry
+from msb.registry import BUILT_IN, METHODS
 from tests.conftest import ROOT
 from tests.test_docs_commands import installed
 
@@ -29,9 +29,9 @@ CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height
 
 
 def forget() -> None:
-    methods._installed.cache_clear()
-    methods._loadable.cache_clear()
     registry._installed.cache_clear()
+    registry._loadable.cache_clear()
+    metric_registry._installed.cache_clear()
     for name in [name for name in sys.modules if name.partition(".")[0] == "msb_facets"]:
         del sys.modules[name]
 
@@ -108,7 +108,7 @@ def test_without_its_package_an_asset_has_the_standard_tier(
         ("facets = msb_facets", "import nothing_of_that_name\n", "ModuleNotFoundError"),
         ("facets = msb_facets", "1 / 0\n", "ZeroDivisionError"),
         ("facets = msb_facets", "", "no attribute 'METHOD'"),
-        ("facets = msb_facets", "METHOD = 'Facets'\n", "no msb.methods.Method"),
+        ("facets = msb_facets", "METHOD = 'Facets'\n", "no msb.registry.Method"),
         ("facets = msb_facets", "import sys; sys.exit()\n", "SystemExit"),
         ("facets = msb_facets", "raise KeyboardInterrupt\n", "KeyboardInterrupt"),
         ("facets = msb_facets", "raise GeneratorExit('x')\n", "GeneratorExit"),
@@ -154,7 +154,7 @@ def test_a_role_that_cannot_be_loaded_is_said_to_be_the_packages(site: Path) -> 
 
 
 def test_a_method_without_roles_may_be_a_module(site: Path) -> None:
-    (site / "msb_alone.py").write_text("from msb.methods import Method\nMETHOD = Method(title='Alone')\n")
+    (site / "msb_alone.py").write_text("from msb.registry import Method\nMETHOD = Method(title='Alone')\n")
     (site / "msb_facets-1.0.dist-info" / "entry_points.txt").write_text("[msb.methods]\nalone = msb_alone\n")
     forget()
     with warnings.catch_warnings():

@@ -17,7 +17,7 @@ from msb.base.files import file_sha256
 from msb.base.packages import warn
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
-from msb.methods import BUILT_IN, METHODS, role, with_role
+from msb.registry import BUILT_IN, METHODS, role, with_role
 
 if TYPE_CHECKING:
     import os

@@ -15,7 +15,7 @@ from msb.base.files import is_file, open_error
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 
 from msb.errors import Unsupported, UsageError
-from msb.methods import lookup, role, with_role
+from msb.registry import lookup, role, with_role
 
 if TYPE_CHECKING:
     import os

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 from msb.asset.manifest import StoredSetting
 from msb.asset.settings import check_overrides
 from msb.errors import CheckpointError, UsageError, json_safe, shorten
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from msb.methods import SettingSource
+    from msb.registry import SettingSource
 
 
 class Settings:

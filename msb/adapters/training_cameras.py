@@ -9,7 +9,7 @@ from msb.adapters.locate import locate
 from msb.adapters.training_config import read_cfg_args
 from msb.asset import is_asset
 from msb.errors import MsbError
-from msb.methods import role
+from msb.registry import role
 from msb.scenes import read_cameras
 
 if TYPE_CHECKING:

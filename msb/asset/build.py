@@ -27,7 +27,7 @@ from msb.asset.manifest import (
 from msb.asset.progress import Meter
 from msb.asset.reader import Asset
 from msb.errors import AssetError
-from msb.methods import TIERS, lookup
+from msb.registry import TIERS, lookup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, VERSION
 from msb.asset.schema import check_schema, describe, escape, manifest_schema
 from msb.errors import Finding, finding, shorten
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

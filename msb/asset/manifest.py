@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from msb.methods import TIERS
+from msb.registry import TIERS
 
 if TYPE_CHECKING:
-    from msb.methods import SettingSource, SettingValue
+    from msb.registry import SettingSource, SettingValue
 
 FORMAT = "triasset"
 VERSION = "1.0"

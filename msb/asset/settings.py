@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset.manifest import StoredSetting
 from msb.errors import UsageError, shorten
-from msb.methods import ORDERS, SAMPLINGS, lookup
+from msb.registry import ORDERS, SAMPLINGS, lookup
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from msb.asset.manifest import Manifest
     from msb.asset.reader import Asset
-    from msb.methods import SettingValue
+    from msb.registry import SettingValue
 
 _BOOLS = {"true": True, "yes": True, "on": True, "1": True}
 _BOOLS |= {"false": False, "no": False, "off": False, "0": False}

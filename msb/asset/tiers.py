@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from msb.methods import METHODS, lookup
+from msb.registry import METHODS, lookup
 
 if TYPE_CHECKING:
     from msb.asset.manifest import Manifest
-    from msb.methods import Tier
+    from msb.registry import Tier
 
 
 def why_not(manifest: Manifest, tier: Tier) -> str | None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from msb.bench.photographs import Views
     from msb.bench.protocol_tables import TrialTable
     from msb.bench.records import Cell, Reason, Status
-    from msb.methods import Tier
+    from msb.registry import Tier
     from msb.scenes.datasets import SceneAt
 
 Part = Literal["quality", "audit", "trial", "repairs", "timing", "chamfer", "training", "renderer_timing"]

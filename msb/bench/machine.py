@@ -7,7 +7,7 @@ import platform
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
-from msb.methods import METHODS, package_of
+from msb.registry import METHODS, package_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,7 +17,7 @@ from msb.bench.protocol import overrides
 from msb.bench.protocol_tables import AUTO, REFERENCE
 from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
 from msb.errors import InputError, MsbError, UsageError
-from msb.methods import METHODS, TIERS, lookup
+from msb.registry import METHODS, TIERS, lookup
 from msb.render.backend import find_renderer
 from msb.scenes.datasets import find_scenes, scene_at
 

@@ -16,7 +16,7 @@ from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTabl
 from msb.bench.records import CONDITIONS
 from msb.demo import PROTOCOL, demo_folder
 from msb.errors import InputError, MsbError, UsageError, shorten
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     import re

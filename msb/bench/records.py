@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Mapping, Sequence
 
-    from msb.methods import Tier
+    from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 """The first version had neither label nor variant in its cell, and is read."""
@@ -75,7 +75,7 @@ class Cell(Record):
     dataset : str
         "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
     scene, method : str
-        The scene, and the method as `msb.methods` names it.
+        The scene, and the method as `msb.registry` names it.
     label : str, optional
         Tells the model from others of its method in one protocol, and names its columns.
     condition : Condition

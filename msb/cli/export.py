@@ -106,7 +106,7 @@ def _settings(
 def _print(asset: Asset, target: Path, output: Output) -> None:
     from rich.markup import escape
 
-    from msb.methods import lookup
+    from msb.registry import lookup
 
     m, console = asset.manifest, output.console()
     size = sum(spec.byte_length for spec in m.buffers.values())

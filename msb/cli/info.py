@@ -14,7 +14,7 @@ from msb.errors import shorten
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.asset.manifest import Manifest
-    from msb.methods import Tier
+    from msb.registry import Tier
 
 EPILOG = epilog("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/checkpoint")
 
@@ -48,7 +48,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     from rich.markup import escape
 
     from msb.asset.look import up_axis
-    from msb.methods import TIERS, lookup
+    from msb.registry import TIERS, lookup
 
     m = asset.manifest
     method, frame = lookup(m.method), m.coordinate_frame
@@ -105,7 +105,7 @@ def _training(manifest: Manifest) -> str:
 
 def _tier(manifest: Manifest, tier: Tier) -> str:
     from msb.asset.tiers import why_not
-    from msb.methods import lookup
+    from msb.registry import lookup
 
     why = why_not(manifest, tier)
     if why is not None:

@@ -1,4 +1,4 @@
-"""`msb methods`: what each method has, and what each tier keeps of it, printed from `msb.methods`."""
+"""`msb methods`: what each method has, and what each tier keeps of it, printed from `msb.registry`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def methods(
 
 def as_data() -> dict[str, Any]:
     """Return everything about the methods as JSON data."""
-    from msb.methods import METHODS
+    from msb.registry import METHODS
 
     return {
         "schema": SCHEMA,
@@ -77,7 +77,7 @@ def as_data() -> dict[str, Any]:
 
 def tables() -> Iterator[tuple[str, TableRows]]:
     """Yield title and rows, the first one the header, of each table."""
-    from msb.methods import METHODS
+    from msb.registry import METHODS
     from msb.report.tables.features import (
         TIER_TITLES,
         deployment_features,

@@ -42,7 +42,7 @@ def document(
 
 def advice(audit: Audit, output: str, source: str) -> str | None:
     """Return what helps where faces share no vertices; `output` is the option -o, `source` what to repair."""
-    from msb.methods import lookup
+    from msb.registry import lookup
 
     if audit.closed_once_merged or audit.corners_coincide:
         return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"

@@ -16,9 +16,9 @@ from msb.asset.arguments import A_CAMERA, AN_ASSET, check_type
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
 from msb.errors import Unsupported, UsageError, shorten
-from msb.methods import lookup, role
 from msb.reference.frame import ReferenceFrame
 from msb.reference.modes import Modes
+from msb.registry import lookup, role
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
@@ -26,7 +26,7 @@ from msb.scenes.datasets import own_background
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from msb.methods import Order, Sampling
+    from msb.registry import Order, Sampling
 
 __all__ = ["ReferenceFrame", "render_reference"]
 

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from msb.methods import Order, Sampling
     from msb.reference.arithmetic import Reals
     from msb.reference.camera_matrices import SplattingCamera
     from msb.reference.tiles import Rectangles, Tile
+    from msb.registry import Order, Sampling
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from msb.asset import Asset
-    from msb.methods import Order, Sampling
+    from msb.registry import Order, Sampling
     from msb.scenes import Camera
 
 

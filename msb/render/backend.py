@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from msb.asset.tiers import why_not
 from msb.base.packages import PackageError, contained, installed, load, whose
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
-from msb.methods import TIERS
+from msb.registry import TIERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

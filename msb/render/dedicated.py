@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
 from msb.errors import Unsupported
-from msb.methods import role
+from msb.registry import role
 from msb.render.backend import check_options, groups_of
 
 if TYPE_CHECKING:

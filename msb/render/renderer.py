@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
-from msb.methods import TIERS
 from msb.opening import as_asset
+from msb.registry import TIERS
 from msb.render.backend import (
     Drawn,
     blaming,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import os
 
     from msb.asset import Asset
-    from msb.methods import Tier
+    from msb.registry import Tier
     from msb.scenes.colors import Color
 
 Background = Sequence[float] | str

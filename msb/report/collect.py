@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from msb.bench.aggregate import AUDITED, METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import interval, view_values
-from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
+from msb.registry import METHODS
 from msb.report.numbers import (
     MEAN,
     ON_CPU,

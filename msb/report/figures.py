@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from msb.base.extras import need_extra
 from msb.bench.aggregate import CONDITION_TITLES, expected_scenes
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,

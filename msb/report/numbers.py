@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from msb.bench.aggregate import CONDITION_TITLES, TITLES
 from msb.bench.records import CONDITIONS, TIER_OF
-from msb.methods import METHODS
 from msb.metrics.registry import IMAGE_METRICS
+from msb.registry import METHODS
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 

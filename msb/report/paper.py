@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from msb.bench.checked import checked, read_json
 from msb.bench.gaps import Ratio, value_gaps
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.report.metric_format import SHOWN
 from msb.report.numbers import DRAWN_CONDITIONS, MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
 
@@ -32,7 +32,7 @@ PAPER_TABLES = (
     "mesh_connectivity",
     "reproducibility_comparison",
 )
-"""The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.methods`."""
+"""The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.registry`."""
 
 OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
 _OUR_METRICS = {

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.methods import Tier
+    from msb.registry import Tier
     from msb.repair.plan import Options
     from msb.scenes import Camera
     from msb.topology import Audit

@@ -18,7 +18,7 @@ from msb.errors import Unsupported
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import with_vertex_colors
 from msb.meshes.formats import written_suffixes
-from msb.methods import lookup
+from msb.registry import lookup
 from msb.why.views import DoesNotApplyError, Views
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from PIL import Image
 
 from data_stubs.torch_file import write_torch
 from msb.adapters.locate import STATE_DICT
-from msb.methods import METHODS
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
+from msb.registry import METHODS
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from msb.asset.build import measure_bounds
 from msb.asset.manifest import Source, SourceFile, StoredSetting
 from msb.asset.validation import check_values
 from msb.errors import AssetError
-from msb.methods import METHODS, TIERS
+from msb.registry import METHODS, TIERS
 from tests.corpus.good import SHA_OF_NOTHING, decoder, mesh, soup
 
 TRIANGLE = np.eye(3, dtype=np.float32)

@@ -25,7 +25,7 @@ from msb.asset.manifest import (
 )
 from msb.asset.schema import check_schema, describe, manifest_schema
 from msb.errors import CODES
-from msb.methods import METHODS, NAME, PASSES, SETTING_SOURCES, TIERS
+from msb.registry import METHODS, NAME, PASSES, SETTING_SOURCES, TIERS
 from tests.corpus.good import decoder, mesh, parts, soup
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 
 from msb.bench.protocol import example, overrides, parse_protocol, read_protocol, single_protocol
 from msb.errors import MsbError
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.scenes.datasets import DATASETS
 from tests.bench.protocols import PEBBLE, STUBS
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from msb.methods import METHODS, PASSES, TIERS, Method
+from msb.registry import METHODS, PASSES, TIERS, Method
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:

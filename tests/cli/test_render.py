@@ -21,7 +21,7 @@ from tests.conftest import ROOT
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from msb.methods import Tier
+    from msb.registry import Tier
     from tests.cli.conftest import Msb
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"

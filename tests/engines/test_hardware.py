@@ -16,7 +16,7 @@ from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS
 from msb.engines.hardware.renderer import HardwareRenderer
 from msb.errors import MsbError
-from msb.methods import role
+from msb.registry import role
 from msb.render.splat.pipeline import SplattingPipeline
 from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views, names

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.methods import METHODS, ORDERS, SAMPLINGS
+from msb.registry import METHODS, ORDERS, SAMPLINGS
 from msb.render.frame import EXTRAS
 from msb.scenes import Camera
 from tests.reference.soups import SPLATTING, soup, weld

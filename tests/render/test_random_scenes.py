@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb.methods import METHODS as METHOD_TABLE
-from msb.methods import ORDERS, SAMPLINGS
 from msb.reference import render_reference
+from msb.registry import METHODS as METHOD_TABLE
+from msb.registry import ORDERS, SAMPLINGS
 from msb.render.dedicated import DedicatedRenderer
 from msb.scenes import Camera
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.cl import Device
-    from msb.methods import Order
+    from msb.registry import Order
 
 COUNT = 5003
 BITS = 18

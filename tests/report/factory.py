@@ -28,7 +28,7 @@ from msb.bench.records import (
     Timing,
     Training,
 )
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.report.numbers import MEAN, Key
 from msb.report.paper import paper_numbers
 

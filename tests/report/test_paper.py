@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from msb.bench.aggregate import scene_groups
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.report.build import paper_report
 from msb.report.contradictions import CONTRADICTIONS
 from msb.report.layout import number_cell

@@ -10,7 +10,7 @@ from PIL import Image
 
 import msb
 from data_stubs.make import cameras
-from msb.methods import TIERS
+from msb.registry import TIERS
 from msb_viewers.deployment.shots import LABELS, Comparison, Shot
 from msb_viewers.deployment.views import View, dataset_views
 from tests.conftest import ROOT

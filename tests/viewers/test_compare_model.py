@@ -193,7 +193,7 @@ def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None
 
 def plain_mesh() -> msb.Asset:
     from msb.asset import Description, build_asset
-    from msb.methods import METHODS
+    from msb.registry import METHODS
     from tests.conftest import TETRAHEDRON
 
     assert "mesh" in METHODS

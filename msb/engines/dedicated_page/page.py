@@ -21,7 +21,7 @@ from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
 from msb.errors import DeviceError, InputError
-from msb.methods import lookup
+from msb.registry import lookup
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.engines.hardware.packing import Packed
     from msb.engines.hardware.plan import Plan
-    from msb.methods import Order, Sampling
+    from msb.registry import Order, Sampling
     from msb.scenes import Camera
 
     Color = tuple[float, float, float]

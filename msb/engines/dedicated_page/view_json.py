@@ -10,7 +10,7 @@ import numpy as np
 from msb.asset.settings import effective_settings
 from msb.engines.hardware.packing import VIEW, model_of
 from msb.errors import MsbError
-from msb.methods import lookup
+from msb.registry import lookup
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

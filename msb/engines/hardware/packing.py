@@ -11,7 +11,7 @@ import numpy as np
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
-from msb.methods import role
+from msb.registry import role
 from msb.render.splat.model import Model, make_model, sh_buffers
 from msb.render.splat.view import make_view
 from msb.render.surface import Surface

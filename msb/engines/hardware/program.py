@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.engines.hardware.packing import Packed
-    from msb.methods import Order, Sampling
+    from msb.registry import Order, Sampling
 
 _GROUP = 64
 """Invocations of a work-group of the stages over faces."""

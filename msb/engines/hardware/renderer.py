@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.methods import Order, Sampling
+    from msb.registry import Order, Sampling
     from msb.scenes import Camera
 
     Color = tuple[float, float, float]

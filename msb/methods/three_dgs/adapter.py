@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NoReturn
 
 from msb.errors import Unsupported
-from msb.methods import METHODS
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     from msb.adapters.content import Content, Options

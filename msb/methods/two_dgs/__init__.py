@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.methods.declare import NO_APPEARANCE, OTHER_LPIPS, Method, Retained
+from msb.registry.declare import NO_APPEARANCE, OTHER_LPIPS, Method, Retained
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(

@@ -11,7 +11,7 @@ from msb.render.splat.launch import WORK_GROUP
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device, Program
-    from msb.methods import Order
+    from msb.registry import Order
     from msb.render.splat.bins import Projected
 
 _SETTLED = 1024

@@ -13,7 +13,7 @@ import numpy as np
 
 from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
-from msb.methods import METHODS, role
+from msb.registry import METHODS, role
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Buffer, Device, Program
     from msb.cl.kernel_text import Define
-    from msb.methods import Order, Sampling
+    from msb.registry import Order, Sampling
     from msb.scenes import Camera
 
 _CHUNK = {"cpu": 4096, "gpu": 1}

@@ -1,15 +1,15 @@
-"""The two feature matrices, made from `msb.methods`."""
+"""The two feature matrices, made from `msb.registry`."""
 
 from __future__ import annotations
 
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from msb.methods import METHODS, Native
+from msb.registry import METHODS, Native
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
 if TYPE_CHECKING:
-    from msb.methods import Method, Tier
+    from msb.registry import Method, Tier
 
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
 _SHOWN: dict[Tier, tuple[str, ...]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.scenes.colors import parse_color
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.rules import Photographs, Rules

@@ -1,7 +1,7 @@
 """Plain data: which photographs each loader takes, at which size, through which camera, over which colour.
 
 "ours" is the benchmark's one rule for all methods; the others are what the methods' official code does, as
-each declares it (`msb.methods`), so that a deviation can be shown, and undone where official numbers are to
+each declares it (`msb.registry`), so that a deviation can be shown, and undone where official numbers are to
 be reproduced. docs/datasets.md prints this as a table.
 """
 

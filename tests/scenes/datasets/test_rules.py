@@ -9,7 +9,7 @@ import pytest
 
 from docs.make_datasets import PAGE, page
 from msb.errors import SceneError
-from msb.methods import METHODS
+from msb.registry import METHODS
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets import DATASETS, RULES, evaluation_background
 from msb.scenes.datasets.catalog import guess_dataset

@@ -1,7 +1,7 @@
 """The classes of the plain data that a method declares, and the words they use.
 
 A method's package holds one `Method`, called ``METHOD``, in its ``__init__.py``. The registry
-`msb.methods` collects them.
+`msb.registry` collects them.
 """
 
 from __future__ import annotations
