@@ -14,25 +14,25 @@ from msb._version import __version__
 if TYPE_CHECKING:
     from msb import metrics
     from msb.adapters import export
+    from msb.api.auditing import audit
+    from msb.api.opening import open
+    from msb.api.saving import save
+    from msb.api.validating import validate
     from msb.asset import Asset, Validation, load
-    from msb.auditing import audit
     from msb.errors import MsbError, Unsupported
-    from msb.opening import open
     from msb.render import Frame, Renderer, render
     from msb.repair import Repaired, repair
-    from msb.saving import save
     from msb.scenes import Camera, read_cameras
     from msb.topology import Audit
     from msb.trial import trial
-    from msb.validating import validate
     from msb.why import why
 
 _HOME = {
     "Asset": "msb.asset",
     "Validation": "msb.asset",
     "load": "msb.asset",
-    "open": "msb.opening",
-    "save": "msb.saving",
+    "open": "msb.api.opening",
+    "save": "msb.api.saving",
     "MsbError": "msb.errors",
     "Unsupported": "msb.errors",
     "Camera": "msb.scenes",
@@ -42,8 +42,8 @@ _HOME = {
     "Renderer": "msb.render",
     "Repaired": "msb.repair",
     "Audit": "msb.topology",
-    "audit": "msb.auditing",
-    "validate": "msb.validating",
+    "audit": "msb.api.auditing",
+    "validate": "msb.api.validating",
 }
 _PACKAGES = ("metrics", "render", "repair", "trial", "why")
 """Packages of the public API. `render`, `repair`, `trial` and `why` can also be called as functions."""

@@ -24,21 +24,15 @@ GROUND = {"errors", "base", "registry", "asset", "scenes", "_version"}
 """NumPy and the standard library only."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    "__init__": GROUND
-    | {"topology", "render", "repair", "trial", "adapters", "metrics", "opening", "saving", "auditing"}
-    | {"validating", "why"},
-    "why": GROUND | {"adapters", "meshes", "metrics", "opening", "render", "views"},
-    # From a path to what lies there, and back.
-    "opening": GROUND | {"meshes", "adapters"},
+    "__init__": GROUND | {"topology", "render", "repair", "trial", "adapters", "metrics", "api", "why"},
+    "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
+    # The verbs: from a path to what lies there, what is found of it, and back.
+    "api": GROUND | {"meshes", "adapters", "topology"},
     "views": GROUND | {"adapters", "render"},
-    "saving": GROUND | {"meshes"},
-    "auditing": GROUND | {"opening", "topology"},
-    "validating": GROUND | {"adapters", "topology"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
     "registry": {"errors", "base", "scenes"},
     "methods": {"registry", "scenes"},
-    "demo": {"base"},
     "base": {"errors"},
     "_version": set(),
     "asset": GROUND,
@@ -48,7 +42,7 @@ ALLOWED: dict[str, set[str]] = {
     "cl": {"errors", "base", "_version"},
     "topology": {"errors", "base", "cl"},
     "metrics": {"errors", "base", "meshes"},
-    "render": GROUND | {"cl", "opening"},
+    "render": GROUND | {"cl", "api"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes"},
     # A method's folder, by role: what draws knows no checkpoint, the reference nothing that draws.
@@ -57,11 +51,10 @@ ALLOWED: dict[str, set[str]] = {
     "methods.reference": GROUND | {"reference"},
     "methods.look": GROUND | {"render", "cl"},
     # Of bench, the records and what follows from them; of metrics and topology, how numbers are printed.
-    "report": {"errors", "base", "registry", "_version"} | {"bench", "metrics", "topology"},
+    "report": {"errors", "base", "registry", "bench", "metrics", "topology", "_version"},
     "bench": GROUND
     | {
-        "auditing",
-        "demo",
+        "api",
         "meshes",
         "adapters",
         "topology",
@@ -73,11 +66,11 @@ ALLOWED: dict[str, set[str]] = {
         "repair",
         "trial",
     },
-    "repair": GROUND | {"opening", "meshes", "topology", "metrics", "render"},
+    "repair": GROUND | {"api", "meshes", "topology", "metrics", "render"},
     # A trial can be of the repaired mesh.
-    "trial": GROUND | {"opening", "meshes", "topology", "metrics", "render", "auditing", "repair", "views"},
+    "trial": GROUND | {"api", "meshes", "topology", "metrics", "render", "repair", "views"},
     # What shows is below the commands that open it.
-    "viewers": GROUND | {"opening", "meshes", "topology", "metrics", "render", "cl"},
+    "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
 }
 ANYTHING = {"cli"}
 LAZY = {
@@ -275,7 +268,7 @@ def test_only_cross_checks_and_trials_know_the_peers() -> None:
 
 def test_what_draws_opens_no_path_but_at_its_front_door() -> None:
     drawing = [path for path in MODULES if part_of(path) == "render"]
-    users = [path.name for path in drawing if any(name == "msb.opening" for name, _ in imports_of(path))]
+    users = [path.name for path in drawing if any(name == "msb.api.opening" for name, _ in imports_of(path))]
     assert users == ["renderer.py"]
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from msb.demo import CONTENTS
+from msb.api.demo import CONTENTS
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow

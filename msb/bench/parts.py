@@ -80,7 +80,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
     ------
     InputError, AssetError, MeshError
     """
-    from msb.auditing import audit
+    from msb.api.auditing import audit
 
     assert job.model is not None
     return {"audit": audit(job.model.open()).to_dict()}

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.api.demo import PROTOCOL, demo_folder
 from msb.base.bounded_parsing import parse_toml
 from msb.base.paths import given_path
 from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
 from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTable, Protocol, VariantTable
 from msb.bench.records import CONDITIONS
-from msb.demo import PROTOCOL, demo_folder
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.registry import METHODS
 

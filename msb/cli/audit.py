@@ -25,8 +25,8 @@ from msb.cli.output import Output, echo, failure
 from msb.errors import GateFailed, MsbError, UsageError
 
 if TYPE_CHECKING:
+    from msb.api.opening import StoredMesh
     from msb.cli.gates import FailingLevel, Gate, Profile, VerdictGate
-    from msb.opening import StoredMesh
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
     from msb.topology.weld import Weld
@@ -212,9 +212,9 @@ class _Task:
 
     def audit_one(self, path: Path) -> Audit:
         """Return the audit of the mesh at `path`, cross-checked and with elements written if asked for."""
-        from msb.auditing import audit_stored
+        from msb.api.auditing import audit_stored
+        from msb.api.opening import read_stored
         from msb.cli.inputs import note_warnings
-        from msb.opening import read_stored
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_stored(path)

@@ -103,8 +103,8 @@ def convert(
 
 def _places(source: Path, found: list[Path], target: Path, to: str) -> dict[Path, Path]:
     """Return input -> output, which lies below `target` as the input lies below the folder `source`."""
+    from msb.api.saving import output_suffix
     from msb.asset import is_asset
-    from msb.saving import output_suffix
 
     suffix = output_suffix(Path(f"--to.{to.removeprefix('.')}"), "--to")
     if target.suffix and not target.is_dir():
@@ -168,14 +168,14 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 
 
 def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
+    from msb.api.opening import is_mesh_file
+    from msb.api.saving import output_suffix
     from msb.base.atomic import new_file
     from msb.cli.inputs import open_asset
     from msb.cli.mesh_files import beyond_a_mesh, note_losses, note_up
     from msb.meshes import read_mesh, write_mesh
     from msb.meshes.assets import as_held, mesh_from_asset
     from msb.meshes.transform import turned_upright, with_linear_colors
-    from msb.opening import is_mesh_file
-    from msb.saving import output_suffix
 
     suffix = output_suffix(target, "OUT")
     with output.progress(f"reading {source.name}"):

@@ -27,9 +27,9 @@ def demo_data(
     the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces demo
     data in DIR, results in it included, and nothing else.
     """
+    from msb.api.demo import PROTOCOL, RESULTS, is_demo, write_demo
     from msb.base.atomic import check_place
     from msb.base.files import is_folder
-    from msb.demo import PROTOCOL, RESULTS, is_demo, write_demo
 
     output = Output(None, quiet, verbose, force)
     if is_folder(target) and not any(target.iterdir()):

@@ -7,10 +7,10 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.api.saving import checked_ending
 from msb.base.atomic import new_file
 from msb.base.npz import write_npz
 from msb.cli.output import csv_text
-from msb.saving import checked_ending
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -55,8 +55,8 @@ def export(
     config, --set, or defaults; the asset records which.
     """
     from msb.adapters.exporter import finish, read_model
+    from msb.api.saving import checked_ending
     from msb.asset import ASSET_SUFFIX, write_asset
-    from msb.saving import checked_ending
 
     output = Output(json_file, quiet, verbose, force)
     target = target or _guess(source)

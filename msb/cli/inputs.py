@@ -83,7 +83,7 @@ def _is_input(folder: Path) -> bool:
 
 def open_asset(path: Path, output: Output) -> Asset:
     """Return the asset that `msb.open` gives, and print its warnings."""
-    from msb.opening import open
+    from msb.api.opening import open
 
     asset = open(path)
     note_warnings(asset.warnings, path, output)

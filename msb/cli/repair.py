@@ -204,9 +204,9 @@ class _Task:
         device: str | None,
         output: Output,
     ) -> None:
+        from msb.api.opening import is_mesh_file
+        from msb.api.saving import checked_ending, output_suffix
         from msb.asset import ASSET_SUFFIX
-        from msb.opening import is_mesh_file
-        from msb.saving import checked_ending, output_suffix
 
         self.source, self.target, self.maps, self.form = source, target, maps, form
         self.plan, self.options = plan, options
@@ -239,13 +239,13 @@ class _Task:
 
     def repair_asset(self) -> Repaired:
         """Repair what an asset holds, and write it as one or as its standard-tier mesh."""
+        from msb.api.saving import save
         from msb.asset import ASSET_SUFFIX
         from msb.cli.inputs import open_asset
         from msb.cli.mesh_files import beyond_a_mesh, note_up
         from msb.cli.repair_text import note_turned
         from msb.meshes.assets import mesh_from_asset
         from msb.repair.assets import repair_asset
-        from msb.saving import save
 
         with self.output.progress(f"reading {self.source.name}"):
             asset = open_asset(self.source, self.output)

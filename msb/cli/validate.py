@@ -60,8 +60,8 @@ def validate(
 
 
 def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
+    from msb.api.validating import validate as check
     from msb.cli.inputs import expand
-    from msb.validating import validate as check
 
     status = 0
     inputs: list[Path] = []

@@ -100,7 +100,7 @@ def web(
     refuse({"at-least": at_least, "device": device}, "needs --verify PAGE")
     if target is None:
         raise UsageError("USAGE", "--out FILE is missing, or --verify PAGE")
-    from msb.saving import checked_ending
+    from msb.api.saving import checked_ending
 
     checked_ending(target, "--out", (".html", ".htm"))
     if cameras is None:

@@ -50,7 +50,7 @@ class Files:
 
     def check(self, output: Output) -> None:
         """Refuse names with wrong suffixes and outputs that exist, before anything is read."""
-        from msb.saving import checked_ending
+        from msb.api.saving import checked_ending
 
         for option, path, suffixes in (
             ("--screenshot", self.screenshot, (".png",)),

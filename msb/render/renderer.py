@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self
 
+from msb.api.opening import as_asset
 from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
-from msb.opening import as_asset
 from msb.registry import TIERS
 from msb.render.backend import (
     Drawn,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.errors import Unsupported, about
 from msb.meshes import Mesh
 from msb.meshes.writing import check_indices
-from msb.opening import as_asset
 from msb.repair.plan import DEFAULT, Options, check_peer, parse_plan
 from msb.repair.run import Outcome, Step, run_plan, what_is_left
 from msb.topology.steps.change import with_faces

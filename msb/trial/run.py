@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from msb.api.opening import as_asset
 from msb.base.atomic import new_file
 from msb.base.extras import install
 from msb.errors import AssetError, UsageError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import as_held
-from msb.opening import as_asset
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
 from msb.topology.weld import parse_weld

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.api.opening import as_asset
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
 from msb.base.callable_packages import make_callable
-from msb.opening import as_asset
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
 from msb.views import choose_views

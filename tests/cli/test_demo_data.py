@@ -5,8 +5,8 @@ from __future__ import annotations
 import tomllib
 from typing import TYPE_CHECKING
 
+from msb.api.demo import CONTENTS
 from msb.bench.protocol import read_protocol
-from msb.demo import CONTENTS
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from msb.api.demo import CONTENTS
 from msb.base.atomic import new_file
 from msb.bench.run import run_protocol
-from msb.demo import CONTENTS
 from msb.errors import OutputError
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT

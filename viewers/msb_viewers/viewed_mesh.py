@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from msb.opening import StoredMesh
+    from msb.api.opening import StoredMesh
 
 Domain = Literal["vertex", "face", "corner"]
 NO_COLOR = "its colours depend on the view and have no static part: drawn in grey"
@@ -70,7 +70,7 @@ def read_viewed_mesh(path: Path) -> ViewedMesh:
     InputError, AssetError, CheckpointError, MeshFileError, Unsupported
         The same errors as of `msb audit`.
     """
-    from msb.opening import read_stored
+    from msb.api.opening import read_stored
 
     return viewed_mesh(read_stored(path), path)
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from msb.opening import StoredMesh
+    from msb.api.opening import StoredMesh
     from msb.topology.analysis import Analysis
     from msb.topology.weld import Weld
 
@@ -71,7 +71,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     if not isinstance(vertices, (Asset, *PATH_TYPES)):
         text = "faces are missing; give an asset, a path, or vertices and faces"
         raise MeshError("MESH_ARRAY", text)
-    from msb.opening import read_stored, stored_mesh
+    from msb.api.opening import read_stored, stored_mesh
 
     mesh = stored_mesh(vertices) if isinstance(vertices, Asset) else read_stored(vertices)
     return audit_stored(mesh, weld=weld)[0]

@@ -22,8 +22,8 @@ CONTENTS = (
 )
 """The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel."""
 PROTOCOL, RESULTS = "protocol.toml", "results"
-_IN_WHEEL = Path(__file__).parent / "demo_data"
-_IN_CHECKOUT = Path(__file__).parents[1] / "data_stubs"
+_IN_WHEEL = Path(__file__).parents[1] / "demo_data"
+_IN_CHECKOUT = Path(__file__).parents[2] / "data_stubs"
 
 
 def demo_folder() -> Path:

@@ -1,0 +1,1 @@
+"""The public verbs that are one module each; `msb` exports them."""
