@@ -25,20 +25,18 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.audit_meshes import HOSTILE, hostile
 from benchmarks.audit_tools import AT_MOST, ONCE_FROM, PACKAGES, TOOLS, WHAT
 from benchmarks.measure import keep, machine, peak, reset_peak
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     Result = dict[str, Any]
 
 SIZES = (61, 194, 388, 614)

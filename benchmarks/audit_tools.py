@@ -7,15 +7,13 @@ same for all tools, where definitions agree.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     Answers = dict[str, float]
     Tool = Callable[[NDArray[Any], NDArray[Any]], Callable[[], Answers]]
 

@@ -23,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -33,8 +34,6 @@ from benchmarks.dedicated_scenes import BLENDED, SIZES, camera, model
 from benchmarks.measure import c_library, keep, machine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from msb.asset import Asset
     from msb.cl import Device
 

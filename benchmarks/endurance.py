@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median
@@ -35,8 +36,6 @@ from msb.scenes.around import around
 from tests.tiny import MODELS, TINY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from msb.bench.progress import Stage
 
 TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50}

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,8 +33,6 @@ from msb.render.images import to_bytes
 from tests.reference.golden import exported, golden_views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from msb.asset import Asset
     from msb.render import Frame
 

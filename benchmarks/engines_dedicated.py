@@ -11,6 +11,7 @@ so do the shares of its stages; its times say nothing of a graphics card.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -26,8 +27,6 @@ from msb.registry import METHODS
 from msb.render.backend import SETTLED_AT, what_is_missing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb import Asset, Camera
 
 OURS = "OpenCL"

@@ -19,18 +19,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.measure import keep, machine, peak, reset_peak
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     Arrays = tuple[NDArray[Any], NDArray[Any]]
     Work = Callable[[], dict[str, int]]
     Result = dict[str, Any]

@@ -21,8 +21,9 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +31,6 @@ from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, soup
 from benchmarks.measure import keep, machine, peak
 from data_stubs.made_models import TRAINED
 from data_stubs.torch_file import write_torch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _ASSET = "scale.triasset"
 _PAGE_FACES = 100_000

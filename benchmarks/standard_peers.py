@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.measure import c_library
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, Scene, pose
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.scenes import Camera
 

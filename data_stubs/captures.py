@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from pathlib import Path
+from typing import Any, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 from scipy.io import savemat
 
@@ -15,12 +18,6 @@ from data_stubs.colmap_file import rounded, write_colmap
 from data_stubs.photographs import averaged, to_bytes
 from msb.base.matrices import inverse
 from msb.scenes import Camera
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 DISTANCE = 4.0
 FOV_Y = 0.7

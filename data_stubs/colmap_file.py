@@ -6,18 +6,16 @@ Layout: `colmap/colmap`: doc/format.rst.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.scenes.poses import quaternion_from_rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import ArrayLike, NDArray
-
     from msb.scenes import Camera
 
 _PINHOLE = 1

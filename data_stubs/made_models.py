@@ -8,20 +8,18 @@ blending averages and a z-buffer does not.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_stubs.torch_file import write_torch
 from msb.asset.sh import SH_C0
 from msb.registry import BUILT_IN, METHODS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from data_stubs.surface import Surface
 
     Array = NDArray[np.float32]

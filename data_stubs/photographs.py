@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.render import render
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from data_stubs.still_life import LitSurface
     from msb.scenes import Camera
 

@@ -6,18 +6,16 @@ a place sees, and soft shadows. Vertices lie closer together than pixels, so a c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from skimage.measure import marching_cubes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
     Reals = NDArray[np.float64]
     Paint = Callable[[Reals], tuple[Reals, Reals]]
 

@@ -7,14 +7,11 @@ appearance can come close to the photographs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_stubs.captures import FRONT
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 FREQUENCY = 5
 """Number n of parts of an icosahedron's edge, which give 20 n^2 faces."""

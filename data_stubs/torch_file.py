@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import struct
 import zipfile
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from typing import BinaryIO
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 _STORAGES = {"<f4": "FloatStorage", "<i4": "IntStorage", "<i8": "LongStorage", "<f8": "DoubleStorage"}
 _STORAGES |= {"<f2": "HalfStorage", "|u1": "ByteStorage", "|b1": "BoolStorage"}

@@ -17,9 +17,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import msb
 from benchmarks.dedicated_scenes import BLENDED, is_connected, model
@@ -28,9 +29,6 @@ from data_stubs.made_models import TRAINED
 from msb.registry import METHODS
 from msb.why import CAUSES, EQUAL, why
 from tests.golden.views import scenes, views
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 ROOT = Path(__file__).parent.parent
 TITLES = {name: METHODS[name].title for name in TRAINED}

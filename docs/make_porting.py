@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -22,8 +23,6 @@ from msb.registry import METHODS
 from tests.reference.golden import exported, golden_views
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.engines.hardware.plan import Plan
     from tests.reference.golden import View
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +30,6 @@ from msb.trial.run import try_asset
 from msb.views import choose_views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.asset import Asset
 
 HERE = Path(__file__).parent

@@ -8,11 +8,9 @@ import site
 import sys
 import sysconfig
 import traceback
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+from typing import Any
 
 MEMORY = 1 << 30
 """Bytes of address space beyond those that the interpreter and its libraries have taken."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from contextlib import chdir
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def asset(path: Path) -> None:

@@ -7,10 +7,11 @@ import io
 import json
 import struct
 import zipfile
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +32,6 @@ from tests.meshes.builders import SMALL as MESHES
 from tests.meshes.builders import SQUARE, SQUARE_FACES, glb_file, glb_square
 from tests.scenes.bad_cameras import BAD as BAD_CAMERAS
 from tests.scenes.bad_cameras import SMALL as CAMERAS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
 
 STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"

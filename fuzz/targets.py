@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 from fuzz import readers, run_folder, seeds
 from fuzz.target import Target
@@ -10,10 +11,6 @@ from msb.meshes import MESH_SUFFIXES
 from msb.registry import METHODS
 from tests.adapters import assemble, models
 from tests.scenes.bad_cameras import SMALL as CAMERAS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 def model_target(method: str) -> Target:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
 from msb.base.paths import PATH_TYPES
@@ -17,11 +20,6 @@ from msb.scenes.around import around, inside
 from msb.scenes.sets import given_cameras
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.registry import Tier
     from msb.scenes import Camera

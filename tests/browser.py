@@ -13,11 +13,9 @@ import os
 import select
 import subprocess
 import time
-from typing import IO, TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO, Any
 
 FLAGS = (
     "--headless=new",

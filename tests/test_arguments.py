@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +16,6 @@ from msb.repair import plan
 from msb.scenes import write_cameras
 from msb.why import why
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 VIEW: dict[str, Any] = {"up": (0, 1, 0), "width": 16, "height": 12, "fov_y": 0.6}
 MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import doctest
 import importlib
 import re
+from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import pytest
 from typer.main import get_command
@@ -18,9 +18,6 @@ from msb.cli.defaults import single_commands
 from msb.errors import CODES, CheckpointError, MeshFileError, SceneError
 from msb.metrics.registry import IMAGE_METRICS
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WITH_EXAMPLES = sorted(
     path.relative_to(folder).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")

@@ -18,8 +18,8 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import typer.main
@@ -31,9 +31,6 @@ from msb.cli.app import app
 from msb.render.backend import what_is_missing
 from tests.conftest import ROOT, SHORT
 from tests.tiny import link_demo
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import runpy
 import sys
 import warnings
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +21,6 @@ from msb.metrics import registry as metric_registry
 from msb.registry import BUILT_IN, METHODS
 from tests.conftest import ROOT
 from tests.test_docs_commands import installed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height=72, fov_y=0.9)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import msb
 from data_stubs.surface import icosphere
@@ -20,10 +22,6 @@ from msb.why import why
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     Mesh = tuple[NDArray[Any], NDArray[Any]]
 
 MODELS = ROOT / "data_stubs" / "models"

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from msb.reference.blend import MIN_TRANSMITTANCE
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from data_stubs.training.pairs import Pairs
 
 

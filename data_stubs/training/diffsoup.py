@@ -12,11 +12,13 @@ expectation, without noise.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from data_stubs.training.composite import composite
 from data_stubs.training.drawing import Drawn, as_float64, per_pair_dtype
@@ -36,10 +38,6 @@ from msb.methods.diffsoup.reference import (
 from msb.methods.diffsoup.reference_camera import diffsoup_projection
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from data_stubs.training.drawing import Parameters
     from data_stubs.training.pairs import Box, Pairs
     from msb.scenes import Camera

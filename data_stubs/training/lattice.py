@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def node_count(level: int) -> int:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from data_stubs.training import diffsoup, losses
 from data_stubs.training.files import write_diffsoup
@@ -15,11 +18,6 @@ from data_stubs.training.start import chosen, pixel_sizes, triangles_at
 from msb.methods.diffsoup.reference import LAYERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from data_stubs.training.drawing import Drawn
     from msb.scenes import Camera
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from data_stubs.training import mesh_splatting
@@ -15,11 +18,6 @@ from data_stubs.training.model import Model, Options, Statistics, between, geome
 from data_stubs.training.start import chosen, color_coefficients, pixel_sizes, spread_out
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from data_stubs.training.drawing import Drawn
     from data_stubs.training.scene import Capture
     from msb.scenes import Camera

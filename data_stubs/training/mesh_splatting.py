@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from data_stubs.training.composite import composite
 from data_stubs.training.drawing import Drawn, as_float64, per_pair_dtype, picture
@@ -18,10 +20,6 @@ from msb.reference.camera_matrices import splatting_camera
 from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, project_windows
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from data_stubs.training.drawing import Parameters
     from msb.scenes import Camera
 

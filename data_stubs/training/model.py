@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_stubs.training import losses
 from data_stubs.training.optimizer import Adam
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     import torch
-    from numpy.typing import NDArray
 
     from data_stubs.training.drawing import Drawn
     from data_stubs.training.scene import Capture

@@ -8,17 +8,15 @@ the second ones, and so on; pixels with the longest lists come first, so that ea
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.reference.tiles import Rectangles
 
 TILE = 16

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.bench.ground_truth import ground_truth
 from msb.errors import MsbError
@@ -15,8 +16,6 @@ from msb.scenes.datasets.evaluated import scene_at
 from msb.scenes.datasets.read import dataset_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.scenes import Camera
 
 _RANDOM_POINTS = 4000

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from data_stubs.training import triangle_splatting, two_dts
 from data_stubs.training.files import write_2dts, write_state_dict
@@ -15,11 +18,6 @@ from data_stubs.training.model import Model, Statistics, between, geometric, wor
 from data_stubs.training.start import chosen, color_coefficients, pixel_sizes, triangles_at
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from data_stubs.training.drawing import Drawn
     from msb.scenes import Camera
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from data_stubs.training.composite import composite
 from data_stubs.training.drawing import Drawn, as_float64, per_pair_dtype, picture
@@ -34,10 +36,6 @@ from msb.methods.two_dts.reference import (
 from msb.reference.camera_matrices import splatting_camera
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from data_stubs.training.drawing import Parameters
     from msb.reference.camera_matrices import SplattingCamera
     from msb.scenes import Camera

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.adapters.checkpoint import read_checkpoint
@@ -11,9 +13,6 @@ from msb.errors import CheckpointError
 from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from msb.adapters.locate import Place
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from msb.adapters.content import Content, Options
@@ -20,9 +22,6 @@ from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
 from msb.registry import BUILT_IN, METHODS, role, with_role
 
 if TYPE_CHECKING:
-    import os
-    from pathlib import Path
-
     from msb.adapters.locate import Place
     from msb.adapters.model import Model
     from msb.asset.progress import Progress

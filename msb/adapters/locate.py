@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 from msb.base.files import is_file, open_error
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
 from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")

@@ -6,19 +6,17 @@ direction, merge vertices or write every face twice. Tests compare with files th
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import Unsupported, UsageError
 from msb.registry import lookup, role, with_role
 
 if TYPE_CHECKING:
-    import os
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 

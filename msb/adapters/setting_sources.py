@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.manifest import StoredSetting
@@ -10,9 +12,6 @@ from msb.errors import CheckpointError, UsageError, json_safe, shorten
 from msb.registry import METHODS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from msb.registry import SettingSource
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.activation import rest_coefficients
 from msb.asset.sh import SH_C0, sh_basis
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.adapters.checkpoint import BFloat16Array
 from msb.asset.build import CHUNK_ROWS
 from msb.errors import CheckpointError, Finding, finding, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 Axis = int | str
 """A length, or a letter for a length that all tensors with this letter share."""

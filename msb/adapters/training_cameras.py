@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,6 @@ from msb.registry import role
 from msb.scenes import read_cameras
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.scenes import Camera
 
 CAMERAS = "cameras.json"

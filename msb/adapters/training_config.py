@@ -8,16 +8,14 @@ from __future__ import annotations
 import ast
 import re
 import warnings
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.trained import saw_test_views
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
 
 MAX_BYTES = 1 << 16
 """Most bytes that are read. A config has some kilobytes, and a log starts with one; more would only cost

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, overload
 
@@ -11,8 +12,6 @@ from msb.errors import MeshError, about
 from msb.topology import Audit, audit_arrays
 
 if TYPE_CHECKING:
-    import os
-
     from numpy.typing import ArrayLike
 
     from msb.api.opening import StoredMesh

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.atomic import new_folder
-
-if TYPE_CHECKING:
-    import os
 
 CONTENTS = (
     "checkpoint",

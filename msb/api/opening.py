@@ -6,7 +6,10 @@ primitives by its header; everything else is a mesh file.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset import Asset, is_asset, load
@@ -16,10 +19,6 @@ from msb.base.paths import PATH_TYPES, given_path
 from msb.errors import CheckpointError, about
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     from msb.errors import Finding

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
@@ -15,10 +18,6 @@ from msb.meshes.assets import as_held, mesh_from_asset
 from msb.meshes.formats import written_suffixes
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from msb.asset.progress import Progress
     from msb.asset.writer import Form
 

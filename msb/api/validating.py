@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset import Validation, is_asset
@@ -11,10 +14,6 @@ from msb.base.paths import given_path
 from msb.errors import InputError, MsbError, Unsupported, error_finding, finding
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from msb.errors import Finding
 
 _SEVERITIES = ("error", "warning", "info")

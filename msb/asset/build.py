@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb._version import __version__
 from msb.asset.check import check_manifest
@@ -30,10 +32,6 @@ from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset.progress import Progress
 
 CHUNK_ROWS = 1 << 20

@@ -6,15 +6,13 @@ Nothing here reads a buffer. `check_values` in `validation.py` does.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, VERSION
 from msb.asset.schema import check_schema, describe, escape, manifest_schema
 from msb.errors import Finding, finding, shorten
 from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Json = dict[str, Any]
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import mmap
 import os
 import stat
 import zlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from msb.asset.manifest import ASSET_SUFFIX, MANIFEST_NAME
@@ -17,9 +19,6 @@ from msb.base.paths import given_path
 from msb.errors import AssetError, Finding, InputError, finding, shorten
 
 if TYPE_CHECKING:
-    import mmap
-    from pathlib import Path
-
     from msb.asset.strict_zip import Member
 
 _CRC_CHUNK = 1 << 24

@@ -5,19 +5,17 @@ The renderer, the engines, `msb convert` and the viewers all use this rule to dr
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.activation import sigmoid
 from msb.asset.sh import SH_C0
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset.reader import Asset
 
 GREY = 0.8

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import re
 import stat
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from msb.asset.manifest import MANIFEST_NAME
 from msb.base.files import READ_ONLY, is_missing, map_descriptor, special_kind, system_reason
 from msb.errors import AssetError
-
-if TYPE_CHECKING:
-    import mmap
-    from pathlib import Path
 
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 

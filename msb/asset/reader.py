@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.check import check_manifest
 from msb.asset.container import Container, is_asset, open_container
 from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, repr=False, eq=False)

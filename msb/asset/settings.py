@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,6 @@ from msb.errors import UsageError, shorten
 from msb.registry import ORDERS, SAMPLINGS, lookup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from msb.asset.manifest import Manifest
     from msb.asset.reader import Asset
     from msb.registry import SettingValue

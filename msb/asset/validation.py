@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.build import CHUNK_ROWS, as_bytes, measure_bounds
 from msb.asset.check import check_manifest
@@ -18,12 +21,6 @@ from msb.asset.manifest import Manifest
 from msb.asset.reader import Asset, check_files, map_buffers
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
 MAGNITUDE_LIMIT = 1e18
 """Coordinates up to this magnitude have cross products that fit into float32 (3.4e38)."""

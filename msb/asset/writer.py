@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zipfile
+from collections.abc import Iterator
 from typing import IO, TYPE_CHECKING, Any, Literal, get_args
 
 from msb.asset.build import CHUNK_BYTES, as_bytes
@@ -15,9 +17,6 @@ from msb.base.atomic import new_file, new_folder
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterator
-
     from msb.asset.progress import Progress
     from msb.asset.reader import Asset
 

@@ -12,14 +12,12 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.atomic import DISK_ERRORS
 from msb.errors import OutputError, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
 
 _UNWRITTEN = 74
 """The status of a child that could not write what it made: EX_IOERR of sysexits.h."""

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:

@@ -13,16 +13,12 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
-from importlib.metadata import distributions, entry_points
-from typing import IO, TYPE_CHECKING, Any, TypeVar
+from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
+from typing import IO, Any, TypeVar
 
 from msb.errors import MsbError, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from importlib.metadata import Distribution, EntryPoint
 
 NAME = r"^[a-z][a-z0-9_]{0,63}$"
 """The pattern of the name of a method or a metric, in files and in the entry-point groups."""

@@ -6,10 +6,7 @@ import contextlib
 import errno
 import os
 import sys
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from pathlib import Path
 
 _AT_FDCWD, _RENAME_NOREPLACE = -100, 1
 """Constants of linux/fcntl.h and linux/fs.h."""

@@ -7,6 +7,7 @@ docs/protocol.md has the rules. `None` always means that there is no such number
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -16,8 +17,6 @@ from msb.metrics.registry import IMAGE_METRICS
 from msb.scenes.datasets.catalog import DATASETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
     from msb.bench.records import Result, Timing
 
 Better = Literal["higher", "lower"]

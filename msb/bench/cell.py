@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +26,6 @@ from msb.bench.records import Reason, Result
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.bench.job import Job, Part
 
 INTERNAL = "INTERNAL"

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import difflib
 import json
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+import os
+from collections.abc import Mapping
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
 from msb.errors import AssetError, InputError, shorten
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.files import file_sha256
 from msb.bench.records import File
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 _SHORT = 16
 

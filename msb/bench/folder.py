@@ -9,7 +9,9 @@ import platform
 import secrets
 import time
 import unicodedata
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.base.atomic import new_file, remove_leftovers
@@ -19,9 +21,6 @@ from msb.bench.records import read_result
 from msb.errors import InputError, MsbError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from msb.bench.records import Cell, Result
 
 RESULT = "result.json"

@@ -9,6 +9,7 @@ where Dedicated lies between the other two (`Gaps.monotone`); `Gaps.triangle_exc
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -18,8 +19,6 @@ from msb.bench.machine import OF_THE_MOMENT
 from msb.metrics.registry import IMAGE_METRICS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from msb.bench.intervals import Interval
     from msb.bench.records import Result
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import MetricError
 from msb.metrics.image_files import read_mask, read_pixels
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 

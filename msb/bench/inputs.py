@@ -7,7 +7,9 @@ The device decides timings only: images agree between devices, and a record name
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
@@ -21,9 +23,6 @@ from msb.errors import MsbError
 from msb.scenes.datasets import scaled_note, trained_otherwise
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
     from msb.bench.job import Inputs, Job, Part
     from msb.bench.models import Model
     from msb.bench.protocol_tables import TrialTable

@@ -8,6 +8,7 @@ noise is called significant at each size.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,6 @@ from msb.metrics.images import PSNR_CAP
 from msb.metrics.registry import IMAGE_METRICS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb.bench.records import Result
 
 LEVEL = 0.05

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.folder import Results
 from msb.bench.records import TIER_OF
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from msb.bench.models import Model
     from msb.bench.photographs import Views
     from msb.bench.protocol_tables import TrialTable

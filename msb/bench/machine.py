@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import platform
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from msb._version import __version__
 from msb.registry import METHODS, package_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})
 """Keys of an OpenCL device's record that do not tell which device it is. PoCL looks up in every process how

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, get_args
+from collections.abc import Mapping
+from typing import get_args
 
 from msb.bench.records import Memory
 from msb.render.backend import Group
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 def grouped(

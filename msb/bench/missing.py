@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.adapters.locate import locate
@@ -18,9 +20,6 @@ from msb.errors import InputError, MsbError, UsageError
 from msb.render.backend import what_is_missing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
     from msb.bench.plan import Pair, Planned, Planner
     from msb.bench.protocol import ProtocolFile
     from msb.scenes.datasets import SceneAt

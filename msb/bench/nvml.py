@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 from msb.base.extras import install
 from msb.bench.records import Count, Record
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 class Gpu(Record):

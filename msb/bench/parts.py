@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from msb.bench.machine import machine
@@ -14,9 +16,6 @@ from msb.bench.records import Timing, Training
 from msb.errors import InputError, MetricError, Unsupported
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
 

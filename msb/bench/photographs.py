@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +24,6 @@ from msb.errors import MsbError, UsageError
 from msb.render.images import image_names, write_image
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene, SceneAt
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.base.files import file_sha256
@@ -22,9 +24,6 @@ from msb.render.backend import find_renderer
 from msb.scenes.datasets import find_scenes, scene_at
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
     from msb.bench.job import Inputs, Part
     from msb.bench.protocol import ProtocolFile
     from msb.bench.protocol_tables import DatasetTable, MethodTable, VariantTable

@@ -12,16 +12,14 @@ import os
 import signal
 import threading
 import warnings
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+from multiprocessing.connection import Connection
+from typing import Any, Protocol, Self, TypeVar
 
 from msb.base.extras import need_extra
 from msb.base.packages import PackageWarning
 from msb.errors import DeviceError, UsageError, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from multiprocessing.connection import Connection
 
 _CONNECT_SECONDS = 10
 Task = TypeVar("Task")

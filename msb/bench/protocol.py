@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.api.demo import PROTOCOL, demo_folder
 from msb.base.bounded_parsing import parse_toml
@@ -17,9 +18,6 @@ from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTabl
 from msb.bench.records import CONDITIONS
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    import re
 
 PROTOCOL_NAME = "protocol.toml"
 _MAX_BYTES = 1 << 20

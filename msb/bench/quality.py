@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb import metrics
 from msb.base.atomic import new_folder
@@ -23,11 +26,6 @@ from msb.metrics.images import is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.bench.job import Job
     from msb.render import Renderer
     from msb.scenes import Camera

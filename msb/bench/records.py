@@ -8,6 +8,8 @@ file.
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -20,9 +22,6 @@ from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterator, Mapping, Sequence
-
     from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"

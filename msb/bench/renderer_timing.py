@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 from msb.bench.checked import checked, read_json
 from msb.bench.records import RendererTiming
 
 if TYPE_CHECKING:
-    import os
-
     from msb.bench.track import Track
 
 WHOLE_COMMAND = "whole command, loading and writing included"

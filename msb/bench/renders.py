@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from msb.base.files import file_sha256, is_folder
@@ -19,9 +21,6 @@ from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from msb.scenes import Camera
 
 SUMS = "SHA256SUMS"

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -34,9 +36,6 @@ from msb.errors import CODES, EXIT_STATUS, InputError, MsbError
 from msb.scenes import write_cameras
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from contextlib import AbstractContextManager
-
     from msb.bench.plan import Pair
     from msb.bench.pool import Workers
     from msb.bench.protocol import ProtocolFile

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from msb.base.extras import need_extra
@@ -11,8 +12,6 @@ from msb.errors import MsbError
 from msb.metrics.registry import modules_needed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from msb.bench.protocol import ProtocolFile
 
 

@@ -10,8 +10,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -21,10 +23,6 @@ from msb.bench.checked import checked, read_json
 from msb.bench.nvml import Gpu, Gpus
 from msb.bench.records import Amount, Count, Record
 from msb.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
 INTERVAL = 0.2
 """Seconds between two looks at the memory; a shorter peak can be missed."""

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb import metrics
 from msb.base.atomic import new_file
@@ -22,11 +25,6 @@ from msb.render.images import image_names, to_bytes, write_film
 from msb.scenes import interpolated
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.bench.job import Job
     from msb.bench.protocol_tables import VideosTable
     from msb.scenes import Camera

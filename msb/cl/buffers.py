@@ -6,18 +6,16 @@ import contextlib
 import math
 import mmap
 import weakref
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from msb.cl.records import short_name
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from numpy.typing import DTypeLike, NDArray
-
     from msb.cl.queue import Queue
 
 Shape = int | tuple[int, ...]

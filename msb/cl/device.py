@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from msb.cl import programs
 from msb.cl.buffers import SCRATCH, Memory, bytes_by_use
@@ -15,11 +18,6 @@ from msb.cl.queue import Queue
 from msb.cl.timing import Timing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from contextlib import AbstractContextManager
-
-    from numpy.typing import DTypeLike, NDArray
-
     from msb.cl.buffers import Buffer, Shape
     from msb.cl.kernel_text import Define
     from msb.cl.records import DeviceRecord, Style

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.cl import mend
@@ -15,8 +16,6 @@ from msb.cl.trial import try_device
 from msb.errors import DeviceError, UsageError, shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb.cl.records import Style
     from msb.cl.trial import Trial
 

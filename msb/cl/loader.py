@@ -19,15 +19,13 @@ import shutil
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.extras import install
 from msb.errors import DeviceError, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 VENDOR_VARIABLE = "OCL_ICD_VENDORS"
 """The environment variable that names the folder of entries; if the user set it, it stays."""

@@ -8,6 +8,7 @@ import re
 import threading
 import time
 import warnings
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,8 +18,6 @@ from msb.cl.kernel_text import define_lines, resolve
 from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from msb.cl.kernel_text import Define
     from msb.cl.queue import Queue
     from msb.cl.records import DeviceRecord

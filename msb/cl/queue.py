@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import weakref
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.cl.buffers import Allocation
     from msb.cl.records import DeviceRecord
     from msb.cl.timing import Timing

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.cl.buffers import Buffer
     from msb.cl.device import Device
     from msb.cl.kernel_text import Define

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,8 +10,6 @@ import numpy as np
 from msb.cl.scan import checked_count, chunks_of, exclusive_scan, grouped_program
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.cl.buffers import Buffer
     from msb.cl.device import Device
     from msb.cl.kernel_text import Define

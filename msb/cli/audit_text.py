@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.paths import shell_word
@@ -12,9 +14,6 @@ from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from rich.console import Console
 
     from msb.topology.audit import Audit, Sample

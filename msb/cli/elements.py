@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.api.saving import checked_ending
 from msb.base.atomic import new_file
@@ -13,11 +16,6 @@ from msb.base.npz import write_npz
 from msb.cli.output import csv_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.topology.elements import Elements
 
 

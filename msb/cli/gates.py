@@ -6,7 +6,9 @@ import difflib
 import math
 import operator
 import re
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from msb.errors import GateFailed, UsageError, shorten
@@ -15,9 +17,6 @@ from msb.topology.findings import Counts
 from msb.topology.verdict import judge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     from msb.topology.audit import Audit
     from msb.topology.verdict import Level
 

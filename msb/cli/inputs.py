@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,6 @@ from msb.errors import InputError
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from msb.asset import Asset
     from msb.cli.output import Output
     from msb.errors import Finding

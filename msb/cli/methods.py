@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,8 +12,6 @@ from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
 from msb.cli.output import Output, echo, plain_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.report.table import Table
 
 EPILOG = epilog("msb methods", "msb methods --format markdown", "msb methods --json -")

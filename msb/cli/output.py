@@ -9,7 +9,9 @@ import os
 import re
 import sys
 import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from msb._version import __version__
@@ -17,9 +19,6 @@ from msb.base.atomic import check_place, is_stream, new_file
 from msb.errors import OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-
     from rich.console import Console
     from rich.table import Table
 

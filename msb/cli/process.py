@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +28,6 @@ from msb.errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import typer
 
     from msb.cli.defaults import Defaults

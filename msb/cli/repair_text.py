@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.paths import shell_word
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
     from msb.cli.output import Output
     from msb.repair.assets import Repaired

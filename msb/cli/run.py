@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -18,8 +19,6 @@ from msb.cli.stage_bar import stage_bar
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from msb.bench.progress import Stage
     from msb.bench.protocol import ProtocolFile
     from msb.bench.records import Reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -9,8 +10,6 @@ import typer
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
     from msb.cli.output import Output
     from msb.scenes import Camera

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +13,6 @@ from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose
 from msb.cli.output import Output, plain_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.views import Views
     from msb.why import Cause, Causes
 

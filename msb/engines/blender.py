@@ -14,10 +14,12 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.extras import install, is_installed
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
@@ -25,10 +27,6 @@ from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.engines.engine import Color
     from msb.render import Frame

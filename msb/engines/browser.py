@@ -18,15 +18,13 @@ import tempfile
 import threading
 import time
 import weakref
+from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from msb.base.children import apart
 from msb.errors import DeviceError, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 VARIABLE = "MSB_BROWSER"
 """The environment variable that names the browser to use."""

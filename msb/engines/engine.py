@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.engines.mesh import engine_mesh
 from msb.errors import UsageError, shorten
@@ -14,10 +16,6 @@ from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, enlarged, split_supersample
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.render.backend import Drawn
     from msb.scenes import Camera

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.drawable import check_drawable
 from msb.asset.look import drawn_colors, shown_faces
@@ -15,10 +17,6 @@ from msb.meshes import Mesh, write_mesh
 from msb.render.backend import check_supported
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +15,6 @@ from msb.errors import DeviceError
 from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.asset import Asset
     from msb.engines.engine import Color
     from msb.render import Frame

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb._version import __version__
 from msb.base.extras import install, is_installed
@@ -31,11 +34,6 @@ from msb.errors import DeviceError
 from msb.render.backend import Drawn
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from contextlib import AbstractContextManager
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.engines.engine import Color
     from msb.render import Frame

@@ -7,17 +7,14 @@ import gc
 import os
 import sys
 import tempfile
+from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import DeviceError, shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import NDArray
 
 INSTALL = (
     "apt-get install mesa-vulkan-drivers brings Vulkan in software"

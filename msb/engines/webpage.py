@@ -10,16 +10,15 @@ import base64
 import html
 import json
 import tomllib
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.base.atomic import new_file
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from msb.scenes import Camera
 
 LARGE = 3_000_000

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
@@ -18,8 +19,6 @@ from msb.meshes.transform import turned_upright
 from msb.meshes.writing import as_float32, check_indices
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.asset.manifest import Domain
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, BinaryIO, Literal
 
 if TYPE_CHECKING:
-    import re
-    from collections.abc import Callable
-
     from msb.meshes.mesh import Mesh
     from msb.meshes.source import Source
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import OutputError, shorten
 from msb.meshes.colors import stored_colors
@@ -20,8 +21,6 @@ from msb.meshes.polygons import fan_triangulate
 from msb.meshes.writing import as_float32
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.meshes.source import Source
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import MeshFileError, shorten
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")

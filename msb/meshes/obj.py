@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
@@ -14,9 +15,6 @@ from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.text import Words, first_not_whole, word_blocks
 from msb.meshes.writing import write_rows
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _COLOR_WIDTHS = {6: 3, 7: 4}
 """Number of values on a `v` line -> how many of the last ones are a colour."""

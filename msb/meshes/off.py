@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
@@ -17,10 +19,6 @@ from msb.meshes.text import Table, read_table
 from msb.meshes.writing import write_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.meshes.source import Source
 
 _KEYWORD = re.compile(rb"((?:ST|[CN4n]){0,5})OFF(.*)")

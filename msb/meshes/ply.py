@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
@@ -17,8 +18,6 @@ from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.writing import ROWS_AT_A_TIME
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.meshes.source import Source
 
 _INDEX_NAMES = ("vertex_indices", "vertex_index")

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.meshes.polygons import steps
 from msb.meshes.text import Table, read_table
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.errors import MeshFileError
     from msb.meshes.ply_header import Element, Header, Property
     from msb.meshes.source import Source

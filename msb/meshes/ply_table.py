@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.files import map_file
 from msb.errors import MeshFileError
 from msb.meshes.ply_body import open_body
 from msb.meshes.ply_header import MAX_HEADER_BYTES, Header, read_header
 from msb.meshes.source import Source
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,18 +5,16 @@ from __future__ import annotations
 import io
 import re
 import struct
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import as_float32
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _HEADER_BYTES = 84
 _FACE_BYTES = 50

@@ -6,10 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.meshes.mesh import Mesh
 
 # Axis that is up -> rotation as (axis, sign) of the old frame for the new x, y, z; determinant +1 each.

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import MeshError, OutputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.meshes.mesh import Mesh
 
 ROWS_AT_A_TIME = 1 << 16

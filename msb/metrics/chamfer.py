@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError, MsbError, shorten
 from msb.meshes import read_mesh
@@ -13,10 +15,6 @@ from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
 if TYPE_CHECKING:
-    import os
-
-    from numpy.typing import ArrayLike, NDArray
-
     from msb.metrics.dtu_data import DtuScan
 
 DENSITY = 0.2

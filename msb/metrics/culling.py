@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 from msb.metrics.images import unmasked
 from msb.metrics.sampling import mesh_arrays
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
 
 DILATION = 24
 """Pixels at 1600 x 1200 by which masks are widened."""

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.files import is_folder, library_reason, regular_file
 from msb.base.paths import given_path
 from msb.errors import InputError, MetricError, shorten
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
-
-if TYPE_CHECKING:
-    import os
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 MAX_SCAN = 999
 _MAX_VOXELS = 1 << 29

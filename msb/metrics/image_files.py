@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.extras import need_extra
 from msb.base.files import library_reason, regular_file
 from msb.errors import MetricError, shorten
 
 if TYPE_CHECKING:
-    import os
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     Color = tuple[float, float, float]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".npy", ".exr")

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.base.extras import need_extra
 from msb.errors import MetricError, shorten
 from msb.metrics.identity import ImageMetric
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
 
 PSNR_CAP = 100.0
 """The value in dB for which an infinite PSNR counts in a mean; the number of such images is reported beside

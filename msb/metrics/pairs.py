@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msb.base.files import open_error
 from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 _NAMED = 5
 """Number of names that an error lists; it only counts the others."""

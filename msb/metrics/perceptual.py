@@ -7,23 +7,20 @@ layers are the package's.
 
 from __future__ import annotations
 
+import os
 import warnings
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.base.files import regular_file
 from msb.errors import Finding, MetricError, finding
 from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import image_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
-
-if TYPE_CHECKING:
-    import os
-
-    from numpy.typing import ArrayLike, NDArray
 
 MIN_SIDE = 16
 """Least side of an image in pixels; halved four times it leaves one pixel."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.packages import Lazy, PackageError, contained, installed, load, whose
@@ -19,8 +20,6 @@ from msb.metrics.identity import ImageMetric
 from msb.metrics.images import PSNR_CAP, image_pair
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import ArrayLike
 
     from msb.errors import Finding

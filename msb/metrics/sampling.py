@@ -6,17 +6,14 @@ scripts/eval_dtu/eval.py; here in bounded memory and without a loop over faces.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 from msb.metrics.images import unmasked
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import ArrayLike, NDArray
 
 MAX_SAMPLES = 1 << 28
 """Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""

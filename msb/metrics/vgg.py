@@ -6,21 +6,18 @@ import hashlib
 import importlib.util
 import json
 import math
+import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.bounded_parsing import json_nesting
 from msb.base.extras import need_extra
 from msb.base.files import file_sha256, library_reason, regular_file
 from msb.errors import MetricError, shorten
-
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 LAYERS = (
     (0, 3, 64),

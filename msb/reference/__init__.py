@@ -7,6 +7,7 @@ agree.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,8 +25,6 @@ from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from msb.registry import Order, Sampling
 
 __all__ = ["ReferenceFrame", "render_reference"]

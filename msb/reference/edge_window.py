@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.reference.arithmetic import (
     Reals,
@@ -26,8 +27,6 @@ from msb.reference.arithmetic import (
 from msb.reference.engine import EngineTriangles, project_engine
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.reference.camera_matrices import SplattingCamera
     from msb.reference.modes import Modes
     from msb.reference.tiles import Integers

@@ -15,13 +15,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.reference.arithmetic import Reals, centroid, cross, dot, norm, transform
 from msb.reference.tiles import TILE, Rectangles
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.reference.camera_matrices import SplattingCamera
     from msb.reference.tiles import Integers
 

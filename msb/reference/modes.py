@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.reference.tiles import tiles_front_to_back
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.reference.arithmetic import Reals
     from msb.reference.camera_matrices import SplattingCamera
     from msb.reference.tiles import Rectangles, Tile

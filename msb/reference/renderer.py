@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
@@ -10,8 +11,6 @@ from msb.asset.settings import check_modes
 from msb.reference import ReferenceFrame, precision, render_reference
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.asset import Asset
     from msb.registry import Order, Sampling
     from msb.scenes import Camera

@@ -7,17 +7,15 @@ step of the 1/4096 pixel grid, or which of two surfaces is nearer where they cro
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.reference.frame import ReferenceFrame
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
     from msb.scenes import Camera
 
     Reals = NDArray[np.float64]

@@ -15,12 +15,13 @@ entry-point group `msb.methods` (docs/extending.md).
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
-from types import FunctionType
-from typing import TYPE_CHECKING, Any, Literal
+from types import FunctionType, ModuleType
+from typing import Any, Literal
 
 from msb.base.packages import (
     NAME,
@@ -49,10 +50,6 @@ from msb.registry.declare import (
     SettingValue,
     Tier,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from types import ModuleType
 
 __all__ = [
     "METHODS",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -15,8 +16,6 @@ from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.registry import TIERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
     from msb.asset import Asset
     from msb.render.frame import Frame
     from msb.scenes import Camera

@@ -6,6 +6,7 @@ A method's module `look` has either ``splat_model``, which the splatting pipelin
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
@@ -14,8 +15,6 @@ from msb.registry import role
 from msb.render.backend import check_options, groups_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.asset import Asset
     from msb.render.backend import Backend, Drawn, Factory
     from msb.render.frame import Frame

@@ -6,21 +6,19 @@ Pictures are display-referred: a PNG gets the numbers of the frame, clamped and 
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.atomic import new_file
 from msb.base.extras import need_extra
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
-
     from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]

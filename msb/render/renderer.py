@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self
@@ -28,8 +29,6 @@ from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
 
 if TYPE_CHECKING:
-    import os
-
     from msb.asset import Asset
     from msb.registry import Tier
     from msb.scenes.colors import Color

@@ -5,14 +5,13 @@ A method's module `look` has a function ``surface_model(asset, settings)`` that 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from msb.render.splat.model import Model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
     from numpy.typing import NDArray
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
@@ -19,11 +22,6 @@ from msb.repair.run import Outcome, Step, run_plan, what_is_left
 from msb.topology.steps.change import with_faces
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from msb.topology import Audit
     from msb.topology.steps import Change
     from msb.topology.weld import Weld

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import Unsupported
 from msb.topology.halfedge import NONE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.topology.steps.change import Change, Rims
 
     Buffers = Mapping[str, NDArray[Any]]

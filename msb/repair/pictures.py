@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset import build_asset
 from msb.asset.look import drawn_colors
@@ -14,10 +16,6 @@ from msb.render.images import write_image
 from msb.topology.halfedge import NONE
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.repair.assets import Repaired
     from msb.scenes import Camera

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,6 @@ from msb.errors import UsageError, shorten
 from msb.topology.weld import parse_weld
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb.topology.weld import Weld
 
 STEPS: dict[str, str] = {

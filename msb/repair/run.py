@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
 from msb.errors import MeshError, UsageError
@@ -20,10 +22,6 @@ from msb.topology.steps.change import followed_by, unchanged
 from msb.topology.steps.cut import cut_edges
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from msb.repair.plan import Options
     from msb.topology import Audit
     from msb.topology.steps import Change

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,8 +17,6 @@ from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.tables.gaps import REASONS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.bench.gaps import Gap
     from msb.report.numbers import Numbers
     from msb.report.results import ResultSet

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -22,8 +23,6 @@ from msb.report.report import Report, Section, places_of
 from msb.report.tables.reproducibility import SOURCES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
     from msb.report.against import Comparison
     from msb.report.figures import Figure
     from msb.report.numbers import Key, Number

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +33,6 @@ from msb.report.setups import with_setups
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
     from msb.bench.gaps import Gaps, Ratio
     from msb.bench.records import Result
     from msb.report.results import ResultSet

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.report.table import Table
 
 CONTRADICTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(

@@ -11,6 +11,7 @@ import logging
 import math
 import re
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import cycle
@@ -32,8 +33,6 @@ from msb.report.safe_names import plain_text, slug
 from msb.report.tables.reproducibility import SOURCES, pairs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from matplotlib.axes import Axes
 
     from msb.report.numbers import Numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -16,8 +17,6 @@ from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from msb.bench.intervals import Interval
     from msb.report.numbers import Numbers
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from msb.bench.gaps import PAIRS
@@ -12,8 +13,6 @@ from msb.report.numbers import MEAN, Key, condition_title, dataset_title, method
 from msb.report.safe_names import slug
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.bench.gaps import GapName, Gaps
     from msb.report.numbers import GapKey, Numbers
 

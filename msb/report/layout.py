@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,6 @@ from msb.report.numbers import ON_CPU
 from msb.report.table import Cell, Column, Row, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Sequence
-
     from msb.report.numbers import Key, Number, Numbers
 
 PAPER_ROW = "in the paper"

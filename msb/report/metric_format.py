@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msb.base.packages import Lazy
 from msb.bench.aggregate import METRICS
 from msb.metrics.registry import IMAGE_METRICS
 from msb.topology.shown import DECIMALS, structure_text
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _MIB = float(1 << 20)
 _SMALL_MIB = 10.0

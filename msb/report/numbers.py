@@ -6,6 +6,7 @@ both take the same way.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,8 +18,6 @@ from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
     from msb.bench.gaps import Gaps, Ratio
     from msb.bench.intervals import Interval
 

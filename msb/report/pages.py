@@ -6,7 +6,9 @@ import base64
 import json
 import os
 import re
+from collections.abc import Collection, Mapping
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb._version import __version__
@@ -22,9 +24,6 @@ from msb.report.trials import tried_tasks
 from msb.report.writers import WRITERS, markdown, markdown_text
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-    from pathlib import Path
-
     from jinja2 import Environment
 
     from msb.report.pictures import View

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -17,8 +18,6 @@ from msb.report.metric_format import SHOWN
 from msb.report.numbers import DRAWN_CONDITIONS, MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
 
 if TYPE_CHECKING:
-    import os
-
     from msb.bench.gaps import Gaps
 
 PAPER_TABLES = (

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.metrics.images import PSNR_CAP
@@ -20,9 +22,6 @@ from msb.report.numbers import (
 from msb.report.safe_names import plain_text, slug
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from msb.bench.records import ImageQuality
     from msb.report.results import Loaded, Place, ResultSet
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,6 @@ from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.trials import png_uri
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb.report.results import Loaded
 
 FOLDER = "repairs"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.base.files import file_sha256, is_folder
@@ -14,10 +17,6 @@ from msb.errors import InputError, MsbError, UsageError
 from msb.report import repairs, trials
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
     from msb.bench.records import ImageQuality
 
 

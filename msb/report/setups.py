@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from msb.report.numbers import MEAN, QUALITY
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.bench.records import Result
     from msb.report.numbers import Key, Number
     from msb.report.results import Place

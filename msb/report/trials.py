@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,8 +11,6 @@ from msb.base.files import read_file
 from msb.errors import shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.report.results import Loaded
 
 FOLDER = "trial"

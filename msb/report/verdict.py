@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,8 +14,6 @@ from msb.report.numbers import GapKey, Key, condition_title, dataset_title, meth
 from msb.report.trials import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
     from msb.bench.records import Result
     from msb.report.numbers import Numbers
     from msb.report.results import Loaded, Place

@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -17,8 +18,6 @@ from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.report.table import Cell, Row, Table
 
 Printed = Literal["md", "tex", "csv", "json"]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import SceneError
 from msb.scenes.checks import (
@@ -23,8 +24,6 @@ from msb.scenes.checks import (
 from msb.scenes.poses import check_pose, look_at_pose, rigid_inverse
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
     from msb.scenes.checks import Split
 
 _Drawn = TypeVar("_Drawn", bound=Any)

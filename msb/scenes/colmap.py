@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.files import is_file, is_folder
 from msb.base.paths import SpelledFiles
@@ -18,10 +20,6 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
-    from numpy.typing import NDArray
-
     from msb.scenes.colmap_models import Lens, Shot
 
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}

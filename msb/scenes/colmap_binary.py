@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import struct
 from array import array
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.scenes.colmap_models import MODEL_NAMES, Lens, Shot, model_parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.scenes.source import Source
 
 _COUNT = struct.Struct("<Q")

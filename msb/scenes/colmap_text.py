@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.scenes.source import Source
 
 MAX_LINE = 1 << 24

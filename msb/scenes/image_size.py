@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.scenes.checks import check_size
 from msb.scenes.source import Source
-
-if TYPE_CHECKING:
-    import os
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Suffixes of photographs, in lower case."""

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.schema import describe, escape
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.scenes.source import Source
 
 MAX_BYTES = 1 << 24

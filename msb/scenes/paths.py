@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 import operator
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import SceneError, shorten
 from msb.scenes.camera import Camera
@@ -19,11 +20,6 @@ from msb.scenes.poses import (
     rotation_from_quaternion,
     vector3,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
 
 MAX_FRAMES = 1 << 20
 """Most frames of a path: ten hours at 29 frames a second. A larger number is a typing error."""

@@ -6,15 +6,13 @@ Matrices are for column vectors, x_camera = W x_world. Camera axes are OpenCV's:
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 MAX_ROTATION_ERROR = 1e-4
 """Largest entry of R R^T - I: float32 poses that were inverted a few times stay well below it."""

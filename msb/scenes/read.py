@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
@@ -13,9 +15,6 @@ from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
 if TYPE_CHECKING:
-    import os
-    from pathlib import Path
-
     from msb.scenes.camera import Camera
     from msb.scenes.json_node import Node
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,6 @@ from msb.errors import UsageError, shorten
 from msb.scenes.camera import Camera
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from msb.scenes.source import Source
 
 HOLD = 8

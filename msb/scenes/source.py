@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import mmap
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from msb.base.files import map_file
 from msb.errors import SceneError
-
-if TYPE_CHECKING:
-    import mmap
-    from collections.abc import Iterator
-    from pathlib import Path
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -16,9 +18,6 @@ from msb.scenes.sets import check_set, given_cameras
 from msb.scenes.source import Source
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterable
-
     from msb.scenes.checks import Split
     from msb.scenes.json_node import Node
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.components import label_components
 from msb.topology.faces import added_areas, extra_duplicates, face_areas, has_no_area
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MeshError, shorten
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 MAX_VERTICES = 2**32 - 1
 """Most vertices of a mesh: a pair of vertex indices must fit into 64 bits."""

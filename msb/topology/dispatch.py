@@ -6,14 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import DeviceError, UsageError
 from msb.topology.analysis import Analysis
 from msb.topology.findings import Findings, find_by_numpy
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.cl import Device
 
 FEWEST_FACES = 1 << 16

@@ -9,15 +9,13 @@ of a non-manifold edge* is held by tests.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.components import label_components
 from msb.topology.halfedge import NONE, HalfEdgeMesh, next_in_face
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)

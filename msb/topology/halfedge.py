@@ -13,14 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 NONE = -1
 """Stands for "there is none" in arrays of element numbers."""

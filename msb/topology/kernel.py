@@ -10,19 +10,17 @@ number as root (audit_pairs.cl). docs/audit_speed.md says why, with measurements
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from msb.topology.findings import SAMPLES
 from msb.topology.tally import Totals, add_up, tally_dtype
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import DTypeLike, NDArray
-
     from msb.cl import Device
     from msb.cl.buffers import Buffer
     from msb.cl.programs import Program

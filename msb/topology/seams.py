@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.dispatch import find
 from msb.topology.weld import weld_vertices
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.topology.findings import Counts, Findings
 
 MOST_FACES = 200_000

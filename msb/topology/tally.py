@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.findings import SAMPLES, Counts, Findings, First, first_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 EDGE_KINDS = ("nonmanifold_edges", "boundary_edges", "inconsistent_winding_edges")
 VERTEX_KINDS = (

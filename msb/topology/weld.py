@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import MeshError
 from msb.topology.components import label_components
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Weld = Literal["exact"] | float
 

@@ -6,10 +6,13 @@ import json
 import re
 import subprocess
 import time
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.children import (
     apart,
@@ -31,11 +34,6 @@ from msb.trial.task import Made, Reply
 from msb.trial.units import Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.trial.limits import Limits
     from msb.trial.mesh import TriedMesh
     from msb.trial.task import Attempt, Task

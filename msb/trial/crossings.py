@@ -8,14 +8,11 @@ only touch do not cross, neither do neighbours at their common corner or edge, n
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 SLIVER = 0.01
 """Height over the longest side below which a face is a sliver: its smallest angle is then below 1.2°."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 
 def corner_vectors(points: NDArray[Any], faces: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:

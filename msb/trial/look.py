@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import MsbError
 from msb.meshes.assets import asset_from_mesh
@@ -18,10 +20,6 @@ from msb.render.images import to_bytes
 from msb.scenes import Camera
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
     from msb.render import Frame
     from msb.trial.mesh import TriedMesh
     from msb.views import Views

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.tiers import why_not
@@ -21,9 +23,6 @@ from msb.trial.run import try_asset
 from msb.views import choose_views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
 

@@ -7,19 +7,17 @@ usual face has an area of 1; with the whole mesh of size 1 a far-flung face woul
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.trial.geometry import areas
 from msb.trial.task import Made
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.trial.mesh import TriedMesh
 
 

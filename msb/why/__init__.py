@@ -7,7 +7,8 @@ docs/worse.md shows every cause in pictures.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +26,6 @@ from msb.why.total import Total, measured_total
 from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, difference
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable, Iterable, Sequence
-
     from msb.asset import Asset
     from msb.scenes import Camera
     from msb.views import Views as ChosenViews

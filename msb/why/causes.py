@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.adapters.official import official_exporter
 from msb.asset.look import daylight, stored_threshold, up_axis, visible_faces
@@ -22,8 +23,6 @@ from msb.registry import lookup
 from msb.why.views import DoesNotApplyError, Views
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.render import Frame
     from msb.why.views import Image

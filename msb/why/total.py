@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.why.causes import BAKED, lit, samples, taken_for_linear
 from msb.why.views import EQUAL, DoesNotApplyError, Views, difference
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 TITLE = "All of it at once (standard tier against its own look)"
 _SEEN = 40.0

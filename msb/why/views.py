@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
@@ -13,10 +15,6 @@ from msb.metrics import psnr
 from msb.render import Renderer
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.meshes import Mesh
     from msb.render import Frame

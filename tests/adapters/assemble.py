@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tests.corpus.forge import Entry, forge
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MAGIC = b"\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19"
 VALUES = struct.pack("<6f", 1, 2, 3, 4, 5, 6)

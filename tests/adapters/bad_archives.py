@@ -6,6 +6,7 @@ import io
 import struct
 import tarfile
 import zipfile
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from msb.adapters.checkpoint.zip_members import MAX_MEMBERS
@@ -29,8 +30,6 @@ from tests.adapters.assemble import (
 from tests.corpus.forge import Entry, extra, forge, local_header, zip64
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tests.corpus.forge import Fields
 
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import pickletools
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from tests.adapters.assemble import Case, archive, call, frame, name, program, row, short_text, text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -13,9 +14,6 @@ from msb.adapters.locate import STATE_DICT
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 from msb.registry import METHODS
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 GOLDEN = ROOT / "tests" / "golden"
 RANDOM = np.random.default_rng(3)

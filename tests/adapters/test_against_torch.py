@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import warnings
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +15,6 @@ from tests.adapters.describe import assert_same_arrays, describe
 
 torch = pytest.importorskip("torch", reason="torch is not installed; golden files stand in for it")
 from tests.adapters import torch_samples  # noqa: E402 it imports torch
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = [pytest.mark.torch, pytest.mark.slow, pytest.mark.oracle]
 

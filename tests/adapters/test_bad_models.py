@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +20,6 @@ from msb.errors import MsbError, Unsupported, UsageError
 from tests.adapters import models
 from tests.adapters.models import VALUES, write_model, write_web_export
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 Change = tuple[str, Any]
 NAN = np.float32("nan")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +13,6 @@ from msb.adapters.checkpoint import read_checkpoint
 from msb.asset.validation import check_values
 from msb.meshes.assets import mesh_from_asset
 from tests.adapters.models import GOLDEN
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def scenes(method: str) -> list[Path]:

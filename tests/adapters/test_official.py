@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import filecmp
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +15,6 @@ from msb.errors import Unsupported, UsageError
 from msb.meshes import read_mesh
 from tests.adapters.models import GOLDEN, two_dts, write_model
 from tests.adapters.test_golden_exports import name, scenes
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.parametrize("official", ["glb/60000.glb", "mesh_ply/60000_mesh.ply"])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +16,6 @@ from msb.errors import CheckpointError, InputError
 from msb.scenes.datasets.trained import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TORUS = GOLDEN / "triangle_splatting" / "torus_sh0_white" / "checkpoint"
 

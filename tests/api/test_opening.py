@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 import json
 import pydoc
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +18,6 @@ from msb.errors import CheckpointError, InputError, MeshError, MsbError, OutputE
 from msb.meshes import MESH_SUFFIXES, read_mesh
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 DIFFSOUP = ROOT / "tests" / "tiny" / "models" / "walled" / "diffsoup"

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,6 @@ from tests.corpus.bad_assets import CASES, write_case
 from tests.corpus.good import decoder, mesh, parts, soup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.errors import MsbError
     from tests.corpus.case import Case
 

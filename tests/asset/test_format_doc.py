@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -12,9 +12,6 @@ from msb.asset import load, write_asset
 from msb.asset.schema import manifest_schema
 from tests.conftest import ROOT
 from tests.corpus.good import decoder, mesh, soup
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 DOC = (ROOT / "docs/triasset.md").read_text()
 SCHEMA = manifest_schema()

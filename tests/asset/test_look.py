@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -27,8 +28,6 @@ from tests.conftest import ROOT
 from tests.reference.soups import random_triangles, soup
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
 
 WILD = np.array([[2, -1, 0.5], [1.5, 0.25, -0.25], [-3, 0, 1]], np.float32)

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +24,6 @@ from tests.corpus.forge import forge
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
 
 MAKERS = [mesh, soup, decoder]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import random
 import re
+from collections.abc import Iterator
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jsonschema
 import pytest
@@ -27,9 +28,6 @@ from msb.asset.schema import check_schema, describe, manifest_schema
 from msb.errors import CODES
 from msb.registry import METHODS, NAME, PASSES, SETTING_SOURCES, TIERS
 from tests.corpus.good import decoder, mesh, parts, soup
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SCHEMA = manifest_schema()
 PROPERTIES = SCHEMA["properties"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +14,6 @@ from msb.asset.validation import check_values
 from msb.errors import AssetError
 from tests.corpus.forge import forge
 from tests.corpus.good import Parts, mesh, parts, soup
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def report(changed: Parts, path: Path) -> list[tuple[str, str | None]]:

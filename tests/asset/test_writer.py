@@ -6,10 +6,10 @@ import errno
 import os
 import struct
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -18,9 +18,6 @@ from msb.asset import writer as writer_module
 from msb.base.atomic import new_file, new_folder
 from msb.errors import AssetError, OutputError
 from tests.corpus.good import mesh, parts, soup
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 FORMS = ["packed", "folder"]
 

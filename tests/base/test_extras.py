@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -14,9 +14,6 @@ from msb.bench.records import File
 from msb.errors import EXIT_STATUS, UsageError
 from tests.conftest import ROOT
 from tests.report.factory import make_result, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CALLS = {
     "ssim": ("bench", "metrics.ssim(image, image)"),

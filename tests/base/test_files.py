@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,10 +16,6 @@ from msb.cli.defaults import _read as read_settings_file
 from msb.errors import InputError, MsbError
 from msb.meshes import read_mesh
 from msb.metrics import read_image
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 OPENERS: dict[str, Callable[[Path], Any]] = {
     "regular_file": regular_file,

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from msb.base.matrices import inverse
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def exact_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

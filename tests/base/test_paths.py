@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import shutil
 import unicodedata
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,10 +26,6 @@ from msb.scenes.datasets import read_scene
 from msb.scenes.views_json import write_cameras
 from msb_viewers.deployment.views import dataset_views
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 SCENE = ROOT / "tests" / "tiny" / "scenes" / "nerf_synthetic" / "pebble"
 COLMAP = ROOT / "tests" / "tiny" / "scenes" / "tanksandtemples" / "pebble"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,8 +13,6 @@ from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.bench.protocol import ProtocolFile
 
 REFERENCE = 'non_engine = "reference"'

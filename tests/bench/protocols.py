@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.bench.machine import OF_THE_MOMENT
@@ -11,8 +12,6 @@ from msb.bench.records import Result, read_result
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.bench.run import Report
 
 STUBS = ROOT / "tests" / "tiny"

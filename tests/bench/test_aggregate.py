@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +18,6 @@ from msb.bench.aggregate import (
 )
 from msb.bench.records import Memory, Training
 from tests.bench.records import asset, quality, result, timing
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 COUNTS = {
     # table -> means it prints for whose scenes it has rows (spec, section 2)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,9 +25,6 @@ from msb.render.frame import Frame
 from tests.bench.protocols import protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from msb.bench.job import Done, Job
     from msb.bench.plan import Planned
     from msb.bench.protocol import ProtocolFile

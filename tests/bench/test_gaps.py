@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from msb.bench.gaps import PAIRS, dataset_gaps, incomparable, scene_gaps, slowdown, value_gaps
 from tests.bench.records import IDENTITIES, SETUP, asset, quality, result, timing
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SEED = {
     # dataset, method -> adapt, port, deploy of PSNR (spec, section 3)

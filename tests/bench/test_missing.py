@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -20,8 +21,6 @@ from msb.scenes import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, protocol
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.bench.missing import Missing
     from msb.bench.protocol import ProtocolFile
     from msb.bench.run import Report

@@ -8,7 +8,8 @@ import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, cast
+from pathlib import Path
+from typing import Any, cast
 
 import psutil
 import pytest
@@ -18,9 +19,6 @@ from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.errors import MsbError
 from tests.bench.workers import double, moody
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 

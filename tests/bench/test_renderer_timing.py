@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,9 +20,6 @@ from msb.report.results import read_results
 from tests.bench.protocols import protocol
 from tests.bench.records import result, timing
 from tests.cli.forks import run_msb
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 GOOD: dict[str, Any] = {
     "schema": "msb.renderer_timing/1",

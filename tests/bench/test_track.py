@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -16,9 +17,6 @@ from msb.bench.nvml import Gpus, driver_memory
 from msb.bench.track import read_track, track
 from msb.errors import MsbError
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
 HOLD = f"import time; {TAKE}; time.sleep(0.5)"

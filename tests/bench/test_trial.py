@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -14,9 +14,6 @@ from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
 from tests.bench.protocols import protocol
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 EACH = 'conditions = ["exported_mesh"]'
 

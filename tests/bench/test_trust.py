@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -20,9 +22,6 @@ from msb.scenes.datasets import SceneAt
 from tests.bench.protocols import STUBS, cell, planned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
     from msb.bench.protocol import ProtocolFile
 
 CELLS = "cells/nerf_synthetic/pebble"

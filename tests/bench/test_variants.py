@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,8 +26,6 @@ from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, planned, protocol, records
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from msb import metrics
 from msb.bench.protocol_tables import VideosTable
@@ -14,10 +16,6 @@ from msb.bench.run import run_protocol
 from tests.bench.protocols import planned
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.cl import Device
 
 

@@ -7,6 +7,7 @@ import itertools
 import sys
 import threading
 import zipfile
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest.mock import Mock
 
@@ -21,8 +22,6 @@ from tests.cl.conftest import KERNELS
 from tests.cl.test_devices import POCL, other
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.cl import Device
 
 

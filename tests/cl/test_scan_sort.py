@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from msb.cl.scan import MOST, exclusive_scan
 from msb.cl.sort import sort_pairs
 from tests.cl.conftest import KERNELS, open_styled
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.cl import Device
 
 TILE = 2048

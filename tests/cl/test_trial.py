@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -22,8 +23,6 @@ from tests.cl.conftest import SELECTOR, answer
 from tests.cl.test_devices import INTEL, NVIDIA, other
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from msb.cl import DeviceRecord
     from tests.cl.conftest import Child
 

@@ -8,14 +8,11 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 SECONDS = 600
 """After which a command is killed."""

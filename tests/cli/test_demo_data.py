@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.api.demo import CONTENTS
@@ -10,8 +11,6 @@ from msb.bench.protocol import read_protocol
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Msb
 
 STUBS = ROOT / "data_stubs"

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -22,8 +23,6 @@ from tests.conftest import ROOT, SHORT
 from tests.tiny import link_demo
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Msb
 
 ASSET = "data_stubs/splat_like.triasset"

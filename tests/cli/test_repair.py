@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from msb.meshes import Mesh, read_mesh, write_mesh
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Msb, Refused
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"

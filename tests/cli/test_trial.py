@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import jsonschema
@@ -14,8 +15,6 @@ from msb.meshes.mesh import Mesh
 from tests.trial.conftest import box, grid, pages
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Msb, Refused
 
 TRIAL = {

@@ -6,6 +6,7 @@ same release writes the same bytes.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tests.corpus import (
@@ -20,8 +21,6 @@ from tests.corpus import (
 )
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.corpus.case import Case
 
 CASES: tuple[Case, ...] = tuple(

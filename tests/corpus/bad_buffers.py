@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from tests.corpus.case import Case, folder, packed
 from tests.corpus.good import REMOVE, Parts, decoder, mesh, parts, soup
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 COLOR = "buffers/color.bin"
 

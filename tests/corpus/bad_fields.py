@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from msb.asset.schema import manifest_schema
 from tests.corpus.case import Case, packed
 from tests.corpus.good import REMOVE, Parts, decoder, mesh, parts, soup
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def _value(

@@ -7,16 +7,13 @@ import io
 import os
 import struct
 import tarfile
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 from tests.corpus.bad_zips import from_bytes, good_entries
 from tests.corpus.case import Case
 from tests.corpus.forge import forge
 from tests.corpus.good import mesh, parts
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 def _tar() -> bytes:

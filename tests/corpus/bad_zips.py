@@ -6,14 +6,12 @@ import io
 import struct
 import zipfile
 import zlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from tests.corpus.case import Case
 from tests.corpus.forge import PADDING_ID, Entry, extra, forge
 from tests.corpus.good import mesh, parts
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def good_entries() -> list[Entry]:

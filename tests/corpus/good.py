@@ -6,7 +6,8 @@ import copy
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,6 @@ from msb.asset import Asset, Description, build_asset
 from msb.asset.build import as_bytes
 from msb.asset.manifest import Source, SourceFile, StoredSetting
 from tests.corpus.forge import Entry, forge
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SHA_OF_NOTHING = hashlib.sha256().hexdigest()
 REMOVE = object()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,9 +20,6 @@ from msb.bench.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
 from msb.scenes.datasets.evaluated import scene_at
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 STUBS = ROOT / "data_stubs"
 MAX_BYTES = 8_000_000

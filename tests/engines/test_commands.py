@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,6 @@ from tests.conftest import ROOT
 from tests.engines.conftest import need
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Here, Msb
 
 pytestmark = pytest.mark.slow

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,9 +25,6 @@ from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     from msb.engines.dedicated_page.page import DedicatedPage
     from tests.cli.conftest import Msb
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import zlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +23,6 @@ from tests.reference.golden import exported, golden_views, psnr
 from tests.render.standard_scenes import mesh_asset, scene
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
     from msb.engines.dedicated_page.page import DedicatedPage
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +20,6 @@ from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
     from msb.render import Frame
     from msb.scenes import Camera

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import msb
 from msb.asset.settings import effective_settings
@@ -22,10 +24,6 @@ from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views, names
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.render import Frame
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,8 +26,6 @@ from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.render import Frame
 
 EYE = np.eye(4)

@@ -7,7 +7,9 @@ import hashlib
 import json
 import re
 import tomllib
+from collections.abc import Callable
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,9 +28,6 @@ from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     from msb.asset import Asset
 
     InBrowser = Callable[..., Any]

@@ -15,17 +15,14 @@ import subprocess
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fuzz import readers
 from fuzz.guard import ClosedGuard, Guard, limit_memory, peak_mib
 from fuzz.target import Target
 from msb.errors import MsbError
 from tests.fuzz.mutations import TIMES, mutate_bytes, mutate_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MUTATIONS = 60 * TIMES
 """Of each target; fuzzing is for more."""

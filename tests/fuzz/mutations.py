@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
+import random
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import random
-    from collections.abc import Callable
+from collections.abc import Callable
 
 TIMES = int(os.environ.get("MSB_MUTATIONS", "1"))
 """How many times as much is tried as in a run of all tests."""

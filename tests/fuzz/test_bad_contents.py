@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from fuzz.targets import TARGETS
 from tests.fuzz.bad_binaries import BAD as BAD_BINARIES
 from tests.fuzz.bad_texts import BAD as BAD_TEXTS
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SECONDS = 2.0
 """Of processor time."""

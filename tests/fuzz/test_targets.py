@@ -6,16 +6,13 @@ import json
 import os
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from fuzz.targets import TARGETS
 from tests.conftest import ROOT
 from tests.fuzz.corpora import write_all
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="memory is capped as Linux does it")
 STUCK = 1800

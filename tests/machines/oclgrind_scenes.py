@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,9 +23,6 @@ from tests.cl.conftest import KERNELS, WITHOUT_ATOMICS, open_styled
 from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from msb.cl import Device
 
 pytestmark = pytest.mark.skipif(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from .bad_glbs import BAD_GLBS
 from .builders import (
@@ -19,9 +19,6 @@ from .builders import (
     stl_facet,
     stl_text,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Bad = tuple[str, bytes, str, str]
 LITTLE = "binary_little_endian"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from .builders import SMALL, SQUARE, Glb, glb_file, glb_square, ply_floats
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def changed(change: Callable[[dict[str, Any]], object]) -> bytes:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
     from msb.meshes import Mesh
 
     Read = Callable[[bytes, str], Mesh]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +15,6 @@ from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import as_held, asset_from_mesh, mesh_from_asset
 from msb.meshes.transform import turned
 from tests.conftest import ROOT, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 POINTS = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +12,6 @@ from msb.errors import InputError, MeshError, MeshFileError
 from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh
 
 from .builders import SMALL, SQUARE, SQUARE_FACES
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_the_suffix_says_the_format_in_any_case(tmp_path: Path) -> None:

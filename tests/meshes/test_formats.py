@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -22,9 +22,6 @@ from tests.conftest import ROOT
 from tests.test_docs_commands import blocks
 
 from .builders import SMALL, SQUARE, SQUARE_FACES
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CORNERS = np.array(SQUARE)[np.array(SQUARE_FACES)].reshape(-1, 3)
 

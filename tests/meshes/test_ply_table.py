@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from msb.errors import InputError, MeshFileError
 from msb.meshes.ply_table import ply_names, read_ply_table
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEAD = "ply\nformat {} 1.0\nelement vertex 3\n"
 HEAD += "property float a\nproperty double b\nproperty uchar c\nend_header\n"

@@ -5,18 +5,14 @@ from __future__ import annotations
 import io
 import json
 import struct
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from msb.errors import InputError, MeshError, OutputError
 from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh, write_mesh, writing
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
 """Only zeros and ones: the hardest bytes to tell from decimals in a text file."""

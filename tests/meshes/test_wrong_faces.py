@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 import msb
 from msb.errors import MeshError
 from msb.meshes import read_mesh
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEADER = (
     "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 
 from tests.conftest import ROOT
 from tests.metrics.synthetic_vgg import synthetic_vgg
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 Test = TypeVar("Test", bound="Callable[..., None]")
 GOLDEN = ROOT / "tests" / "golden" / "metrics"

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.metrics.vgg import LAYERS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def synthetic_vgg(seed: int = 1) -> dict[str, NDArray[np.float32]]:

@@ -9,7 +9,8 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,6 @@ from tests.bench.protocols import protocol
 from tests.conftest import ROOT
 from tests.report.factory import make_result, write
 from tests.test_docs_commands import blocks
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 GOLDEN = ROOT / "tests" / "golden" / "metrics"
 

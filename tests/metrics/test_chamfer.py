@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 import struct
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.spatial.distance import cdist
 
@@ -19,11 +21,6 @@ from msb.meshes import read_mesh
 from msb.metrics import sampling
 from msb.metrics.sampling import sample_surface, thin
 from tests.metrics.conftest import DTU, golden
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 CASES = golden("dtu_synthetic/chamfer.json")["cases"]
 RUNS = [(case, run) for case in CASES for run in case.get("runs", ())]

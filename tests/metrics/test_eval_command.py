@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from tests.cli.conftest import msb
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.conftest import Msb
 
 __all__ = ["msb"]  # the fixture

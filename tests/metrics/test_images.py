@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from skimage.metrics import peak_signal_noise_ratio
 
@@ -17,9 +18,6 @@ from msb.errors import MetricError
 from msb.metrics.images import image_pair
 from msb.render.images import to_bytes
 from tests.metrics.conftest import GOLDEN, golden
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 CASES = golden("psnr_ssim.json")["cases"]
 IMAGES = np.load(GOLDEN / "psnr_ssim.npz")

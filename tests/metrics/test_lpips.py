@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +18,6 @@ from msb.metrics import vgg
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, VGG_FILE, VGG_SHA256, read_heads, read_vgg, weights_source
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 from tests.metrics.synthetic_vgg import synthetic_vgg
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CASES = golden("lpips_synthetic_vgg.json")["cases"]
 IMAGES = np.load(GOLDEN / "lpips_synthetic_vgg.npz")

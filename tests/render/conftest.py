@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,8 +11,6 @@ from msb.cl import open_device
 from tests.cl.conftest import SELECTOR, fresh, styled
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.cl import Device
 
 __all__ = ["fresh", "styled"]

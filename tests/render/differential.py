@@ -7,11 +7,13 @@ every corner moved by about as much as float32 rounds.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import drawn_colors
 from msb.asset.reader import Asset
@@ -25,10 +27,6 @@ from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import NDArray
-
     from msb.cl import Device
     from msb.render import Frame
     from msb.scenes import Camera

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.registry import METHODS, ORDERS, SAMPLINGS
 from msb.render.frame import EXTRAS
@@ -19,8 +20,6 @@ from tests.render.standard_scenes import mesh_asset, random_colors, unshared
 from tests.render.test_diffsoup_scenes import model as diffsoup_model
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
     Random = np.random.Generator

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
 from msb.reference.standard import render_standard
@@ -13,8 +14,6 @@ from msb.scenes import Camera
 from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.cl import Device
     from msb.reference import ReferenceFrame
     from msb.render import Frame

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +19,6 @@ from tests.golden.views import compare, scenes, views
 from tests.render.frames import assert_same, frame_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.cl import Device
     from msb.render import Frame
 

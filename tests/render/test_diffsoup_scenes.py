@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -21,8 +22,6 @@ from tests.cl.conftest import SELECTOR, STYLES, open_styled
 from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.render import Frame
 
 BLACK = (0.0, 0.0, 0.0)

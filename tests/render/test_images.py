@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +11,6 @@ from PIL import Image
 
 from msb.errors import OutputError, UsageError
 from msb.render.images import Writers, to_bytes, write_film, write_image
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 RANDOM = np.random.default_rng(0)
 IMAGE = (RANDOM.random((31, 46, 3)) * 1.4 - 0.2).astype(np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,6 @@ from tests.cl.conftest import open_styled
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.asset import Asset
     from msb.cl import Device
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +18,6 @@ from msb.reference import render_reference
 from msb.scenes import interpolated, read_cameras, write_cameras
 from msb.scenes.around import around
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SIZES = [10.0**power for power in range(-6, 7)]
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from msb.render.splat import order as splat_order
 from msb.render.splat.bins import Projected
@@ -15,10 +17,6 @@ from tests.reference.soups import SPLATTING, front_camera, soup
 from tests.render.frames import assert_same
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.cl import Device
     from msb.registry import Order
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from msb.cl import Device, open_device
 from msb.render.standard.renderer import StandardRenderer
@@ -24,11 +25,6 @@ from tests.render.standard_scenes import (
     twin,
     unshared,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
 
 @pytest.fixture(scope="module")

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from data_stubs.surface import icosphere
 from msb.engines.agreement import interior
 from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, twin, unshared
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.cl import Device
     from msb.scenes import Camera
     from tests.render.standard_scenes import Arrays

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from msb.reference.standard import UNITS, inside
 from msb.render.standard.renderer import StandardRenderer
 from tests.render.standard_scenes import camera, mesh_asset
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.cl import Device
     from msb.scenes import Camera
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +14,6 @@ from msb.engines.agreement import interior
 from tests.render.standard_scenes import camera, draw, mesh_asset, random_colors, scene, unshared
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.cl import Device
     from tests.render.standard_scenes import Arrays
 

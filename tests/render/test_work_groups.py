@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,8 +17,6 @@ from tests.reference.soups import SPLATTING, front_camera, random_triangles, sou
 from tests.render.frames import frame_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.asset import Asset
     from msb.cl import Device
     from msb.render import Frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +19,6 @@ from msb.repair.run import run_plan
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.repair import Repaired
 
 MODELS = ROOT / "tests" / "tiny" / "models" / "pebble"

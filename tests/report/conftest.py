@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,8 +13,6 @@ from msb.report.results import read_results
 from tests.report.factory import write_results
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.report.numbers import Numbers
     from msb.report.report import Report
 

@@ -7,9 +7,10 @@ held to it; scenes differ by offsets that sum to zero.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageFilter
@@ -31,9 +32,6 @@ from msb.bench.records import (
 from msb.registry import METHODS
 from msb.report.numbers import MEAN, Key
 from msb.report.paper import paper_numbers
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 METHODS_OF_PAPER = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 CONDITIONS = ("non_engine", "dedicated", "standard", "exported_mesh")

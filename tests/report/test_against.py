@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +20,6 @@ from msb.report.results import read_results
 from tests.report.factory import make_result, quality, write
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.report.report import Report
 
 SCENES = ("desk", "chair", "room", "hall")

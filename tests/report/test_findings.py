@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,9 +12,6 @@ from msb.report.collect import collect
 from msb.report.findings import find
 from msb.report.results import read_results
 from tests.report.factory import make_result, quality, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from matplotlib.axes import Axes
@@ -15,9 +16,6 @@ from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.results import read_results
 from msb.report.tables.gaps import gaps_table
 from tests.report.factory import make_result, quality, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -19,8 +20,6 @@ from msb.report.paper import PAPER_TABLES, paper_numbers, paper_row, published_n
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.report.table import Cell, Table
 
 FOLDER = ROOT / "msb" / "report" / "paper_tables"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,9 +13,6 @@ from msb.report.pages import report_files
 from msb.report.results import read_results
 from msb.trial.repairs import Row
 from tests.report.factory import make_result, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SAME = {"psnr": None, "same": True, "why": None}
 HEADING = "What would make it usable, and what that costs"

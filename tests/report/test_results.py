@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,9 +13,6 @@ from msb.bench.records import File, RendererInfo
 from msb.errors import InputError, UsageError
 from msb.report.results import Place, read_results
 from tests.report.factory import METRICS, make_result, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HERE = Place("capture", "desk", "two_dts")
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,9 +24,6 @@ from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.asset import asset_tables
 from msb.report.tables.runtime import DRIVER_NOTE
 from tests.report.factory import make_result, quality, write, write_results
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def row_of(table: Table, *labels: str) -> Row:

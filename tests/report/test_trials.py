@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,9 +12,6 @@ from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
 from tests.report.factory import make_result, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TASK: dict[str, Any] = {
     "task": "uv",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +15,6 @@ from msb.report.results import Place, read_results
 from tests.report.factory import AUDIT, VIEWS, make_result, quality, write
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.report.report import Report
 
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from data_stubs.make import write_checkpoint
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
 from tests.tiny import MODELS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
 
 STUBS = ROOT / "data_stubs"
 QUICK_VIEWS = ("--cameras", STUBS / "views.json", "--scale", "0.25", "--tiers", "dedicated,standard")

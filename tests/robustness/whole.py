@@ -7,8 +7,9 @@ import io
 import json
 import os
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,6 @@ from msb.bench.machine import OF_THE_MOMENT
 from msb.bench.records import read_result
 from msb.meshes import MESH_SUFFIXES, read_mesh
 from tests.robustness.commands import DEMO
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 NO_OUTPUT = {".lock", ".run.json"}
 """What a run keeps for itself while it lasts (msb/bench/folder.py)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +13,6 @@ from msb.scenes import colmap_binary, colmap_text, read_points
 from msb.scenes.colmap_models import MODEL_NAMES, MODELS
 
 from .builders import lens_bin, lens_parameters, many, point_bin, shot_bin, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PINHOLES = [name for name, model in MODELS.items() if not model.fisheye]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +21,6 @@ from . import builders
 from .builders import dump, some_cameras, write
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb import Camera
 
 CAMERAS = some_cameras(4)

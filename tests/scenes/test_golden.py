@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,6 @@ from tests.conftest import SHARED
 from tests.golden.views import views
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb import Camera
 
 GOLDEN = SHARED / "golden"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -12,9 +12,6 @@ from msb.errors import MsbError, SceneError
 from msb.scenes import image_size
 
 from .builders import jpeg, png
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def size_of(content: bytes, folder: Path) -> tuple[int, int]:

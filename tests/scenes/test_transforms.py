@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,6 @@ import pytest
 import msb
 
 from .builders import dump, jpeg, png, pose, write
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 IDENTITY = np.eye(4).tolist()
 

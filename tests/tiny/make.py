@@ -7,9 +7,11 @@ by a level.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_stubs import captures, made_models
 from data_stubs.photographs import averaged
@@ -18,10 +20,6 @@ from msb.reference.standard import render_standard
 from tests.tiny import MODELS, SCENES
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.scenes import Camera
 
 SAMPLES = 4

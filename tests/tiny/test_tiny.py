@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,6 @@ from msb.scenes import read_points
 from msb.scenes.datasets import read_scene
 from tests.tiny import MODELS, SCENES
 from tests.tiny.make import PEBBLE, photograph, write_models
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SPLATTING = ("two_dts", "triangle_splatting", "mesh_splatting")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +13,6 @@ from msb import audit
 from msb.meshes import read_mesh
 from tests.conftest import SHARED
 from tests.topology.meshes import assert_as_expected
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FOLDER = SHARED / "golden" / "meshes"
 MESHES = json.loads((FOLDER / "expected.json").read_text())["meshes"] if FOLDER.is_dir() else []

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,9 +25,6 @@ from msb.topology.explain import explain
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.forked_peers import ForkedPeers
 from tests.topology.meshes import CASE, CASES, GOLDEN, random_mesh
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 WITH_FACES = [c for c in CASES if c.valid and len(c.faces)]
 IN_PROCESS = ("libigl", "trimesh", "NetworkX")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +16,6 @@ from msb.topology import audit_arrays
 from msb.topology.crosscheck import PEERS, children, cross_check
 from msb.topology.crosscheck.children import Reply, ask_peers
 from tests.conftest import BOOK
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 def test_peer_that_crashes_is_skipped_with_the_signal(child: Callable[[str], None]) -> None:

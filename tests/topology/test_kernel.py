@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -23,8 +24,6 @@ from tests.topology.meshes import CASES
 from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb.cl import Device
 
 DEFAULT = Sizes()

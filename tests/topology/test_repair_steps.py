@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,8 +20,6 @@ from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.meshes import CASES, Case, Mesh, counts, finite_mesh, places, sphere
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.topology.steps import Change
 
 STEPS: dict[str, Callable[[np.ndarray, np.ndarray], Change]] = {

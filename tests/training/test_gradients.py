@@ -6,15 +6,13 @@ numbers among many may sit there, so most must agree closely, and all of them to
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.training.soups import BACKGROUND, CAMERA, soup, tensors
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 STEP, MOST = 1e-6, 16
 """Of each parameter so many numbers are moved, those with the largest derivatives among them."""

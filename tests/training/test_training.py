@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +16,6 @@ from msb import metrics
 from msb.errors import UsageError
 from msb.reference import render_reference
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SCENES = {"colmap": "mipnerf360/pebble", "synthetic": "nerf_synthetic/pebble"}
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")

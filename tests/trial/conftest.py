@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from msb.trial.mesh import TriedMesh
 from msb.trial.registry import TASKS
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from msb.trial.task import Judgement, Made
 
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))

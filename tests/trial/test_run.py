@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,9 +21,6 @@ from msb.trial.task import Made, Reply
 from tests.trial.conftest import box, grid, made_of, pages, soup
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
     from msb.trial.run import Trial
     from msb.trial.task import Attempt, Task
 

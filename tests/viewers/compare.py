@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -14,9 +15,6 @@ from msb.registry import TIERS
 from msb_viewers.deployment.shots import LABELS, Comparison, Shot
 from msb_viewers.deployment.views import View, dataset_views
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 WIDTH, HEIGHT = 64, 48

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +16,6 @@ from msb_viewers.gl import GlProbe
 from msb_viewers.model import ViewModel, build_model
 from msb_viewers.viewed_mesh import Colors, ViewedMesh, read_viewed_mesh
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HAS_PYVISTA = importlib.util.find_spec("pyvista") is not None
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +14,6 @@ from tests.viewers.compare import CHECKPOINT, HEIGHT, WIDTH, photographs
 from tests.viewers.conftest import ROOT
 from tests.viewers.test_compare_page import meta_of
 from tests.viewers.test_view_command import needs_pyvista, view
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 VIEWS = ROOT / "data_stubs" / "views.json"
 FAST = ("--tiers", "dedicated,standard")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,10 +38,6 @@ from tests.viewers.compare import (
     photographs,
     small_cameras,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 # Differences ---------------------------------------------------------------------------------------------
 

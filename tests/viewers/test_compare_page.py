@@ -6,8 +6,9 @@ import base64
 import io
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +20,6 @@ from msb_viewers.deployment.page import page, page_view
 from msb_viewers.deployment.shots import Shot
 from msb_viewers.deployment.state import CompareState
 from tests.viewers.compare import HEIGHT, WIDTH, comparison, flat_shot
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def noisy(tier: str, seed: int) -> Shot:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,8 +29,6 @@ from tests.viewers.compare import (
 )
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb_viewers.deployment.arrange import Box
 
 ALL = ("truth", "reference", "dedicated", "standard")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import GREEN, RED, model_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb_viewers.model import ViewModel
 
 

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import zlib
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +19,6 @@ from msb_viewers.page import page, write_page
 from msb_viewers.state import ViewState
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb_viewers.model import ViewModel
 
 

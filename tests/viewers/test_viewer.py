@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +15,6 @@ from tests.conftest import TETRAHEDRON
 from tests.viewers.conftest import GREEN, RED, model_of, square
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from msb_viewers.model import ViewModel
     from msb_viewers.viewer import TopologyViewer
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from msb.why import Cause, why
 from tests.conftest import ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.why import Causes
 
 MODELS = ROOT / "data_stubs" / "models"

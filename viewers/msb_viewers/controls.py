@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,8 +10,6 @@ import numpy as np
 from msb_viewers.window import CLICK, event_pixel, free_name, key_name, listen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb_viewers.viewer import TopologyViewer
 
 _BOX = 1.02

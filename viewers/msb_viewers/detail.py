@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 MOST_FACES, LEAST_FACES = 300_000, 30_000
 """The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb_viewers.camera import sphere
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb_viewers.model import ViewModel
 
 _APART = 0.6

@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import logging
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.extras import need_extra
 from msb.errors import UsageError
@@ -15,10 +17,7 @@ from msb_viewers.camera import Pose, element_pose
 from msb_viewers.palette import NEUTRAL, STYLES, unit
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from msb_viewers.model import ViewModel
     from msb_viewers.viewer import TopologyViewer

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb_viewers import drawing
 from msb_viewers.fanout import neighbourhood
@@ -12,8 +13,6 @@ from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb_viewers.fanout import Fan, Neighbourhood
     from msb_viewers.model import ViewModel
 

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import known_up
 from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
     from msb_viewers.viewed_mesh import Colors, ViewedMesh

@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import zlib
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb_viewers.camera import FOV_Y, default_pose
@@ -16,10 +18,6 @@ from msb_viewers.state import ViewState
 from msb_viewers.template import filled
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb_viewers.model import ViewModel
 
 LARGE = 2_000_000

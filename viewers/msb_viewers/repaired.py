@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_model
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _DARKEST, _LIGHTEST = 140, 230
 """Grey of black and of white faces: light enough for the colours to stand out."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import lit_grey
 from msb_viewers import drawing
@@ -12,8 +13,6 @@ from msb_viewers.detail import MOST_FACES, budget, cluster
 from msb_viewers.viewed_mesh import color_bytes
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb_viewers.model import ViewModel
     from msb_viewers.palette import Style
     from msb_viewers.state import ViewState

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,8 +13,6 @@ from msb_viewers.model import SOUP_NOTE
 from msb_viewers.palette import size_label
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from msb_viewers.model import ViewModel
 
 Coloring = Literal["own", "components", "grey"]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.matrices import inverse
 from msb_viewers import drawing
@@ -22,10 +24,6 @@ from msb_viewers.state import HELP, ViewState
 from msb_viewers.window import GAP, open_plotter, text_scale, write_png
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb_viewers.model import ViewModel
 
 _SAMPLES = 4

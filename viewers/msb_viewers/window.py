@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import UsageError
 from msb_viewers import drawing
 from msb_viewers.gl import NO_DISPLAY
 from msb_viewers.palette import BACKGROUND, unit
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 GAP = 12
 """Distance between panels and the window's border, in pixels at scale 1."""

@@ -6,17 +6,15 @@ module, so no name, however spelt, can reach code: a name outside the list is re
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.tensors import BFloat16Array, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MAX_ENCODED = 64
 """Most characters that `_codecs.encode` takes; it only ever carries a NumPy scalar, of at most 8 bytes.

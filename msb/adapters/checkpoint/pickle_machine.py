@@ -10,6 +10,7 @@ the comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.adapters.checkpoint.names import Function, ScalarType, find
@@ -17,8 +18,6 @@ from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.tensors import DeclaredStorages
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb.adapters.checkpoint.tensors import Storages
 
 MAX_OPCODES = 1_000_000

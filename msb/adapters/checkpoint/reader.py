@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.adapters.checkpoint.archive import read_archive
 from msb.adapters.checkpoint.legacy import is_legacy, read_legacy
@@ -11,9 +12,6 @@ from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.structure import check_structure
 from msb.base.files import map_file
 from msb.errors import CheckpointError, json_safe
-
-if TYPE_CHECKING:
-    import os
 
 _END_RECORD = b"PK\x05\x06"
 _LONGEST_TAIL = 22 + 0xFFFF

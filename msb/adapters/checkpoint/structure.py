@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.tensors import BFloat16Array
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 MAX_DEPTH = 64
 """Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 MAX_AXES = 32
 """Most axes of a tensor, which every supported NumPy can hold; model tensors have at most 4."""

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.engines.browser import VARIABLE, Page, find_browser
 from msb.engines.webpage import read_script
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
 
 FAITHFUL = 45.0
 """The PSNR in dB from which a page counts as faithful."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 import base64
 import math
 import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
@@ -25,11 +28,6 @@ from msb.registry import lookup
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.engines.hardware.packing import Packed
     from msb.engines.hardware.plan import Plan

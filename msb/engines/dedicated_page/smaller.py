@@ -6,19 +6,17 @@ is what `stored` packs without a loss: positions on a grid by chunks, and few va
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.engines.dedicated_page.stored import CHUNK, LEVELS, exponents
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 GRID = 65000

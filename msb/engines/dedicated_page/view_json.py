@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,6 @@ from msb.errors import MsbError
 from msb.registry import lookup
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.asset import Asset
     from msb.engines.hardware.packing import Packed
     from msb.render.splat.model import Model

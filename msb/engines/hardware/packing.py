@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
@@ -17,10 +19,6 @@ from msb.render.splat.view import make_view
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.scenes import Camera
 

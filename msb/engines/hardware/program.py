@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.engines.hardware.packing import VIEW
 from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Limits, Plan
@@ -15,10 +17,6 @@ from msb.errors import DeviceError
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.engines.hardware.packing import Packed
     from msb.registry import Order, Sampling
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
@@ -28,11 +31,6 @@ from msb.render.frame import Frame
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from contextlib import AbstractContextManager
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.registry import Order, Sampling
     from msb.scenes import Camera

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from importlib import resources
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
 
 _OWN = "msb.engines.hardware"
 _INCLUDE = re.compile(r'#include "([A-Za-z0-9_]+\.wgsl)"')

@@ -7,10 +7,12 @@ MLP turns the features seen by a pixel and its view direction into a colour.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.adapters.locate import in_bundle
 from msb.adapters.model import Model
@@ -22,11 +24,6 @@ from msb.errors import finding
 from msb.methods.diffsoup import METHOD
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Literal
-
-    from numpy.typing import NDArray
-
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 

@@ -5,9 +5,11 @@ Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings
@@ -19,10 +21,6 @@ from msb.meshes.files import read_mesh
 from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, domains, samples
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
     from msb.errors import Finding

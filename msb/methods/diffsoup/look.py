@@ -6,9 +6,11 @@ python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). How an image
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb._version import __version__
 from msb.asset.settings import check_modes, effective_settings
@@ -20,10 +22,6 @@ from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.cl import Buffer, Device, Program
     from msb.cl.kernel_text import Define

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.planes import invert_projection
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.scenes import Camera
 
 

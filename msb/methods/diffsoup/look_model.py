@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.drawable import check_drawable, require, required_buffer
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 FEATURES = 7

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.methods.diffsoup.look_camera import diffsoup_matrices
 from msb.methods.diffsoup.look_model import LAYERS, diffsoup_model
@@ -12,10 +14,6 @@ from msb.render.splat.model import CLIPPED
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.scenes import Camera
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.atomic import new_folder
 from msb.meshes.files import write_mesh
@@ -13,10 +15,6 @@ from msb.meshes.mesh import Mesh
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 

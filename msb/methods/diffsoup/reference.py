@@ -6,10 +6,12 @@ python/diffsoup/rasterize.py; examples/01_mip360.py, 02_synthetic.py (test loops
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0, sh_basis
@@ -19,10 +21,6 @@ from msb.reference.arithmetic import Reals, dot, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.reference.modes import Modes
     from msb.scenes import Camera

@@ -8,6 +8,7 @@ is global.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,8 +25,6 @@ from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +13,6 @@ from msb.render.splat.model import Model, rim
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.asset import Asset
 
     Settings = Mapping[str, Any]

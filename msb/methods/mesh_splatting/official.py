@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +14,6 @@ from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
 
 

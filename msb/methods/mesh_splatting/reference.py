@@ -7,6 +7,7 @@ cuda_rasterizer/forward.cu.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +22,6 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.asset import Asset
     from msb.reference.modes import Modes
     from msb.scenes import Camera

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +12,6 @@ from msb.base.atomic import new_file
 from msb.meshes.writing import write_rows
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.asset import Asset
 
 

@@ -6,9 +6,11 @@ A primitive is one free triangle with one opacity logit and one set of SH coeffi
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.adapters.model import Model
 from msb.adapters.setting_sources import Settings, background
@@ -20,10 +22,6 @@ from msb.errors import CheckpointError, finding, json_safe, shorten
 from msb.methods.two_dts.adapter_config import read_config
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
     from msb.errors import Finding

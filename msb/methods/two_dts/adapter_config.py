@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import yaml
 
 from msb.adapters.training_config import missing, read_text, unusable
 from msb.base.files import is_file
 from msb.errors import CheckpointError, Finding, InputError, finding
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MAX_DEPTH = 32
 """Deepest nesting of a config; real ones nest 3 deep."""

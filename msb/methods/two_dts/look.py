@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
@@ -14,10 +16,6 @@ from msb.render.splat.model import CLIPPED, Model, soup_positions
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
     Settings = Mapping[str, Any]

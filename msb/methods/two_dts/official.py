@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.adapters.official import rounded_bytes
 from msb.asset.activation import sigmoid
@@ -14,10 +16,6 @@ from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
 

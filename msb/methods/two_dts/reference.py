@@ -8,9 +8,11 @@ src/auxiliary.h (everything per triangle and per sample).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.reference.arithmetic import (
     Reals,
@@ -34,10 +36,6 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.reference.modes import Modes
     from msb.scenes import Camera

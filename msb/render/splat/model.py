@@ -6,10 +6,12 @@ one kernel file, which the head of `splat_stages.cl` describes.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
@@ -17,10 +19,6 @@ from msb.registry import METHODS, role
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
 
     Settings = Mapping[str, Any]

@@ -12,14 +12,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
 from msb.render.splat.launch import LANES, WORK_GROUP
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.cl import Buffer, Device, Program
     from msb.render.backend import Group
     from msb.render.device_scope import DeviceScope

@@ -6,10 +6,12 @@ docs/dedicated.md describes the stages and their cost, `msb.render.splat.model` 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb._version import __version__
 from msb.asset.drawable import check_drawable
@@ -25,10 +27,6 @@ from msb.render.splat.order import Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.cl import Buffer, Device, Program
     from msb.cl.kernel_text import Define

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb._version import __version__
 from msb.asset.drawable import check_drawable
@@ -19,10 +21,6 @@ from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, make_triangles
 from msb.render.standard.view import standard_view
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.cl import Buffer, Device
     from msb.scenes import Camera

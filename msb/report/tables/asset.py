@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, Line, make_table
@@ -14,8 +15,6 @@ from msb.report.tables.runtime import DRIVER_NOTE
 from msb.report.tables.structure import CONNECTIVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.bench.records import Memory, Result
     from msb.report.numbers import Numbers
     from msb.report.results import Place

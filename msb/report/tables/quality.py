@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import TYPE_CHECKING
 
 from msb.report.layout import Layout, Line, make_table
@@ -12,8 +13,6 @@ from msb.report.table import Column
 from msb.report.tables.scenes import scene_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
-
     from msb.report.numbers import Numbers
     from msb.report.table import Table
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from msb.report.layout import Layout, Line, make_table
 from msb.report.metric_format import SHOWN, digits, title
@@ -19,9 +20,6 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 """`Key.source` -> its heading: a method's own paper, its public code, the benchmark's paper, and ours."""

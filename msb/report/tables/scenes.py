@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import scene_groups
@@ -9,8 +10,6 @@ from msb.report.layout import Line
 from msb.report.numbers import MEAN, MEANS, scene_title
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
     from msb.report.numbers import Key, Numbers
 
 INDOOR_FIRST = ("indoor_mean", "outdoor_mean")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from msb.scenes.colors import WHITE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.scenes.colors import Color
 
 CUSTOM = "custom"

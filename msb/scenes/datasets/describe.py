@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.files import is_file
@@ -19,8 +20,6 @@ from msb.scenes.datasets.rulebook import OURS, RULES
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.scenes.camera import Camera
     from msb.scenes.datasets.catalog import Layout
     from msb.scenes.datasets.scene import Scene

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.scenes.datasets.read import read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from msb.scenes.colors import Color
     from msb.scenes.datasets.rules import Convention
     from msb.scenes.datasets.scene import Scene

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
@@ -14,9 +16,6 @@ from msb.scenes.read import read_cameras
 from msb.scenes.sets import split_every_8th, stem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from msb.scenes.camera import Camera
     from msb.scenes.datasets.catalog import Layout
     from msb.scenes.datasets.rules import Rules

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.errors import SceneError, shorten
@@ -10,9 +12,6 @@ from msb.scenes.datasets.layout import images_in
 from msb.scenes.image_size import has_alpha, image_size
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from msb.scenes.camera import Camera
     from msb.scenes.datasets.scene import MaskSource
 

@@ -9,20 +9,16 @@ import contextlib
 import io
 import warnings
 import zipfile
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import SceneError
 from msb.scenes.camera import Camera
 from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 MATRICES = "cameras.npz"
 _MAX_MEMBER = 4096

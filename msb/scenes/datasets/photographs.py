@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
@@ -12,9 +14,6 @@ from msb.scenes.datasets.layout import folders, images_in
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from msb.errors import Finding
     from msb.scenes.camera import Camera
     from msb.scenes.datasets.catalog import Layout

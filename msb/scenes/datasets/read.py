@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,8 +21,6 @@ from msb.scenes.datasets.scene import Scene
 from msb.scenes.datasets.sizes import ROUNDINGS, check_resolution
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb.errors import Finding
     from msb.scenes.camera import Camera
     from msb.scenes.colors import Color

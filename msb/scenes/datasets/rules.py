@@ -7,15 +7,13 @@ be reproduced. docs/datasets.md prints this as a table.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from msb.scenes.colors import BLACK, Color
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.sizes import AS_IS, Rounding
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Convention = Literal["gs_fov", "full_K"]
 CONVENTIONS: tuple[Convention, ...] = ("gs_fov", "full_K")

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
@@ -13,10 +16,6 @@ from msb.scenes.datasets.layout import folders
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
-
     from msb.scenes.camera import Camera
     from msb.scenes.datasets.scene import Scene
     from msb.scenes.datasets.sizes import Size

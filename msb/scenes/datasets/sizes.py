@@ -7,13 +7,11 @@ large photographs alone, any other number is a width in pixels.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable
+from typing import Literal
 
 from msb.errors import SceneError, shorten
 from msb.scenes.checks import MAX_SIDE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Size = tuple[int, int]
 Rounding = Literal["half_even", "floor", "half_up"]

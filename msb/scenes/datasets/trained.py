@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from msb.base.paths import SpelledFiles
@@ -12,8 +13,6 @@ from msb.scenes.datasets.describe import color_name
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
     from msb.scenes.colors import Color
     from msb.scenes.datasets.scene import Scene
     from msb.scenes.datasets.sizes import Size

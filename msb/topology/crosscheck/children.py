@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.children import (
     check_written,
@@ -24,11 +27,6 @@ from msb.base.npz import write_npy
 from msb.topology.crosscheck.peers import PEERS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.topology.crosscheck.peers import Answers, Peer
     from msb.topology.crosscheck.repairs import PeerStep
 

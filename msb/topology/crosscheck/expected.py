@@ -8,6 +8,7 @@ edges for us and three vertex pairs for most peers. docs/definitions.md has the 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,6 @@ from msb.topology.components import label_components
 from msb.topology.crosscheck.pairs import pair_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from msb.topology.analysis import Analysis
     from msb.topology.audit import Audit
     from msb.topology.crosscheck.peers import Answer

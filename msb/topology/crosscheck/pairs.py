@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.components import label_components
 from msb.topology.halfedge import next_in_face
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:

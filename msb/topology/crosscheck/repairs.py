@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.children import leaving, shared_folder
 from msb.base.extras import need_extra
@@ -17,11 +20,6 @@ from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb.topology.crosscheck.peers import Answers
 
     Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]

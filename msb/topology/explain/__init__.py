@@ -5,16 +5,13 @@ docs/definitions.md holds the same data (`python -m docs.make_definitions`) and 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from msb.errors import UsageError, shorten
 from msb.topology.explain.counts import COUNTS
 from msb.topology.explain.entry import Explanation
 from msb.topology.explain.metrics import METRICS
 from msb.topology.explain.others import OTHERS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 __all__ = ["EXPLANATIONS", "Explanation", "explain"]
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+from typing import Any
 
 KEEPS_ROWS = "agrees, except that it also counts repeated-index rows"
 """A sentence about most peers, which take (a, b, b) as a face with the edges a-b, b-b and b-a."""

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.analysis import Analysis
 from msb.topology.halfedge import NONE, face_of, next_in_face
 from msb.topology.steps.change import Change, Rims, unchanged
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 MOST_EDGES = 8
 """Rims of more edges stay open, if nothing else is said."""

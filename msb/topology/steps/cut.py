@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.fans import group_corners
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges
 from msb.topology.steps.change import Change, with_vertices
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 def cut(faces: NDArray[Any], vertex_count: int) -> Change:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.components import label_components
 from msb.topology.faces import added_areas, face_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 FEWEST_FACES = 10
 """Components of fewer faces are debris, if nothing else is said."""

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.faces import face_areas
 from msb.topology.halfedge import NONE, build_half_edges
 from msb.topology.steps.change import Change, followed_by, with_faces
 from msb.topology.steps.cut import cut
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _ROUNDS = 64
 """Number of rounds after which what is in nobody's way is chosen more freely, so that chains end."""

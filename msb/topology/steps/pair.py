@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.fans import corners_at_ends, group_corners
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
@@ -12,10 +14,6 @@ from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.orient import find_sides, sides_of_faces, spanning_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from msb.topology.steps.change import Change
 
 COLOR_WEIGHT = 0.25

@@ -6,9 +6,11 @@ what stands still.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.trial.geometry import areas, random_colors, signed_volume
 from msb.trial.mesh import TriedMesh
@@ -16,10 +18,6 @@ from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, gr
 from msb.trial.tasks.decimate import beside, by_pymeshlab
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 

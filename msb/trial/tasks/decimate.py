@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Outcome, Task, file_outcome, worst
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.topology.verdict import percent
 from msb.trial.crossings import crossing_pairs, slivers
@@ -12,10 +14,6 @@ from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task, counted, graded, worst
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 

@@ -7,9 +7,11 @@ between them is a crack.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.metrics.likeness import decibels
 from msb.topology.faces import names_vertex_twice
@@ -22,10 +24,6 @@ from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.topology.halfedge import HalfEdgeMesh
     from msb.trial.look import Look
     from msb.trial.task import Numbers

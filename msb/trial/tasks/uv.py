@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.trial.geometry import corner_vectors, random_colors
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Outcome, Task, counted, graded, worst
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 

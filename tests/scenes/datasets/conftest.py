@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import Protocol
 
 import pytest
 
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 STUBS = ROOT / "tests" / "tiny" / "scenes"
 SCENES = ("mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble", "dtu/scan1")

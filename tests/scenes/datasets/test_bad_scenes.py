@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -12,10 +14,6 @@ from msb.errors import CODES, InputError, SceneError
 from msb.scenes.datasets import find_scenes, read_scene
 
 from .conftest import SCENES, STUBS, Copy, text_model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 def picture(path: Path, size: tuple[int, int], mode: str = "RGB") -> None:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from msb.scenes import read_cameras
 from msb.scenes.datasets import read_scene, recorded_note, scaled_note
 
 from .conftest import STUBS
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PEBBLE = STUBS / "mipnerf360/pebble"
 

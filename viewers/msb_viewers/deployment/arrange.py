@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from msb_viewers.deployment.state import Layout
 
 _GAP, _HEAD, _FOOT, _CAPTION, _BAR = 10, 72, 30, 64, 48

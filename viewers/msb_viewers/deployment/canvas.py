@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb_viewers.palette import BACKGROUND, INK, WHITE, Color
 from msb_viewers.sheet import FAINT, font, shortened, wrapped
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb_viewers.deployment.arrange import Box
 
 _EMPTY: Color = (226, 227, 229)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb_viewers.deployment.arrange import Box
 from msb_viewers.deployment.canvas import Canvas
@@ -26,10 +28,6 @@ from msb_viewers.sheet import FAINT, help_panel
 from msb_viewers.window import text_scale
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
     from msb_viewers.deployment.arrange import Cell
     from msb_viewers.deployment.shots import Shot
     from msb_viewers.deployment.state import CompareState

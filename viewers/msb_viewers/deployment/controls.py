@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from msb_viewers.deployment.state import LAYOUTS
 from msb_viewers.window import event_pixel, free_name, key_name, listen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from msb_viewers.deployment.viewer import CompareViewer
 
 _TICK = 30

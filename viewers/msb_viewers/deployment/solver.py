@@ -7,7 +7,9 @@ import multiprocessing
 import os
 import tempfile
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +17,6 @@ from msb.errors import MsbError
 from msb_viewers.deployment.shots import REFERENCE, Shot
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from multiprocessing.connection import Connection
-
     from msb.asset import Asset
     from msb.scenes import Camera
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import SceneError
 from msb_viewers import drawing
@@ -19,10 +21,6 @@ from msb_viewers.deployment.solver import ReferenceSolver
 from msb_viewers.window import open_plotter, write_png
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from msb_viewers.deployment.compose import Composition
     from msb_viewers.deployment.state import CompareState
 

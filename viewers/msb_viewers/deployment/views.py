@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import up_axis
 from msb.base.paths import SpelledFiles
@@ -17,10 +19,6 @@ from msb_viewers.deployment.difference import fitted
 from msb_viewers.model import framing
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from msb.asset import Asset
     from msb.scenes import Camera
 
