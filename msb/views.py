@@ -93,11 +93,6 @@ def choose_views(
         Views round the asset, or inside it.
     size : (int, int)
         Their width and height; those of a training have no longer side.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: no camera is given, or something else.
     """
     if isinstance(given, Views):
         return given

@@ -52,13 +52,7 @@ class Content:
         return read_ply_table(self.place.file)
 
     def mapping(self, file: Path) -> Mapping[Any, Any]:
-        """Return the dictionary that torch saved.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_KEY_TYPE`: torch saved something else.
-        """
+        """Return the dictionary that torch saved."""
         if not isinstance(self.value, dict):
             text = f"it holds a {type(self.value).__name__}; it must be a dictionary of tensors"
             raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file)

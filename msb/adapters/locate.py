@@ -55,16 +55,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return where the model below `path` is, the latest iteration if there are several.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND` or `FILE_UNREADABLE`.
-    CheckpointError
-        `CHECKPOINT_UNKNOWN` for a folder that holds no known model, or several;
-        `CHECKPOINT_FILE_MISSING` for an iteration without its model.
-    """
+    """Return where the model below `path` is, the latest iteration if there are several."""
     path = given_path(path)
     try:
         is_folder = path.is_dir()
@@ -137,11 +128,6 @@ def _pick(folder: Path) -> Path | None:
     """Return the file of the model in `folder`, None if the folder looks like no method's.
 
     The file of the latest iteration is returned even if it is missing.
-
-    Raises
-    ------
-    InputError
-        `FILE_UNREADABLE`.
     """
     try:
         return next((file for rule in _RULES if (file := rule(folder)) is not None), None)

@@ -34,15 +34,7 @@ def is_demo(folder: Path) -> bool:
 
 
 def write_demo(folder: str | os.PathLike[str]) -> int:
-    """Write the demo's data as `folder`, in place of what is there, and return its size in bytes.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`.
-    UsageError
-        `OUTPUT_EXISTS`, as `msb.base.atomic.new_folder`.
-    """
+    """Write the demo's data as `folder`, in place of what is there, and return its size in bytes."""
     source = demo_folder()
     found = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
     with new_folder(folder) as target:

@@ -68,13 +68,7 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
 
 
 def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
-    """Return `asset`, or what `open` makes of it if it is a path.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: `asset` is neither; and the errors of `open`.
-    """
+    """Return `asset`, or what `open` makes of it if it is a path."""
     if isinstance(asset, PATH_TYPES):
         return open(asset)
     check_type("asset", asset, Asset, AN_ASSET)
@@ -131,10 +125,6 @@ def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
     """Return the mesh at `path`, which may be anything that `open` takes, exactly as it is stored.
 
     All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN.
-
-    Raises
-    ------
-    InputError, AssetError, CheckpointError, MeshFileError, MeshError, Unsupported
     """
     place = given_path(path)
     if is_asset(place):

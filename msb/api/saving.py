@@ -75,13 +75,7 @@ def save(
 
 
 def output_suffix(path: Path, name: str = "the output") -> str:
-    """Return the suffix of `path` in lower case, if it is one of a format that can be written.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Return the suffix of `path` in lower case, if it is one of a format that can be written."""
     return checked_ending(path, name, (ASSET_SUFFIX, *written_suffixes()))
 
 
@@ -97,13 +91,7 @@ _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".b
 
 
 def checked_ending(path: Path, name: str, known: Sequence[str]) -> str:
-    """Return the ending of `path` in lower case, if it is one of `known`.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: the message also says which command writes what the ending names.
-    """
+    """Return the ending of `path` in lower case, if it is one of `known`."""
     suffix = path.suffix.lower()
     if suffix in known:
         return suffix

@@ -21,24 +21,13 @@ def check_type(name: str, value: object, kind: type, wanted: str) -> None:
         The name of the argument.
     wanted : str
         What the argument must be, in words for the message.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
     """
     if not isinstance(value, kind):
         raise UsageError("USAGE", f"{name} is of type {type(value).__name__}; it must be {wanted}")
 
 
 def checked_number(name: str, value: object, *, whole: bool = False, positive: bool = False) -> float:
-    """Return a number of Python's or NumPy's as Python's, 0 or more, or above 0 if `positive`.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: it is none, also if it is true or false, not finite, or not `whole`.
-    """
+    """Return a number of Python's or NumPy's as Python's, 0 or more, or above 0 if `positive`."""
     kind = Integral if whole else Real
     if isinstance(value, kind) and not isinstance(value, bool | np.bool_):
         number = int(value) if isinstance(value, Integral) else float(value)

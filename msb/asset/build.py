@@ -84,12 +84,6 @@ def build_asset(
         A mesh with static colours if not given.
     progress : callable, optional
         Called to tell how far hashing is, which is the longest step.
-
-    Raises
-    ------
-    AssetError
-        The error of the manifest check; or `TRIASSET_VALUE_NONFINITE` about positions, or
-        `TRIASSET_INDEX_OUT_OF_RANGE` about indices, because no valid asset can hold such values.
     """
     description = description or Description()
     names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))

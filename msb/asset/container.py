@@ -171,13 +171,7 @@ def _mode(path: Path) -> int:
 
 
 def is_asset(path: Path) -> bool:
-    """Return whether `path` is, or claims to be, an asset of either form.
-
-    Raises
-    ------
-    InputError
-        `FILE_UNREADABLE`: there is no permission to look into it, or its name is too long.
-    """
+    """Return whether `path` is, or claims to be, an asset of either form."""
     try:
         return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
     except OSError as error:
@@ -185,16 +179,7 @@ def is_asset(path: Path) -> bool:
 
 
 def open_container(path: str | os.PathLike[str]) -> Container:
-    """Open the asset at `path`, of either form, without reading any values.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` if `path` is neither a ZIP nor a folder
-        with a manifest.
-    AssetError
-        The container is malformed.
-    """
+    """Open the asset at `path`, of either form, without reading any values."""
     path = given_path(path)
     try:
         is_folder = stat.S_ISDIR(path.stat().st_mode)

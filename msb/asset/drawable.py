@@ -22,12 +22,6 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
     asset : Asset
     names : iterable of str, optional
         The float buffers to look at; all of them if not given.
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_VALUE_NONFINITE`: a float buffer holds NaN or infinity; an opacity logit may be infinite.
-        `TRIASSET_INDEX_OUT_OF_RANGE`: a face uses a vertex that does not exist.
     """
     for name in asset.buffers if names is None else names:
         array = asset.buffers.get(name)

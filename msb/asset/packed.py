@@ -71,10 +71,5 @@ def parse_packed(data: Any, *, file: object) -> dict[str, Member]:
         The whole file.
     file : path-like
         The file's path, for error messages.
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_ZIP_...` or `TRIASSET_PATH_...`, with the byte at fault as pointer.
     """
     return read_members(data, _Packed(file))

@@ -32,12 +32,6 @@ def map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | b
         The name of the file inside the asset.
     asset : path-like
         The path of the asset, for error messages.
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_BUFFER_MISSING` or `TRIASSET_MANIFEST_MISSING`, `TRIASSET_PATH_LINK`,
-        `TRIASSET_PATH_NOT_FILE`, `TRIASSET_FILE_UNREADABLE`.
     """
     try:
         _refuse_special(path.lstat(), asset, member)

@@ -24,11 +24,6 @@ def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any
         The matrix for column vectors.
     near, far : float
         Camera depths that become NDC -1 and 1: the settings `z_near` and `z_far`.
-
-    Raises
-    ------
-    UsageError
-        `SETTING_VALUE`: near is not below far, or the dtype cannot tell near from 0 or far from infinity.
     """
     if near < far:
         with np.errstate(all="ignore"):

@@ -21,13 +21,7 @@ _BOOLS |= {"false": False, "no": False, "off": False, "0": False}
 
 
 def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return every setting of the asset's method: the override, else the stored value, else the default.
-
-    Raises
-    ------
-    UsageError
-        The errors of `check_overrides`, and `SETTING_VALUE` for an `sh_degree` above the stored one.
-    """
+    """Return every setting of the asset's method: the override, else the stored value, else the default."""
     method = lookup(manifest.method)
     overrides = check_overrides(manifest.method, overrides or {})
     degree = overrides.get("sh_degree")
@@ -42,26 +36,14 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
 
 
 def with_settings(asset: Asset, overrides: Mapping[str, Any]) -> Asset:
-    """Return `asset` as if it stored `overrides`, so that all that is made of it has them.
-
-    Raises
-    ------
-    UsageError
-        The errors of `effective_settings`.
-    """
+    """Return `asset` as if it stored `overrides`, so that all that is made of it has them."""
     values = effective_settings(asset.manifest, overrides)
     stored = {name: StoredSetting(values[name], "flag") for name in overrides}
     return replace(asset, manifest=replace(asset.manifest, settings={**asset.manifest.settings, **stored}))
 
 
 def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, SettingValue]:
-    """Return `overrides` if `method` can take every name and value in it.
-
-    Raises
-    ------
-    UsageError
-        `SETTING_UNKNOWN` or `SETTING_VALUE`.
-    """
+    """Return `overrides` if `method` can take every name and value in it."""
     known = lookup(method).settings
     for name, value in overrides.items():
         if name not in known:
@@ -77,13 +59,7 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
 
 
 def check_modes(order: str, sampling: str) -> None:
-    """Refuse an unknown order or sampling.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse an unknown order or sampling."""
     for what, value, known in (("order", order, ORDERS), ("sampling", sampling, SAMPLINGS)):
         if value not in known:
             text = f'there is no {what} "{shorten(str(value), 40)}"; there are {", ".join(known)}'
@@ -91,13 +67,7 @@ def check_modes(order: str, sampling: str) -> None:
 
 
 def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, SettingValue]:
-    """Return the settings that texts like ``gamma=20`` or ``ste_threshold=none`` assign.
-
-    Raises
-    ------
-    UsageError
-        `USAGE` for a text that is no assignment; and the errors of `check_overrides`.
-    """
+    """Return the settings that texts like ``gamma=20`` or ``ste_threshold=none`` assign."""
     known = lookup(method).settings
     found: dict[str, Any] = {}
     for text in assignments:

@@ -39,12 +39,6 @@ def parse_strict_json(
         The name of the document in messages.
     max_bytes : int
         The most bytes that the document may have.
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_MANIFEST_...`: EMPTY, TOO_LARGE, ENCODING, TOO_DEEP, SYNTAX, DUPLICATE_KEY, NONFINITE or
-        INTEGER.
     """
     return _Parser(file, name, max_bytes).parse(data)
 

@@ -91,11 +91,6 @@ def read_members(data: Any, policy: Policy) -> dict[str, Member]:
     data : mmap, memoryview or bytes
         The whole file.
     policy : Policy
-
-    Raises
-    ------
-    The error that `policy.refuse` raises, with one of the codes ZIP_..., and the errors of the policy's
-    checks.
     """
     return _Parser(data, policy).members()
 

@@ -70,11 +70,6 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     """Check everything about the asset at `path`, values and hashes included.
 
     Time is linear in the number of bytes; memory is bounded by a constant, since buffers are read in pieces.
-
-    Raises
-    ------
-    InputError
-        There is nothing at `path` that could be an asset. Everything else is a finding.
     """
     try:
         container = open_container(path)

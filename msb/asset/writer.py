@@ -53,15 +53,6 @@ def write_asset(
         Whether a file or folder that is there may be replaced.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes.
-
-    Raises
-    ------
-    UsageError
-        `OUTPUT_EXISTS`.
-    OutputError
-        `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then.
-    AssetError
-        `load` would refuse the asset: its manifest was changed by hand, or buffers do not have its shapes.
     """
     _refuse_unreadable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())

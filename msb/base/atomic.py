@@ -40,14 +40,6 @@ def new_file(
         Bytes that will be written, if known; the error about a full disk then says how many.
     overwrite : bool
         What is there may be replaced; a device or pipe is written through in any case.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming.
-    UsageError
-        `OUTPUT_EXISTS`: something is there and must not be replaced, or `check_place` found the place free
-        and it no longer is.
     """
     target = _target(path)
     if is_stream(target):
@@ -87,13 +79,6 @@ def new_folder(
     size : int, optional
     overwrite : bool
         The same as for `new_file`.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`, for any `OSError` in the block or the renaming, and where a device or pipe is.
-    UsageError
-        `OUTPUT_EXISTS`, as `new_file`.
     """
     target = _target(path)
     temporary, aside = _beside(target), _beside(target)
@@ -144,12 +129,6 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: boo
     free : bool
         Whether nothing is there yet. What another program writes there later must then not be replaced:
         `new_file` and `new_folder` write only where there still is nothing, until `forget_free_places`.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`: the folder that would hold it, or the nearest one above that exists, cannot be
-        written in or is none; or a device or pipe that is there cannot be written, or is to be a folder.
     """
     target = _target(path)
     if is_stream(target):
@@ -260,13 +239,7 @@ def _refuse_existing(target: Path, overwrite: bool) -> None:
 
 
 def _moved_to_free_place(temporary: Path, target: Path, overwrite: bool) -> bool:
-    """Move in, if the place was found free and still is; return False if it may be taken from what is there.
-
-    Raises
-    ------
-    UsageError
-        `OUTPUT_EXISTS`.
-    """
+    """Move in, if the place was found free and still is; return False if it may be taken from what is there."""
     place = os.path.abspath(target)  # noqa: PTH100 - see check_place
     if overwrite and place not in _FREE:
         return False

@@ -35,14 +35,7 @@ def json_nesting(text: str) -> int:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return the TOML document `text`.
-
-    Raises
-    ------
-    ValueError
-        `text` is no TOML, holds an integer of thousands of digits, or nests more than 32 deep in its brackets
-        or its dotted keys.
-    """
+    """Return the TOML document `text`."""
     if _deepest(_TOML_TOKEN, text) > MAX_TOML_DEPTH:
         raise ValueError(_TOO_DEEP)
     document = tomllib.loads(text)

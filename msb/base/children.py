@@ -63,13 +63,7 @@ def ending(status: int) -> str:
 
 @contextlib.contextmanager
 def shared_folder(prefix: str) -> Iterator[Path]:
-    """Yield a temporary folder for what a child is given and what it leaves.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`: there is no room for it, here or in the child (`check_written`).
-    """
+    """Yield a temporary folder for what a child is given and what it leaves."""
     try:
         with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
             yield Path(name)

@@ -30,11 +30,6 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
         What needs them, the subject of the sentence: "an MP4 film".
     instead : str
         What works without them, as a sentence that begins in lower case.
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING`.
     """
     absent = [module for module in modules if not is_installed(module)]
     if absent:

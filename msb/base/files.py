@@ -22,13 +22,7 @@ _CHUNK = 1 << 22
 
 
 def regular_file(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if it is a file that can be read; a folder, pipe or device is never opened.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND` or `FILE_UNREADABLE`, as of all functions here.
-    """
+    """Return `path` if it is a file that can be read; a folder, pipe or device is never opened."""
     place = given_path(path)
     with _opened(place):
         return place

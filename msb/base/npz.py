@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
-    """Write `array` as `numpy.save` does, whose error on a full disk does not say that the disk is full.
-
-    Raises
-    ------
-    OSError
-        With the system's number of the error.
-    """
+    """Write `array` as `numpy.save` does, whose error on a full disk does not say that the disk is full."""
     with path.open("wb") as file:
         stream: Any = SimpleNamespace(write=file.write)  # a true file would be written by ndarray.tofile
         np.lib.format.write_array(stream, array, allow_pickle=False)
@@ -30,13 +24,6 @@ def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 
     `numpy.savez` of NumPy 1.26 leaves its archive open where a disk is full, and Python complains of that
     later, with a traceback below our one line.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written.
-    ValueError
-        An array holds Python objects.
     """
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():

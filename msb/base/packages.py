@@ -104,11 +104,6 @@ def load(value: str) -> Any:
     """Return the object that an entry point's value, "module" or "module:attribute", names.
 
     What the package prints meanwhile is a warning, and reaches standard output in no way.
-
-    Raises
-    ------
-    PackageError
-        There is no such object, or the package's code failed, exited or interrupted.
     """
     module, _, attribute = (part.strip() for part in value.partition(":"))
     if not module:

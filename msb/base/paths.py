@@ -15,15 +15,7 @@ PATH_TYPES = (str, os.PathLike)
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:
-    """Return `path`; an empty text, which `Path` takes for the current folder, is refused.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND`.
-    UsageError
-        `USAGE`: `path` has a type that is no path.
-    """
+    """Return `path`; an empty text, which `Path` takes for the current folder, is refused."""
     if not isinstance(path, PATH_TYPES):
         text = f"the path is of type {type(path).__name__}; it must be text or a pathlib.Path"
         raise UsageError("USAGE", text)
@@ -66,13 +58,7 @@ class SpelledFiles:
         self._listed: dict[Path, dict[str, list[str]]] = {}
 
     def find(self, name: str) -> Path:
-        """Return the path below the folder that `name`, with forward slashes, means; it need not exist.
-
-        Raises
-        ------
-        InputError
-            `FILE_NAMES_ALIKE`: several are spelled alike.
-        """
+        """Return the path below the folder that `name`, with forward slashes, means; it need not exist."""
         place = self._root
         for part in name.split("/"):
             place /= part if part.isascii() else self._as_stored(place, part)

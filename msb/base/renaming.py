@@ -21,10 +21,6 @@ def rename_to_new(source: Path, target: Path) -> None:
     it (NFS) mostly has hard links, which do the same for files. Where there is neither, the name is first
     taken by an empty file or folder: still one of two fails, but for a moment, or after a kill in it, that is
     what is there.
-
-    Raises
-    ------
-    FileExistsError
     """
     if os.name == "nt":
         source.rename(target)

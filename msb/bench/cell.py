@@ -55,15 +55,7 @@ _OWN: dict[Part, tuple[str, ...]] = {
 
 
 def compute(job: Job) -> Done:
-    """Compute the job's parts and write the cell's record; other recorded parts stay if they are still valid.
-
-    Raises
-    ------
-    UsageError
-        RUN_WORKER_PATHS.
-    OutputError
-        The record cannot be written.
-    """
+    """Compute the job's parts and write the cell's record; other recorded parts stay if they are still valid."""
     check_run(job.root, job.run)
     start = time.perf_counter()
     record = _kept(job)
@@ -120,12 +112,7 @@ def _kept(job: Job) -> dict[str, Any]:
 
 
 def write_result(folder: Path, result: Result) -> None:
-    """Write a cell's record, whole or not at all.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write a cell's record, whole or not at all."""
     with new_file(folder / RESULT) as file:
         file.write(result.to_json())
 

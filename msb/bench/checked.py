@@ -18,13 +18,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD_INVALID") -> bytes:
-    """Return the content of `path`, if it is not longer than `max_bytes`.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or, where it is longer, `code`.
-    """
+    """Return the content of `path`, if it is not longer than `max_bytes`."""
     data = read_file(path, max_bytes)
     if len(data) > max_bytes:
         raise InputError(code, f"it is longer than {max_bytes:,} bytes", file=path)
@@ -32,13 +26,7 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD
 
 
 def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
-    """Return the JSON document in `path`: no repeated keys, no NaN, no deep nesting.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
-    """
+    """Return the JSON document in `path`: no repeated keys, no NaN, no deep nesting."""
     data = read_bytes(path, max_bytes)
     try:
         return parse_strict_json(data, file=path, name="the file", max_bytes=max_bytes)
@@ -58,11 +46,6 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
         The file, for the error message.
     code : str
         The code of the error.
-
-    Raises
-    ------
-    InputError
-        `code`: the first thing wrong, with its place as a JSON pointer.
     """
     try:
         # JSON again: only from JSON does a strict model take a list for a tuple.

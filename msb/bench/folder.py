@@ -48,26 +48,14 @@ class Results:
         return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
 
     def read(self, cell: Cell) -> Result:
-        """Return one cell's record.
-
-        Raises
-        ------
-        InputError
-            The errors of `read_result` and `check_place`.
-        """
+        """Return one cell's record."""
         path = self.record(cell)
         result = read_result(path)
         self.check_place(result, path)
         return result
 
     def check_place(self, result: Result, path: Path) -> None:
-        """Refuse a record outside of its cell's place, because its numbers would be taken for another cell's.
-
-        Raises
-        ------
-        InputError
-            RECORD_MISPLACED.
-        """
+        """Refuse a record outside of its cell's place, because its numbers would be taken for another cell's."""
         place = self.record(result.cell)
         # A file system, or an archive of it, may have another form of the same name.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
@@ -92,13 +80,6 @@ def exclusive(root: Path) -> Iterator[str]:
     """Hold the results folder for one run, remove half-written files of killed runs, and yield the run's id.
 
     The operating system releases the lock when its holder dies, however it dies, so no lock can be stale.
-
-    Raises
-    ------
-    UsageError
-        RESULTS_BUSY: another run holds the folder, in this process, in another one or on another machine.
-    OutputError
-        OUTPUT_UNWRITABLE.
     """
     need_extra("bench", "filelock", what="a folder of results")
     from filelock import FileLock, Timeout
@@ -128,13 +109,7 @@ def exclusive(root: Path) -> Iterator[str]:
 
 
 def check_names(*paths: Path | None) -> None:
-    """Refuse paths that no record could hold, because JSON is UTF-8.
-
-    Raises
-    ------
-    UsageError
-        RUN_PATH_NAME.
-    """
+    """Refuse paths that no record could hold, because JSON is UTF-8."""
     for path in paths:
         try:
             str(path).encode()
@@ -144,13 +119,7 @@ def check_names(*paths: Path | None) -> None:
 
 
 def check_run(root: Path, run: str) -> None:
-    """Refuse to work for a run whose results folder this machine does not see.
-
-    Raises
-    ------
-    UsageError
-        RUN_WORKER_PATHS.
-    """
+    """Refuse to work for a run whose results folder this machine does not see."""
     if _about(root).get("run") != run:
         text = (
             f"worker {platform.node()} does not see this run's results there; all machines of a cluster "

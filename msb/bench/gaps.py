@@ -127,13 +127,7 @@ class Ratio:
 def value_gaps(
     metric: str, non_engine: float | None, dedicated: float | None, standard: float | None
 ) -> Gaps:
-    """Return the gaps between three values of `metric`, a key of `msb.bench.aggregate.METRICS`.
-
-    Raises
-    ------
-    ValueError
-        The metric has no better or worse.
-    """
+    """Return the gaps between three values of `metric`, a key of `msb.bench.aggregate.METRICS`."""
     values = {"non_engine": non_engine, "dedicated": dedicated, "standard": standard}
     return _together(metric, {name: _gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()})
 

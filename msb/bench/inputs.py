@@ -66,12 +66,7 @@ class Known:
         return views_of(self.scene(at))
 
     def scene(self, at: SceneAt) -> Scene:
-        """Return a scene; remember what it warns of.
-
-        Raises
-        ------
-        InputError, SceneError
-        """
+        """Return a scene; remember what it warns of."""
         scene = at.read()
         found = (one.to_line(one.file or scene.root) for one in scene.warnings)
         self.warnings |= dict.fromkeys(found)
@@ -103,13 +98,7 @@ def _renders(folder: Path, at: SceneAt) -> Renders:
 
 
 def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
-    """Return the present inputs of each part that the job's cell should have.
-
-    Raises
-    ------
-    UsageError, InputError, MetricError
-        The weights of LPIPS cannot be used.
-    """
+    """Return the present inputs of each part that the job's cell should have."""
     found: dict[Part, Inputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
@@ -199,13 +188,7 @@ def _device(record: Mapping[str, Any] | None) -> str:
 
 
 def scan_files(data: Path, scene: str) -> list[Path]:
-    """Return the files of the official evaluation data that the Chamfer distance on a DTU scene needs.
-
-    Raises
-    ------
-    MetricError
-        METRIC_ARGUMENT: the scene's name is none of DTU's.
-    """
+    """Return the files of the official evaluation data that the Chamfer distance on a DTU scene needs."""
     scan = scan_number(scene)
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 

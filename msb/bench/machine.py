@@ -30,11 +30,6 @@ def machine(
         Whether the record has a "device"; false for work that runs on the host alone.
     engine : mapping, optional
         `Renderer.device_info` of the measured renderer; if it is given, no OpenCL device is looked up.
-
-    Raises
-    ------
-    UsageError, DeviceError
-        The errors of `msb.cl.open_device`.
     """
     from importlib.metadata import version
 

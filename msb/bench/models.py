@@ -58,12 +58,7 @@ class Model(Record):
     warnings: tuple[str, ...] = ()
 
     def open(self) -> Asset:
-        """Return the asset.
-
-        Raises
-        ------
-        InputError, AssetError
-        """
+        """Return the asset."""
         return load(self.asset.path)
 
 
@@ -100,17 +95,7 @@ def known_model(results: Results, task: ModelTask) -> Model | None:
 
 
 def prepare_model(task: ModelTask) -> Model:
-    """Return the task's model: the recorded one, or its checkpoint exported into the results folder.
-
-    Raises
-    ------
-    InputError, CheckpointError, MeshFileError, AssetError
-        Something is wrong with the model's files.
-    Unsupported
-        `UNSUPPORTED_METHOD`.
-    UsageError
-        RUN_WORKER_PATHS.
-    """
+    """Return the task's model: the recorded one, or its checkpoint exported into the results folder."""
     results = Results(task.root)
     check_run(task.root, task.run)
     known = known_model(results, task)
@@ -145,12 +130,7 @@ def prepare_model(task: ModelTask) -> Model:
 
 
 def method_of(source: Path) -> str:
-    """Return the method of the model at `source`, without exporting it.
-
-    Raises
-    ------
-    InputError, AssetError, CheckpointError, MeshFileError
-    """
+    """Return the method of the model at `source`, without exporting it."""
     return load(source).manifest.method if is_asset(source) else detect(source)
 
 

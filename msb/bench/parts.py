@@ -32,16 +32,7 @@ REPAIRS_FOLDER = "repairs"
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory and device of a cell; the timing writes no file and reads no pixel back.
-
-    Raises
-    ------
-    Unsupported
-        UNSUPPORTED_TIER: the engine cannot draw without reading back, so its frame rate would be another
-        quantity.
-    MsbError
-        Something is wrong with the scene, the asset or the device.
-    """
+    """Return timing, memory and device of a cell; the timing writes no file and reads no pixel back."""
     from msb.bench.profile import profile
     from msb.render.backend import find_renderer
 
@@ -73,12 +64,7 @@ def measure_timing(job: Job) -> dict[str, Any]:
 
 
 def measure_audit(job: Job) -> dict[str, Any]:
-    """Return the audit of a cell's mesh, as stored.
-
-    Raises
-    ------
-    InputError, AssetError, MeshError
-    """
+    """Return the audit of a cell's mesh, as stored."""
     from msb.api.auditing import audit
 
     assert job.model is not None
@@ -96,10 +82,6 @@ def measure_trial(job: Job) -> dict[str, Any]:
     """Return what became of the protocol's tasks on a cell's mesh, seen by the test cameras.
 
     The cell's folder gets a picture of each.
-
-    Raises
-    ------
-    InputError, SceneError, AssetError, OutputError
     """
     from msb.base.atomic import new_folder
     from msb.trial.limits import Limits
@@ -132,10 +114,6 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     """Return what ways to repair a cell's mesh keep and cost, seen by the test cameras.
 
     The cell's folder gets a picture of each.
-
-    Raises
-    ------
-    InputError, SceneError, AssetError, OutputError
     """
     from msb.base.atomic import new_folder
     from msb.repair.plan import Options
@@ -150,12 +128,7 @@ def measure_repairs(job: Job) -> dict[str, Any]:
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:
-    """Return the Chamfer distance in millimetres of a DTU cell's mesh, culled by the masks of all views.
-
-    Raises
-    ------
-    InputError, SceneError, AssetError, MeshFileError, MetricError
-    """
+    """Return the Chamfer distance in millimetres of a DTU cell's mesh, culled by the masks of all views."""
     from msb.metrics import chamfer_surface, cull_dtu, read_dtu_scan
     from msb.scenes.datasets import read_matrices
 
@@ -184,13 +157,7 @@ def _mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
 
 
 def scan_number(scene: str) -> int:
-    """Return the number in the name of a DTU scene.
-
-    Raises
-    ------
-    MetricError
-        METRIC_ARGUMENT.
-    """
+    """Return the number in the name of a DTU scene."""
     match = re.fullmatch(r"scan(\d{1,3})", scene)
     if match is None:
         raise MetricError("METRIC_ARGUMENT", f'the scene is called "{scene}"; DTU\'s are scan1 to scan999')
@@ -198,13 +165,7 @@ def scan_number(scene: str) -> int:
 
 
 def mask_files(scene: Scene) -> list[Path]:
-    """Return the files with the masks of all views, in the order of the matrices in cameras.npz.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND: there are none.
-    """
+    """Return the files with the masks of all views, in the order of the matrices in cameras.npz."""
     from msb.scenes.datasets.layout import images_in
     from msb.scenes.datasets.masks import MASKS
 
@@ -223,13 +184,7 @@ def _masks(scene: Scene) -> Iterator[NDArray[np.uint8]]:
 
 
 def read_own_timing(job: Job) -> dict[str, Any]:
-    """Return how fast the method's own renderer is, as the user measured it.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
-    """
+    """Return how fast the method's own renderer is, as the user measured it."""
     from msb.bench.renderer_timing import read_renderer_timing
 
     assert job.renderer_timing is not None
@@ -237,13 +192,7 @@ def read_own_timing(job: Job) -> dict[str, Any]:
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return the cost of a training, from the record of `msb track`.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE, RECORD_INVALID or TRAINING_FAILED.
-    """
+    """Return the cost of a training, from the record of `msb track`."""
     from msb.bench.track import read_track
 
     assert job.training is not None

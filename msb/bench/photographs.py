@@ -55,13 +55,7 @@ class Views:
 
 
 def views_of(scene: Scene) -> Views:
-    """Return the state of a scene's test views; reads every test photograph once.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    """
+    """Return the state of a scene's test views; reads every test photograph once."""
     files = [(str(camera.name), _hashes(scene, camera)) for camera in scene.test]
     rules = [
         list(scene.background),
@@ -121,12 +115,6 @@ def write_photographs(task: PhotographTask) -> str | None:
 
     Existing files are read and must be those that were written. Otherwise all of them are written again, and
     what was wrong is returned.
-
-    Raises
-    ------
-    UsageError
-        RUN_WORKER_PATHS: this machine sees another scene under that path.
-    InputError, SceneError, MetricError, OutputError
     """
     check_run(task.root, task.run)
     there = task.folder.is_dir()
@@ -178,14 +166,7 @@ def _hashes_below(folder: Path) -> dict[str, str]:
 
 
 def checked_scene(at: SceneAt, views: Views) -> Scene:
-    """Return the scene, if its cameras are those with which the run was planned.
-
-    Raises
-    ------
-    UsageError
-        RUN_WORKER_PATHS.
-    InputError, SceneError
-    """
+    """Return the scene, if its cameras are those with which the run was planned."""
     scene = at.read()
     if digest([_numbers(camera) for camera in scene.test]) != views.cameras:
         text = "its cameras are not those the run was planned with: changed since, or another folder here"

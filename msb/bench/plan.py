@@ -90,13 +90,6 @@ def pairs_of(
 
     If `lost` is given, it gets the datasets whose scenes are not listed and cannot be found, by their names,
     with the error about each; else the first such error is raised.
-
-    Raises
-    ------
-    InputError, SceneError
-        A dataset's scenes are not listed, and its folder does not exist or holds no scene.
-    UsageError
-        USAGE: nothing is selected. RUN_PATH_NAME: a path is not UTF-8, which records in JSON must be.
     """
     check_names(file.path.absolute(), file.results)
     conditions = (*CONDITIONS, *file.protocol.engines, *(one.label for one in file.protocol.variants))
@@ -164,13 +157,6 @@ class Planner:
         pairs : sequence of Pair
         models : mapping of Pair to Model or Exception
             The model of each pair, or the error about it. In a dry run it may be missing.
-
-        Raises
-        ------
-        InputError
-            PROTOCOL_INVALID: two models of one method on one scene.
-        UsageError
-            USAGE: nothing is selected.
         """
         found = []
         for pair in pairs:

@@ -61,11 +61,6 @@ def run_all(
     When a process dies, the pool cannot say which task it had, only that it was one of the first unfinished
     ones. Those are then computed one at a time, and the task during which a process dies again gets
     RUN_WORKER_DIED; the others go on as before. A Dask scheduler does the same by itself.
-
-    Raises
-    ------
-    UsageError
-        RUN_SCHEDULER: the scheduler of the cluster was lost.
     """
     waiting = list(tasks)
     while waiting:
@@ -196,11 +191,6 @@ class DaskWorkers:
     ----------
     address : str
         The address of the scheduler: "tcp://HOST:PORT".
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING: dask is not installed. RUN_SCHEDULER: there is no scheduler, or it has no workers.
     """
 
     def __init__(self, address: str) -> None:

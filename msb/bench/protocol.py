@@ -60,13 +60,7 @@ class ProtocolFile:
 
 
 def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
-    """Return the protocol in the TOML file `path`.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or PROTOCOL_INVALID, naming the key or the line.
-    """
+    """Return the protocol in the TOML file `path`."""
     return parse_protocol(read_bytes(path, _MAX_BYTES, "PROTOCOL_INVALID"), path)
 
 
@@ -109,13 +103,6 @@ def single_protocol(
     -------
     ProtocolFile
         Its results are in a folder of their own, named by the model and the scene.
-
-    Raises
-    ------
-    InputError, SceneError
-        `scene` is no scene.
-    UsageError
-        RUN_PATH_NAME.
     """
     from msb.scenes.datasets import dataset_of
 

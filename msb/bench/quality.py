@@ -37,13 +37,7 @@ NO_WEIGHTS = "no VGG weights ([metrics] vgg_weights)"
 
 
 def measure_quality(job: Job) -> dict[str, Any]:
-    """Return the parts of a record about a cell's images: quality, setup, renderer, device, renders.
-
-    Raises
-    ------
-    MsbError
-        Something is wrong with the scene, the asset, the renderings or the device.
-    """
+    """Return the parts of a record about a cell's images: quality, setup, renderer, device, renders."""
     scene = checked_scene(job.scene, job.views)
     source: _Imported | _Drawn = _Imported(job, scene) if job.renders is not None else _Drawn(job, scene)
     names = image_names(scene.test)

@@ -350,14 +350,7 @@ class Result(Record):
 
 
 def read_result(path: str | os.PathLike[str]) -> Result:
-    """Return the record in the file `path`.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, which names the key; also if a number is
-        impossible, or a mean is not that of its images.
-    """
+    """Return the record in the file `path`."""
     result = checked(Result, read_json(path, MAX_BYTES), file=Path(path), code="RECORD_INVALID")
     for pointer, text in () if result.quality is None else _impossible(result.quality):
         raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=path, pointer=pointer)

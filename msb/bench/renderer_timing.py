@@ -16,13 +16,7 @@ _MAX_BYTES = 1 << 16
 
 
 def read_renderer_timing(path: str | os.PathLike[str]) -> RendererTiming:
-    """Return the measurement in the file `path`.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID, naming the key.
-    """
+    """Return the measurement in the file `path`."""
     return checked(RendererTiming, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
 
 

@@ -51,15 +51,7 @@ class Renders:
 
 
 def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
-    """Return the rendering of each of the cameras, all test views of a scene.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE; RENDERS_CHANGED: a file is not what SHA256SUMS says.
-    MetricError
-        METRIC_IMAGE_NAMES: an image is missing, or there is one too many.
-    """
+    """Return the rendering of each of the cameras, all test views of a scene."""
     if not is_folder(folder):
         raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)
     found = images_below(folder)
@@ -77,13 +69,7 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
 
 
 def stored_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a rendering, of a PNG or JPEG from its header alone.
-
-    Raises
-    ------
-    MsbError
-        It is no image.
-    """
+    """Return width and height of a rendering, of a PNG or JPEG from its header alone."""
     if path.suffix.lower() in PHOTOGRAPHS:
         return image_size(path)
     height, width = read_image(path).shape[:2]
@@ -91,13 +77,7 @@ def stored_size(path: Path) -> tuple[int, int]:
 
 
 def check_size(path: Path, size: tuple[int, int], camera: Camera) -> None:
-    """Refuse a rendering that has not the size of the photograph of its camera.
-
-    Raises
-    ------
-    MetricError
-        METRIC_SIZES_DIFFER.
-    """
+    """Refuse a rendering that has not the size of the photograph of its camera."""
     if size != (camera.width, camera.height):
         text = f"it is {size[0]} x {size[1]}, the photograph {camera.width} x {camera.height}"
         raise MetricError("METRIC_SIZES_DIFFER", text, file=path)

@@ -148,15 +148,6 @@ def run_protocol(
     dry : bool
         Whether nothing is computed or written; the report then holds the plan.
     watch : Watch, optional
-
-    Raises
-    ------
-    UsageError
-        RESULTS_BUSY, EXTRA_MISSING, RUN_SCHEDULER, RUN_WORKER_PATHS, or USAGE: `only` selects nothing.
-    InputError, SceneError, MetricError
-        Something that all cells need is wrong: the datasets' folders, or the weights of LPIPS.
-    DeviceError
-        There is no OpenCL device.
     """
     start = time.perf_counter()
     watch = watch or _Nobody()

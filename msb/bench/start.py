@@ -23,13 +23,6 @@ def check_start(file: ProtocolFile, note: Callable[[str], None]) -> None:
     file : ProtocolFile
     note : callable
         It is told what is to be known about the weights.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING.
-    InputError, MetricError
-        The weights of LPIPS cannot be used.
     """
     for check in _checks(file, note):
         check()

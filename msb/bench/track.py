@@ -77,13 +77,7 @@ class Track(Record):
 
 
 def read_track(path: Path) -> Track:
-    """Return the record in the file `path`.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
-    """
+    """Return the record in the file `path`."""
     return checked(Track, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
 
 
@@ -97,13 +91,6 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
         own standard streams, and signals that this process receives meanwhile.
     interval : float
         Seconds between two looks at its memory.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING: psutil is not installed.
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE: there is no such program, or it cannot be run.
     """
     need_extra("bench", "psutil", what="tracking a command")
     gpus = Gpus()

@@ -103,13 +103,7 @@ def _is_done(task: VideoTask) -> bool:
 
 
 def write_video(task: VideoTask) -> None:
-    """Render and write a film, and beside it a file that says what it shows.
-
-    Raises
-    ------
-    MsbError
-        Something is wrong with the scene, the assets or the device.
-    """
+    """Render and write a film, and beside it a file that says what it shows."""
     first = task.jobs[0]
     check_run(first.root, first.run)
     scene = checked_scene(first.scene, first.views)

@@ -78,26 +78,14 @@ class Buffer:
 
     @property
     def handle(self) -> Any:
-        """The pyopencl buffer.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_CLOSED`.
-        """
+        """The pyopencl buffer."""
         self._memory.queue.check_open()
         if self._allocation.handle is None:
             raise DeviceError("DEVICE_CLOSED", f"the buffer for {self.use} was released")
         return self._allocation.handle
 
     def view(self, shape: Shape, dtype: DTypeLike) -> Buffer:
-        """Return the same memory, from its start, as another array.
-
-        Raises
-        ------
-        ValueError
-            The array does not fit into the allocation.
-        """
+        """Return the same memory, from its start, as another array."""
         other = Buffer(self._memory, self._allocation, shape, dtype)
         if other.nbytes > self._allocation.nbytes:
             raise ValueError(f"{self.use}: {other.nbytes} bytes of {self._allocation.nbytes}")

@@ -51,11 +51,6 @@ class Device:
 
         A program is built once for each (file, defines) of this device; platforms keep built programs on
         disk.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_BUILD`: the message has file, line and first error of the compiler.
         """
         chosen = dict(defines or {})
         key = (package, name, tuple(sorted(chosen.items())))
@@ -69,11 +64,6 @@ class Device:
 
         PoCL shares the memory of an array that nobody can change, such as one mapped from a file, instead of
         copying it; its bytes are counted all the same.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_MEMORY`: the message says how much was asked for, for what use, and how much there is.
         """
         return self._memory.upload(array, use, group)
 
@@ -85,11 +75,6 @@ class Device:
         and nobody else may change it; kernels must not assume a larger alignment than that of its dtype.
         Large NumPy arrays lie in huge pages where the system has them, whose first touch costs a fifth of
         that of `allocate`.
-
-        Raises
-        ------
-        DeviceError
-            As `upload`.
         """
         return self._memory.share(array, use, group)
 
@@ -145,11 +130,6 @@ class Device:
         """Collect the events of the block by stage; ask the yielded `Timing` after the block.
 
         Other threads wait meanwhile.
-
-        Raises
-        ------
-        RuntimeError
-            The same thread is inside of another such block; the blocks do not nest.
         """
         with self._lock:
             if self._queue.timing is not None:

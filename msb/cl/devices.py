@@ -44,13 +44,7 @@ class Tried(NamedTuple):
 
 
 def list_devices() -> list[DeviceRecord]:
-    """Return every OpenCL device that says it compiles, in the order platforms are found; possibly none.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_NOT_FOUND`: pyopencl itself cannot be loaded.
-    """
+    """Return every OpenCL device that says it compiles, in the order platforms are found; possibly none."""
     return [record for record, _ in found_devices(opencl())]
 
 
@@ -64,13 +58,7 @@ def try_devices() -> list[Tried]:
 
 
 def choose_device(selector: str | None = None) -> Choice:
-    """Return the device `open_device` would open.
-
-    Raises
-    ------
-    UsageError, DeviceError
-        As `open_device`.
-    """
+    """Return the device `open_device` would open."""
     return _choose(found_devices(opencl()), selector)[0]
 
 
@@ -108,11 +96,6 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
 
     Parameters and errors are those of `open_device`. Threads take turns on the device (`Device.using`). A
     device that has failed is opened anew.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_CLOSED`: the device was opened before this process was forked, and cannot be used in it.
     """
     cl = opencl()
     choice, handle = _choose(found_devices(cl), selector)

@@ -68,13 +68,6 @@ def resolve(package: str, name: str) -> str:
 
     A file is looked for in `package`, then in `OWN`. As in C, a file included twice is there twice.
     ``#line`` directives make compilers name our own files and lines.
-
-    Raises
-    ------
-    FileNotFoundError
-        There is no such file. (No name can lead out of the package.)
-    ValueError
-        An include of another form, or files that include each other.
     """
     return _resolve(package, name, ())
 

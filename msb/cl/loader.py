@@ -47,13 +47,7 @@ _platforms: list[str] = []
 
 
 def opencl() -> Any:
-    """Return the module pyopencl after its loader was started.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_NOT_FOUND`: pyopencl cannot be imported.
-    """
+    """Return the module pyopencl after its loader was started."""
     global _started
     with _lock:
         early = "pyopencl" in sys.modules

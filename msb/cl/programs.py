@@ -186,14 +186,7 @@ def build_options(record: DeviceRecord) -> tuple[str, ...]:
 
 
 def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) -> Program:
-    """Compile `name`.cl of `package` for the device of `queue`.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_BUILD`: the message has file, line and first error of the compiler, and `value` that error
-        alone; the whole log is a note of the error.
-    """
+    """Compile `name`.cl of `package` for the device of `queue`."""
     options = build_options(queue.record)
     source = define_lines(defines) + resolve(package, f"{name}.cl")
     for attempt in range(_ATTEMPTS):

@@ -65,14 +65,7 @@ class Queue:
             raise DeviceError("DEVICE_CLOSED", f"{self.record} was closed")
 
     def submit(self, doing: str, command: Callable[[Any], Any]) -> Any:
-        """Call `command` with the pyopencl queue, so that it queues something, and return its event.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_CLOSED`; `DEVICE_MEMORY` if the platform reports a lack of memory; else `DEVICE_COMMAND`,
-            whose message has `doing`.
-        """
+        """Call `command` with the pyopencl queue, so that it queues something, and return its event."""
         self.check_open()
         try:
             event = command(self._queue)

@@ -184,13 +184,7 @@ def _part(record: dict[str, Any], key: str) -> Any:
 
 
 def _read_old(path: Path) -> dict[str, Any]:
-    """Return an earlier record.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED`: it is no record of this command.
-    """
+    """Return an earlier record."""
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.base.files import read_file
     from msb.errors import AssetError

@@ -62,15 +62,7 @@ SamplingName = Annotated[
 def cameras_at(
     path: str, chosen: list[str] | None, size: str | None, scale: float | None, output: Output
 ) -> list[Camera]:
-    """Return the cameras at `path` that the user asked for; note where they are far larger than photographs.
-
-    Raises
-    ------
-    InputError, SceneError
-        Those of `msb.read_cameras`.
-    UsageError
-        `USAGE`, `CAMERA_UNKNOWN`.
-    """
+    """Return the cameras at `path` that the user asked for; note where they are far larger than photographs."""
     from msb.scenes import read_cameras
     from msb.scenes.datasets import recorded_note
 
@@ -83,13 +75,7 @@ def cameras_at(
 def choose_cameras(
     cameras: list[Camera], chosen: list[str] | None, size: str | None, scale: float | None
 ) -> list[Camera]:
-    """Return the cameras the user asked for, in the size asked for.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`, `CAMERA_UNKNOWN`.
-    """
+    """Return the cameras the user asked for, in the size asked for."""
     if chosen and "all" not in chosen:
         cameras = [_find(cameras, name) for name in chosen]
     if size is not None and scale is not None:
@@ -132,13 +118,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_background(text: str | None, asset: Asset | None) -> tuple[float, float, float]:
-    """Return the colour that `text` names, None the asset's own; "official" must be stated in the asset.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Return the colour that `text` names, None the asset's own; "official" must be stated in the asset."""
     from msb.scenes.colors import BLACK, parse_color
     from msb.scenes.datasets import own_background
 

@@ -103,11 +103,6 @@ def read_defaults(commands: Commands) -> Defaults:
     option; in a table it holds for the command of the table's name. The variable is ``MSB_COMMAND_OPTION``
     or, for every command, ``MSB_OPTION``. MSB_DEVICE and PYOPENCL_CTX, which `msb.cl` reads, count as
     variables.
-
-    Raises
-    ------
-    UsageError
-        `CONFIG_INVALID`, naming the file or variable: no TOML, an unknown key, a value of another kind.
     """
     found: Defaults = {name: {} for name in commands}
     for path in (user_file(), project_file()):

@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a name with a suffix that we do not write.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse a name with a suffix that we do not write."""
     checked_ending(path, "--elements", tuple(_WRITERS))
 
 

@@ -111,13 +111,7 @@ class VerdictGate:
 
 
 def parse_gate(text: str) -> Gate:
-    """Return the gate written as ``KEY OPERATOR NUMBER``, such as "nonmanifold_edge_ratio>0".
-
-    Raises
-    ------
-    UsageError
-        `USAGE`, listing the nearest keys if the key is unknown.
-    """
+    """Return the gate written as ``KEY OPERATOR NUMBER``, such as "nonmanifold_edge_ratio>0"."""
     match = _PATTERN.fullmatch(text)
     if not match:
         shown = shorten(text)

@@ -25,13 +25,6 @@ def expand(path: Path) -> list[Path]:
 
     If nothing has the typed name, it is read as a pattern (``*``, ``?``, ``[...]``, ``**``), which some
     shells pass on unchanged; everything that matches it is taken as if it were typed.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, or `FILE_NOT_RECOGNISED` for a folder without any.
-    CheckpointError
-        `CHECKPOINT_UNKNOWN`: the folder holds several torch files, any of which may be the model.
     """
     try:
         is_folder = path.is_dir()

@@ -127,13 +127,7 @@ class Command(TyperCommand):
         return super().get_help(ctx)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse, then refuse to write over inputs and to write two outputs to one place.
-
-        Raises
-        ------
-        UsageError
-            `USAGE`.
-        """
+        """Parse, then refuse to write over inputs and to write two outputs to one place."""
         rest = super().parse_args(ctx, args)
         outputs = [param for param in self.params if _paths(self).get(param.name or "")]
         if not ctx.resilient_parsing and any(ctx.params.get(param.name) is not None for param in outputs):
@@ -164,13 +158,7 @@ MOVED: dict[str, dict[str, str]] = {
 
 
 def refuse(given: Mapping[str, object], why: str) -> None:
-    """Refuse options that would be ignored, by their names without dashes.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse options that would be ignored, by their names without dashes."""
     for name, value in given.items():
         if value is not None:
             raise UsageError("USAGE", f"--{name} {why}")
@@ -182,13 +170,7 @@ def is_given(context: typer.Context, name: str) -> bool:
 
 
 def alone(context: typer.Context, name: str) -> None:
-    """Refuse whatever else is given on the command line beside the option `name`, but how to print and log.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse whatever else is given on the command line beside the option `name`, but how to print and log."""
     harmless = {name, "quiet", "verbose", *_EVERYWHERE}
     for param in context.command.params:
         if param.name not in harmless and is_given(context, param.name or ""):

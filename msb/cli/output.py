@@ -140,13 +140,6 @@ class Output:
 
         A device or pipe is written through, and a `folder` cannot be. What another program writes there from
         now on is not replaced either without --force: `msb.base.atomic`.
-
-        Raises
-        ------
-        UsageError
-            `OUTPUT_EXISTS`; `USAGE`: it was asked for before, and the command would write it twice.
-        OutputError
-            `OUTPUT_UNWRITABLE`.
         """
         if path is None or is_stdout(path):
             return
@@ -215,11 +208,6 @@ def check_apart(named: Sequence[tuple[str, Path, bool]]) -> None:
     ----------
     named : sequence of (str, Path, bool)
         How the user called it, the path, and whether it is written. Streams can take several outputs.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
     """
     seen: dict[object, str] = {}
     for label, path, written in sorted(named, key=lambda one: one[2]):
@@ -298,16 +286,7 @@ def _log_error(path: object, error: OSError) -> OutputError:
 
 
 def open_log(path: Path) -> None:
-    """Append to the file at `path` from now on; the command line is the first line.
-
-    Raises
-    ------
-    UsageError
-        `OUTPUT_EXISTS`: the file holds something else than a log of ours. --force does not help, because
-        a log replaces nothing.
-    OutputError
-        `OUTPUT_UNWRITABLE`.
-    """
+    """Append to the file at `path` from now on; the command line is the first line."""
     import shlex
 
     try:

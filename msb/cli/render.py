@@ -276,13 +276,7 @@ class _Task:
             raise UsageError("USAGE", "the cameras differ in size; --size WxH makes a film possible")
 
     def names(self, views: list[Camera], tier: str) -> list[str]:
-        """Return the name of each image below the folder, without its suffix.
-
-        Raises
-        ------
-        UsageError
-            `USAGE`: the template names something else, or leads out of the folder.
-        """
+        """Return the name of each image below the folder, without its suffix."""
         from msb.render.images import image_names
 
         if PurePath(self.template).is_absolute() or ".." in PurePath(self.template).parts:

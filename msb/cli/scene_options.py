@@ -22,12 +22,7 @@ ImageFolder = Annotated[
 
 
 def scene_for(asset: Asset, path: Path, image_folder: str | None) -> Scene:
-    """Return a scene as a run evaluates the asset on it: views, size, camera convention and background.
-
-    Raises
-    ------
-    InputError, SceneError
-    """
+    """Return a scene as a run evaluates the asset on it: views, size, camera convention and background."""
     from msb.base.paths import given_path
     from msb.scenes.datasets import dataset_of, scene_at, stated_background
 
@@ -56,13 +51,7 @@ def views_of(scene: Scene, split: Split) -> list[Camera]:
 
 
 def refuse_beside_scene(**others: object) -> None:
-    """Refuse options, by their names, that ask for other views or other sizes than those that count.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse options, by their names, that ask for other views or other sizes than those that count."""
     given = [f"--{name}" for name, value in others.items() if value is not None]
     if given:
         text = f"{given[0]} does not go with --scene, which draws what counts, at the size that counts"

@@ -162,13 +162,7 @@ def present(model: ViewModel, options: ViewOptions, files: Files, output: Output
 
 
 def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
-    """Return the state the options describe.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_ELEMENT`.
-    """
+    """Return the state the options describe."""
     from msb_viewers.state import ViewState, parse_element, parse_kinds
 
     state = ViewState.first(model)

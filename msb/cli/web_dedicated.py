@@ -106,17 +106,7 @@ def write_page(
 
 
 def verify_page(path: Path, output: Output, bar: float | None, *, device: str | None) -> None:
-    """Measure a page again.
-
-    Raises
-    ------
-    GateFailed
-        `WEB_UNFAITHFUL`.
-    DeviceError
-        `DEVICE_NOT_FOUND`, `ENGINE_FAILED`.
-    InputError
-        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, `FILE_NOT_RECOGNISED`.
-    """
+    """Measure a page again."""
     from msb.engines.dedicated_page.measure import FAITHFUL
     from msb.engines.dedicated_page.page import read_page
 
@@ -166,15 +156,7 @@ def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _given(camera: Camera, folder: Path, background: Color) -> CheckView:
-    """Return a test view with the image of that camera in a folder, in the image's size.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: the camera has no name.
-    InputError, MetricError
-        The image is missing, or cannot be read.
-    """
+    """Return a test view with the image of that camera in a folder, in the image's size."""
     from pathlib import PurePosixPath
 
     from msb.engines.dedicated_page.page import CheckView

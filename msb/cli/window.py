@@ -63,13 +63,7 @@ class Files:
 
 
 def open_probe(files: Files) -> GlProbe | None:
-    """Ask whether GL can draw, if it is needed, and whether there is a display; GL's answer comes later.
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING`, `VIEW_NO_DISPLAY`.
-    """
+    """Ask whether GL can draw, if it is needed, and whether there is a display; GL's answer comes later."""
     from msb_viewers.gl import GlProbe, check_display
 
     if files.any and files.screenshot is None and files.figure is None:
@@ -85,13 +79,7 @@ def open_probe(files: Files) -> GlProbe | None:
 
 
 def parse_window_size(text: str) -> tuple[int, int]:
-    """Return width and height of a text like 1280x800.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Return width and height of a text like 1280x800."""
     from msb.cli.camera_options import parse_size
 
     width, height = parse_size(text)

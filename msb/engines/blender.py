@@ -234,11 +234,6 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
 
     The focal lengths become lens and pixel aspect, the principal point the shifts, which count in widths of
     the image; Blender's cameras look along -z with y up. `turn` (4, 4) is how an importer turned the world.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_CAMERA`.
     """
     width, height = camera.width, camera.height
     ratio = camera.fx / camera.fy

@@ -117,11 +117,6 @@ class Page:
         Whether to draw on the CPU. Otherwise the browser takes a GPU if it finds one.
     webgpu : bool, optional
         Whether the page needs WebGPU, which browsers leave off in software.
-
-    Raises
-    ------
-    DeviceError
-        `ENGINE_FAILED`.
     """
 
     def __init__(
@@ -170,13 +165,7 @@ class Page:
             raise
 
     def ask(self, task: Mapping[str, Any]) -> Answer:
-        """Return the page's answer to `task`.
-
-        Raises
-        ------
-        DeviceError
-            `ENGINE_FAILED`: the page failed, the browser ended or does not answer.
-        """
+        """Return the page's answer to `task`."""
         self._tasks.put(json.dumps(task).encode())
         return self._wait(_LONGEST_SECONDS)
 

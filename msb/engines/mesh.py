@@ -59,15 +59,6 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any]) -> EngineMesh:
 
     If colours belong to faces or corners, every face gets vertices of its own. If no face is shown, the mesh
     has one face without area, because no format for engines has a mesh without faces.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_STANDARD`: the method has no static colour.
-    UsageError
-        `SETTING_UNKNOWN`, `SETTING_VALUE`.
-    AssetError
-        `TRIASSET_VALUE_NONFINITE`, `TRIASSET_INDEX_OUT_OF_RANGE`.
     """
     check_supported(asset, "standard")
     values = effective_settings(asset.manifest, settings)

@@ -39,13 +39,7 @@ def all_adapters() -> list[Any]:
 
 
 def choose_adapter(kind: str | None) -> Any:
-    """Return the adapter to draw with: a GPU where there is one.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_NOT_FOUND`.
-    """
+    """Return the adapter to draw with: a GPU where there is one."""
     adapters = all_adapters()
     usable = [
         adapter
@@ -82,13 +76,7 @@ def _runtime_folder() -> Iterator[None]:
 
 @contextlib.contextmanager
 def errors_of(device: str, doing: str) -> Iterator[None]:
-    """Turn what wgpu raises in a block into an error of ours, which names the device and says what it did.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_MEMORY`, or `ENGINE_FAILED` for all else, such as a device that is lost.
-    """
+    """Turn what wgpu raises in a block into an error of ours, which names the device and says what it did."""
     import wgpu
 
     try:

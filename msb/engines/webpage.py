@@ -49,11 +49,6 @@ def write_web_page(
     up : str
         The axis about which the mesh is turned, such as "+y".
     background : 3 floats
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`.
     """
     data = page(glb, name=name, cameras=cameras, up=up, background=background)
     with new_file(path) as file:

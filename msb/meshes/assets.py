@@ -23,15 +23,7 @@ if TYPE_CHECKING:
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:
-    """Return `mesh` as an asset of method "mesh": float32 positions, its colours as stored.
-
-    Raises
-    ------
-    MeshError
-        `MESH_INDEX_OUT_OF_RANGE`.
-    AssetError
-        `TRIASSET_VALUE_NONFINITE` or `TRIASSET_EMPTY`.
-    """
+    """Return `mesh` as an asset of method "mesh": float32 positions, its colours as stored."""
     buffers, domains, kind = mesh_buffers(mesh)
     description = Description(
         appearance={"kind": kind}, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
@@ -43,13 +35,6 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
     """Return the buffers of `mesh`, their domains, and the kind of its appearance.
 
     Vertex colours are kept; without any, face colours.
-
-    Raises
-    ------
-    MeshError
-        `MESH_INDEX_OUT_OF_RANGE`.
-    AssetError
-        `TRIASSET_VALUE_NONFINITE`: a coordinate that float32 cannot hold.
     """
     check_indices(mesh)
     with np.errstate(over="ignore"):
@@ -118,13 +103,6 @@ def as_held(mesh: Mesh, suffix: str) -> Mesh:
 
     Colours are where the format has a place for them, mostly at vertices; the mesh is turned upright if the
     format says what is up, and where that is known; faces have vertices of their own if it shares none.
-
-    Raises
-    ------
-    MeshError
-        `MESH_INDEX_OUT_OF_RANGE`.
-    OutputError
-        `OUTPUT_COORDINATES`: a coordinate is too large for the format's float32.
     """
     held = FORMATS[suffix]
     check_indices(mesh)

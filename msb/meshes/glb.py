@@ -91,12 +91,6 @@ def read(source: Source) -> Mesh:
         Vertices are float32 as long as no node moves any, else float64. Every primitive brings its own
         vertices; where only some have colours, the others are white, as the format defines. An index
         outside its primitive stays outside the whole mesh.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TRAILING, MESH_FILE_NUMBER, MESH_FILE_FACE,
-        MESH_FILE_INDEX, MESH_FILE_UNSUPPORTED or MESH_FILE_TOO_LARGE.
     """
     document = open_document(source)
     _refuse_extensions(document)
@@ -122,12 +116,6 @@ def write(mesh: Mesh, stream: BinaryIO) -> None:
         since glTF aligns elements to four bytes; float32 colours stay as they are. Face colours are lost.
     stream : binary file
         Where to write.
-
-    Raises
-    ------
-    OutputError
-        OUTPUT_COORDINATES: a coordinate is too large for float32. OUTPUT_FORMAT_LIMIT: there are no faces, or
-        the file would exceed the 4 GiB a GLB can have.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")

@@ -140,14 +140,7 @@ class Accessor:
 
 
 def open_document(source: Source) -> Document:
-    """Take a GLB file apart and parse its JSON.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TRAILING, MESH_FILE_UNSUPPORTED (version) or
-        MESH_FILE_TOO_LARGE.
-    """
+    """Take a GLB file apart and parse its JSON."""
     data = source.data
     if not data.startswith(b"glTF"):
         raise source.not_a("GLB", "it does not begin with 'glTF'")
@@ -183,11 +176,6 @@ def accessor(document: Document, index: int, *, kinds: str, components: str) -> 
         The allowed types, such as "VEC3 VEC4".
     components : str
         The allowed component types as NumPy types, such as "u1 u2 f4".
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_TRUNCATED or MESH_FILE_UNSUPPORTED.
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")

@@ -26,11 +26,6 @@ def placed_meshes(document: Document) -> Iterator[tuple[int, NDArray[np.float64]
     ----------
     document : Document
         The file. The scene is the one it names, else its first; without scenes all nodes are shown.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER: nodes do not form trees. MESH_FILE_NUMBER: a transform is not one.
     """
     worlds = _world_transforms(document)
     for index in sorted(worlds):

@@ -52,13 +52,6 @@ def read(source: Source) -> Mesh:
     -------
     mesh : Mesh
         Vertices are float64. Colours come from `v x y z r g b [a]`, if every `v` line has them.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER: no `v` line. MESH_FILE_NUMBER: a number cannot be read, or a `v` line has too few
-        or too many. MESH_FILE_INDEX: index 0, or a relative index before the first vertex.
-        MESH_FILE_UNSUPPORTED: free-form surfaces, `call` or `csh`.
     """
     text = source.as_text("OBJ")
     if b"\\" in text.data:

@@ -55,12 +55,6 @@ def read(source: Source) -> Mesh:
     mesh : Mesh
         Vertices are float64. A COFF file without vertex colours is one that has them on its faces (the
         dialect of Triangle-Splatting's exporter). Face colours are kept where every face has as many.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_UNSUPPORTED (binary, 4OFF and nOFF), MESH_FILE_TRUNCATED,
-        MESH_FILE_TRAILING, MESH_FILE_NUMBER or MESH_FILE_FACE.
     """
     if _BINARY.match(source.data):
         raise source.error("MESH_FILE_UNSUPPORTED", "OFF BINARY is not read; save it as text", value="BINARY")

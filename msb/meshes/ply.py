@@ -44,12 +44,6 @@ def read(source: Source) -> Mesh:
     mesh : Mesh
         Vertices are float32 where a binary file stores x, y and z as float, else float64: text keeps the
         digits it has, whatever type the header names.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_UNSUPPORTED (triangle strips), MESH_FILE_TRUNCATED, MESH_FILE_TRAILING,
-        MESH_FILE_NUMBER or MESH_FILE_FACE.
     """
     header = read_header(source)
     _check_elements(source, header)

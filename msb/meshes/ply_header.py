@@ -92,11 +92,6 @@ def read_header(source: Source) -> Header:
     -------
     header : Header
         Elements and the names of an element's properties are unique.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TOO_LARGE or MESH_FILE_UNSUPPORTED.
     """
     lines, body = _split_lines(source)
     order: str | None = None

@@ -45,10 +45,6 @@ def ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
     """Return the properties of element "vertex" of the PLY file at `path`, and whether it has faces.
 
     Only the header is read.
-
-    Raises
-    ------
-    InputError, MeshFileError
     """
     _, header, _ = _open(path)
     elements = {element.name: element for element in header.elements}
@@ -58,13 +54,6 @@ def ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
 
 def read_ply_table(path: Path) -> PlyTable:
     """Read a PLY file whose element "vertex" has numbers only, and whose other elements are empty.
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND` or `FILE_UNREADABLE`.
-    MeshFileError
-        `MESH_FILE_HEADER`, `MESH_FILE_TRUNCATED`, `MESH_FILE_TRAILING` or `MESH_FILE_NUMBER`.
 
     Notes
     -----

@@ -82,11 +82,6 @@ class Source:
         """Return the file, text of format `name`, with line feeds for line ends and no byte order mark.
 
         Every byte keeps its place, so byte and line numbers in messages stay those of the file.
-
-        Raises
-        ------
-        MeshFileError
-            MESH_FILE_HEADER: it begins like another format, or holds a NUL byte, which no text does.
         """
         data = self.data
         at = data.find(b"\0")

@@ -39,11 +39,6 @@ def read(source: Source) -> Mesh:
     -------
     mesh : Mesh
         Vertices are float32, also those of text; V = 3F and the faces are 0, 1, 2, ....
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_HEADER, MESH_FILE_TRUNCATED, MESH_FILE_TRAILING, MESH_FILE_NUMBER or MESH_FILE_FACE.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -72,11 +67,6 @@ def write(mesh: Mesh, stream: BinaryIO) -> None:
         Checked by the caller. Vertices no face uses are lost: the format has no vertices.
     stream : binary file
         Where to write.
-
-    Raises
-    ------
-    OutputError
-        OUTPUT_COORDINATES: a coordinate is too large for float32.
     """
     import trimesh
 

@@ -85,13 +85,7 @@ class Words:
         return replace(self, end=np.minimum(self.end, cut))
 
     def numbers(self, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the numbers the chosen words (T,) spell, each the nearest float64.
-
-        Raises
-        ------
-        MeshFileError
-            MESH_FILE_NUMBER: a word is not a decimal number, inf or nan.
-        """
+        """Return the numbers the chosen words (T,) spell, each the nearest float64."""
         start, end = self.start[chosen], self.end[chosen]
         if not start.size:
             return np.zeros(0)
@@ -174,13 +168,7 @@ class Table:
         return self.source.line_error(code, int(self.byte[row]), message, **about)
 
     def integers(self, places: NDArray[np.int64], what: str) -> NDArray[np.int64]:
-        """Return the integers at `places` of `values`, in the shape of `places`.
-
-        Raises
-        ------
-        MeshFileError
-            MESH_FILE_NUMBER: one is not a whole number of at most 2**53.
-        """
+        """Return the integers at `places` of `values`, in the shape of `places`."""
         values = self.values[places]
         bad = first_not_whole(values.ravel())
         if bad is not None:
@@ -191,13 +179,7 @@ class Table:
 
 
 def read_table(source: Source, start: int, *, comments: bool = False) -> Table:
-    """Return every number from byte `start` of the text `source` on; see `word_blocks`.
-
-    Raises
-    ------
-    MeshFileError
-        MESH_FILE_NUMBER: a word is not a number.
-    """
+    """Return every number from byte `start` of the text `source` on; see `word_blocks`."""
     values, counts, places, fractions = [np.zeros(0)], [np.zeros(1, np.int64)], [np.zeros(0, np.int64)], []
     for words in word_blocks(source, start, comments=comments):
         values.append(words.numbers(np.ones(len(words.start), dtype=np.bool_)))

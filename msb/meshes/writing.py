@@ -23,26 +23,13 @@ def check_writable(mesh: Mesh) -> None:
     ----------
     mesh : Mesh
         The mesh about to be written.
-
-    Raises
-    ------
-    OutputError
-        OUTPUT_COORDINATES: a coordinate is NaN or infinite.
-    MeshError
-        MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """
     _require_finite(mesh.vertices, "is not finite")
     check_indices(mesh)
 
 
 def check_indices(mesh: Mesh) -> None:
-    """Refuse a mesh that uses a vertex it does not have.
-
-    Raises
-    ------
-    MeshError
-        MESH_INDEX_OUT_OF_RANGE, naming the first such face; of a text file, its line.
-    """
+    """Refuse a mesh that uses a vertex it does not have."""
     wrong = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
     if wrong.any():
         face = int(np.argmax(wrong))
@@ -52,13 +39,7 @@ def check_indices(mesh: Mesh) -> None:
 
 
 def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Return `vertices` (V, 3) as float32, the precision of format `name`.
-
-    Raises
-    ------
-    OutputError
-        OUTPUT_COORDINATES: a coordinate is too large for float32.
-    """
+    """Return `vertices` (V, 3) as float32, the precision of format `name`."""
     with np.errstate(over="ignore"):
         narrow = vertices.astype(np.float32, copy=False)
     _require_finite(narrow, f"does not fit float32, which is what {name} holds")

@@ -97,11 +97,6 @@ def chamfer_surface(
         Faces without area give no samples.
     data : DtuScan
         The scan to compare with.  seed, max_distance As for `chamfer_dtu`.
-
-    Raises
-    ------
-    MetricError
-        METRIC_MESH, METRIC_MESH_SCALE or METRIC_ARGUMENT.
     """
     generator = _generator(seed)
     points, corners = mesh_arrays(vertices, faces)
@@ -131,11 +126,6 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
     -------
     dict
         The result of `chamfer_dtu`, without the entries that only a mesh has.
-
-    Raises
-    ------
-    MetricError
-        METRIC_MESH or METRIC_ARGUMENT.
     """
     if not 0 < max_distance < np.inf:
         text = f"max_distance is {max_distance}; it must be a positive number of millimetres"

@@ -69,11 +69,6 @@ def cull_dtu(
     CulledMesh
         Its vertices are scale_mat_0[0, 0] x + scale_mat_0[:3, 3].
 
-    Raises
-    ------
-    MetricError
-        METRIC_MESH, or METRIC_DTU_VIEWS: no view, different numbers of matrices and masks, or a bad one.
-
     Notes
     -----
     `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).

@@ -58,15 +58,6 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
         Large-Scale Data for Multiple-View Stereopsis, 2016).
     scan : int
         The number of the scan, 1 to 999.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    MetricError
-        METRIC_ARGUMENT: there is no scan of this number. METRIC_DTU_FILE: a file is not what it must be.
-    MeshFileError
-        The points are not a valid PLY file.
     """
     if isinstance(scan, bool) or not isinstance(scan, int | np.integer) or not 1 <= scan <= MAX_SCAN:
         text = f"the scan is {shorten(str(scan), 20)}; it must be a whole number from 1 to {MAX_SCAN}"

@@ -40,16 +40,6 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
     background : (float, float, float), optional
         The colour in [0, 1] over which partly transparent pixels are laid, in float64 and without rounding:
         rgb a + background (1 - a). An image whose alpha is 255 everywhere needs none.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING: EXR, and OpenEXR is not installed.
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    MetricError
-        METRIC_IMAGE_FILE: damaged, over `MAX_SIDE` or `MAX_PIXELS`, 16-bit, palette, grey, or another kind of
-        file. METRIC_IMAGE_ALPHA: transparent, and no background.
     """
     place = regular_file(path)
     suffix = place.suffix.lower()
@@ -93,13 +83,6 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
     path : Path
     modes : tuple of str
         Pillow's names of the kinds of pixels that are accepted; "L", grey, gives (H, W).
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    MetricError
-        METRIC_IMAGE_FILE, as for `read_image`.
     """
     place = regular_file(path)
     try:
@@ -111,15 +94,7 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
 
 
 def read_mask(path: Path) -> NDArray[np.uint8]:
-    """Return the first channel of a mask, (H, W); the file may also be grey.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    MetricError
-        METRIC_IMAGE_FILE.
-    """
+    """Return the first channel of a mask, (H, W); the file may also be grey."""
     pixels = read_pixels(path, ("L", "RGB", "RGBA"))
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., 0])
 

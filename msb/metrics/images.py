@@ -64,13 +64,7 @@ def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def mean_psnr(values: Iterable[float]) -> tuple[float, int]:
-    """Return the mean of PSNRs in dB and how many of them were infinite; those count `PSNR_CAP`.
-
-    Raises
-    ------
-    MetricError
-        METRIC_ARGUMENT: there is no value, or one is NaN.
-    """
+    """Return the mean of PSNRs in dB and how many of them were infinite; those count `PSNR_CAP`."""
     found = list(values)
     if not found or any(math.isnan(value) for value in found):
         raise MetricError("METRIC_ARGUMENT", "a mean needs at least one PSNR, and none that is NaN")
@@ -145,13 +139,7 @@ def is_plain(image: NDArray[Any]) -> bool:
 
 
 def unmasked(values: ArrayLike, name: str, code: str) -> NDArray[Any]:
-    """Return `values` as an array, unless some are masked: a metric would read what lies under the mask.
-
-    Raises
-    ------
-    MetricError
-        `code`.
-    """
+    """Return `values` as an array, unless some are masked: a metric would read what lies under the mask."""
     if np.ma.is_masked(values):
         text = f"{name} is a masked array, and a masked value is neither kept nor left out; decide first"
         raise MetricError(code, text)
@@ -165,13 +153,7 @@ def unmasked(values: ArrayLike, name: str, code: str) -> NDArray[Any]:
 def image_pair(
     pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded as the input rule says.
-
-    Raises
-    ------
-    MetricError
-        METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
-    """
+    """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded as the input rule says."""
     a, b = _checked(pred, "pred"), _checked(gt, "gt")
     if a.shape != b.shape:
         sizes = [f"{image.shape[1]} x {image.shape[0]}" for image in (a, b)]

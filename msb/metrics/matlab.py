@@ -48,13 +48,7 @@ class Variable:
     _start: int
 
     def read(self) -> NDArray[Any]:
-        """Return the numbers, read-only, in their stored type; MATLAB stores whole numbers smaller.
-
-        Raises
-        ------
-        ValueError
-            The data are no real numbers, not as many as `shape` says, or damaged.
-        """
+        """Return the numbers, read-only, in their stored type; MATLAB stores whole numbers smaller."""
         if not self._numeric or min(self.shape) < 0:
             raise ValueError(f"{self.name} holds no real numbers")
         count = math.prod(self.shape)
@@ -72,13 +66,7 @@ class Variable:
 
 
 def find_variables(data: bytes) -> dict[str, Variable]:
-    """Return the arrays in the MATLAB 5 file `data` by name.
-
-    Raises
-    ------
-    ValueError
-        The file is no MATLAB 5 file, or is damaged.
-    """
+    """Return the arrays in the MATLAB 5 file `data` by name."""
     order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
     if order is None:
         raise ValueError("it has no header of a MATLAB 5 file")

@@ -46,13 +46,6 @@ def pair_images(
         image.
     subset : bool
         Whether `gt` may hold more images, such as the training views.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE, or FILE_NOT_RECOGNISED: one is a file and one a folder.
-    MetricError
-        METRIC_IMAGE_NAMES: an image is missing or one too many, or two have the same name.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(each) for each in (pred, gt)]

@@ -102,11 +102,6 @@ class LpipsVgg:
         "vgg" (see `read_vgg`) and "heads": file names and hashes, for the identity.
     warnings : tuple of Finding
         METRIC_VGG_UNKNOWN if the weights are not the published ones.
-
-    Raises
-    ------
-    UsageError, InputError, MetricError
-        As `lpips_vgg`.
     """
 
     def __init__(self, vgg_weights: str | os.PathLike[str]) -> None:
@@ -138,13 +133,7 @@ class LpipsVgg:
         return float(sum(self.per_layer(pred, gt, quantize=quantize)))
 
     def per_layer(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> list[float]:
-        """Return the five terms whose sum LPIPS is, from relu1_2 to relu5_3.
-
-        Raises
-        ------
-        MetricError
-            METRIC_IMAGE_TOO_SMALL, and those of `psnr`.
-        """
+        """Return the five terms whose sum LPIPS is, from relu1_2 to relu5_3."""
         import torch
         from torch.nn import functional
 

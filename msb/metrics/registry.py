@@ -160,11 +160,6 @@ class Measures:
         Warnings about the weights.
     failed : dict
         Key of a package's metric that has failed -> what was wrong the first time, with its code.
-
-    Raises
-    ------
-    UsageError, InputError, MetricError
-        The weights cannot be used.
     """
 
     def __init__(self, vgg_weights: Path | None = None) -> None:
@@ -187,13 +182,6 @@ class Measures:
         """Return key -> value of two images as `psnr` takes them.
 
         It is None where weights are missing, and where a package's metric failed.
-
-        Raises
-        ------
-        UsageError
-            EXTRA_MISSING.
-        MetricError
-            Those of our metrics.
         """
         a, b = image_pair(pred, gt)
         found: dict[str, float | None] = dict.fromkeys(self._functions)

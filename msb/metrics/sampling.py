@@ -26,13 +26,7 @@ _NEIGHBORS = 1 << 22
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return both arrays as a mesh of finite vertices (V, 3) and valid faces (F, 3).
-
-    Raises
-    ------
-    MetricError
-        METRIC_MESH.
-    """
+    """Return both arrays as a mesh of finite vertices (V, 3) and valid faces (F, 3)."""
     points, corners = (
         unmasked(values, name, "METRIC_MESH") for values, name in ((vertices, "vertices"), (faces, "faces"))
     )
@@ -74,11 +68,6 @@ def sample_surface(
     faces : (F, 3) int64
     spacing : float
         The distance between samples, in the units of the vertices.
-
-    Raises
-    ------
-    MetricError
-        METRIC_MESH_SCALE: there would be more than `MAX_SAMPLES`.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin

@@ -73,13 +73,7 @@ def weights_source(weights: Mapping[str, Any] | None) -> str:
 
 
 def check_extra() -> None:
-    """Raise if torch or lpips is not installed.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING.
-    """
+    """Raise if torch or lpips is not installed."""
     need_extra("lpips", "torch", "lpips", what="LPIPS")
 
 
@@ -99,13 +93,6 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     record : dict
         "file" (its name), "sha256" of the file, "tensors_sha256" of the values (the same whatever file
         they are in), "known" (what the file is, or None).
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    MetricError
-        METRIC_VGG_WEIGHTS.
     """
     place = regular_file(path)
     readers = {".npz": _read_npz, ".safetensors": _read_safetensors}
@@ -136,13 +123,6 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
     """Return the five linear layers (C,) of LPIPS 0.1 for VGG16, and the SHA-256 of their file.
 
     The file is in the lpips package, which is located but not imported: importing it imports torchvision.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING.
-    MetricError
-        METRIC_LPIPS_HEADS.
     """
     check_extra()
     import torch

@@ -101,13 +101,7 @@ def render_reference(
 
 
 def precision(dtype: Any) -> type[Any]:
-    """Return the type of number that `dtype` names, which is float32 or float64.
-
-    Raises
-    ------
-    UsageError
-        USAGE.
-    """
+    """Return the type of number that `dtype` names, which is float32 or float64."""
     for real in (np.float32, np.float64):
         if dtype is real or (isinstance(dtype, str | np.dtype) and dtype == np.dtype(real)):
             return real

@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 
 
 def number(asset: Asset, section: str, key: str) -> float:
-    """Return a number among the manifest's parameters.
-
-    Raises
-    ------
-    AssetError
-        TRIASSET_FIELD_VALUE: there is none.
-    """
+    """Return a number among the manifest's parameters."""
     found = getattr(asset.manifest, section).get(key)
     if isinstance(found, bool) or not isinstance(found, int | float):
         text = f"{section}.{key} is {found!r:.40}; it must be a number"

@@ -56,13 +56,7 @@ class DedicatedRenderer:
 
 
 def _pipeline(asset: Asset) -> Factory:
-    """Return what draws the asset's method.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_TIER`: its package brings nothing that does.
-    """
+    """Return what draws the asset's method."""
     look: Any = role(asset.manifest.method, "look")
     if look is None:
         text = f"{asset.manifest.method} on tier dedicated: its package brings nothing that draws it"

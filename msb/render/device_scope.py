@@ -38,11 +38,6 @@ class DeviceScope:
     device : Device
     kept : dict of str to Buffer
         Use -> the buffer that stays from frame to frame.
-
-    Raises
-    ------
-    UsageError, DeviceError
-        The errors of `msb.cl.shared_device`.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:
@@ -53,13 +48,7 @@ class DeviceScope:
         self._closed = False
 
     def turn(self) -> AbstractContextManager[None]:
-        """Return a block that has the device alone; blocks of one thread nest.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_CLOSED`, after `close`.
-        """
+        """Return a block that has the device alone; blocks of one thread nest."""
         if self._closed:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device.record})")
         return self.device.using(self._memory)

@@ -51,13 +51,6 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
     array : (H, W, 3) or (H, W) float32, or (H, W) int32
         A PNG holds colours as 8 bits and refuses a plane, since 8 or 16 bits would not hold it. An EXR holds
         32-bit floats.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: a plane as PNG. `EXTRA_MISSING`: OpenEXR is not installed.
-    OutputError
-        `OUTPUT_UNWRITABLE`.
     """
     check_format(form)
     with new_file(path) as file:
@@ -73,13 +66,7 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
 
 
 def check_format(form: str) -> None:
-    """Refuse `form`, before anything is rendered, if the package that writes it is not installed.
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING`.
-    """
+    """Refuse `form`, before anything is rendered, if the package that writes it is not installed."""
     if form == "exr":
         need_extra("bench", "OpenEXR", what="an EXR image", instead="--format npy is as exact")
 
@@ -148,13 +135,6 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
     MP4 is H.264 in 4:2:0, which every player takes; odd sizes lose their last row or column. GIF has 256
     colours a frame.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: another suffix. `EXTRA_MISSING`: an MP4 film, and PyAV is not installed.
-    OutputError
-        `OUTPUT_UNWRITABLE`.
     """
     check_film(path)
     with new_file(path) as file:
@@ -162,13 +142,7 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 
 def check_film(path: Path) -> None:
-    """Refuse, before anything is rendered, a suffix that no film has or that cannot be written here.
-
-    Raises
-    ------
-    UsageError
-        `USAGE` or `EXTRA_MISSING`.
-    """
+    """Refuse, before anything is rendered, a suffix that no film has or that cannot be written here."""
     if path.suffix.lower() not in FILM_SUFFIXES:
         wanted = " or ".join(FILM_SUFFIXES)
         raise UsageError("USAGE", f'the film is "{path.name}"; it must end in {wanted}')

@@ -216,13 +216,7 @@ def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:
 
 
 def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
-    """Return a soup as a mesh of its standard look, and the change that leaves out the faces it hides.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_STANDARD`.
-    """
+    """Return a soup as a mesh of its standard look, and the change that leaves out the faces it hides."""
     why = why_not(asset.manifest, "standard")
     if why is not None:
         text = f"weld turns a soup into a mesh of static colours; {asset.manifest.method}: {why}"

@@ -38,11 +38,6 @@ def carry(
     change : Change
     level : int, optional
         The level of DiffSoup's lattice.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_REPAIR`: a buffer's values for the turned or added faces do not follow from the old ones.
     """
     known = {**domains, "positions": "vertex", "indices": "face"}
     return {

@@ -46,15 +46,7 @@ class Options:
     memory_gib: float = 4.0
 
     def check(self) -> Options:
-        """Return these options if they can be used.
-
-        Raises
-        ------
-        UsageError
-            `USAGE`.
-        MeshError
-            `WELD_DISTANCE`.
-        """
+        """Return these options if they can be used."""
         numbers = {
             name: checked_number(name, getattr(self, name), whole=name in _WHOLE, positive=name in _LIMITS)
             for name in ("pair_color", *_WHOLE, "debris_share", "close_share", *_LIMITS)
@@ -66,13 +58,7 @@ class Options:
 
 
 def parse_plan(plan: Sequence[str] | str) -> tuple[str, ...]:
-    """Return the steps that a plan names.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Return the steps that a plan names."""
     check_type("plan", plan, Iterable, "names of steps")
     names = tuple(plan.split(",")) if isinstance(plan, str) else tuple(plan)
     for name in names:
@@ -85,13 +71,7 @@ def parse_plan(plan: Sequence[str] | str) -> tuple[str, ...]:
 
 
 def check_peer(plan: Sequence[str], peer: str | None) -> None:
-    """Refuse a peer that has none of the plan's steps.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse a peer that has none of the plan's steps."""
     if peer is not None and not set(plan) & set(BY_PEER[peer]):
         text = f"{peer} can do {', '.join(BY_PEER[peer])}, and the plan is {','.join(plan)}"
         raise UsageError("USAGE", text)

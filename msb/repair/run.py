@@ -201,16 +201,6 @@ def run_plan(
         The weight of each face to `debris` and `drop`; the area if not given.
     first : Change, optional
         A change that comes before the plan, such as leaving out hidden faces.
-
-    Raises
-    ------
-    MeshError
-        `MESH_NONFINITE`: a position is not finite; `MESH_INDEX_OUT_OF_RANGE`, `MESH_TOO_LARGE`,
-        `WELD_TOO_WIDE`.
-    Unsupported
-        `UNSUPPORTED_REPAIR`.
-    PeerFailed
-        A peer crashed, ran out of its limits or said nothing.
     """
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
     refuse_nonfinite(points)
@@ -263,13 +253,7 @@ def _turns(plan: Sequence[str], work: _Work, peer: str | None) -> Iterator[str]:
 
 
 def refuse_nonfinite(points: NDArray[Any]) -> None:
-    """Refuse positions that are not finite.
-
-    Raises
-    ------
-    MeshError
-        `MESH_NONFINITE`, naming the first such vertex.
-    """
+    """Refuse positions that are not finite."""
     finite = np.isfinite(points)
     if not finite.all():
         row = int(np.argmin(finite.all(axis=1)))

@@ -23,13 +23,7 @@ def seen_pixels(
     device: str | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> NDArray[np.float64]:
-    """Return the number of pixels (F,) that each face covers on the standard tier, over all cameras.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_STANDARD`: the method has no standard tier.
-    """
+    """Return the number of pixels (F,) that each face covers on the standard tier, over all cameras."""
     why = why_not(asset.manifest, "standard")
     if why is not None:
         text = f"faces are weighted by what the standard tier shows; {asset.manifest.method}: {why}"

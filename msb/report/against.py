@@ -47,13 +47,7 @@ class Comparison(NamedTuple):
 
 
 def comparisons(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
-    """Return all comparisons with the method `other` under the same condition, by dataset and condition.
-
-    Raises
-    ------
-    UsageError
-        USAGE: the results have no such method.
-    """
+    """Return all comparisons with the method `other` under the same condition, by dataset and condition."""
     methods = sorted({place.method for place in results.places})
     if other not in methods:
         text = f'--against: there is no method "{shorten(other, 60)}" in the results; there are '

@@ -67,11 +67,6 @@ def build_report(
         Whether the paper's numbers are wanted beside ours; those in `published` are in any case.
     against : str, optional
         A method, or its label, that every other one is held against, view by view.
-
-    Raises
-    ------
-    UsageError
-        USAGE: there is no view of a name in `chosen`, or no method `against`.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)

@@ -121,11 +121,6 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
 
     The paper compares with them scene by scene but does not print them, so they are the user's to bring.
     Their `Key.source` is "paper" where the file names none.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, FILE_UNREADABLE or RECORD_INVALID.
     """
     cells = checked(_PaperTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
     found = {}

@@ -100,15 +100,6 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     allow_mixed : bool
         Take records that differ in what must be equal, and note it, instead of refusing. Models whose records
         in two folders differ are kept apart, under the folders' names.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND, RESULTS_EMPTY; RECORD_MISPLACED: a record lies in another cell's place; or what
-        reading a record raises.
-    UsageError
-        RESULTS_MIXED: the definition of a metric differs between records; or of one asset on one scene, the
-        setup, the test images, the asset's bytes, the settings or the renderer's version.
     """
     found = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
     return result_set(found, allow_mixed=allow_mixed)
@@ -159,13 +150,7 @@ def _read_folder(root: Path) -> list[Loaded]:
 
 
 def load(path: Path, root: Path) -> Loaded:
-    """Return the record in the file `path` of the results folder `root`.
-
-    Raises
-    ------
-    InputError
-        The errors of `msb.bench.records.read_result`; RECORD_INVALID also if a free-form part lacks numbers.
-    """
+    """Return the record in the file `path` of the results folder `root`."""
     return Loaded(_checked(read_result(path), path), path, root)
 
 

@@ -23,11 +23,6 @@ def read(root: Node) -> list[Camera]:
 
     `img_name` is the file's name up to its first dot, so two images may share one: their names then get
     "-ID" added.
-
-    Raises
-    ------
-    SceneError
-        The CAMERA_ codes.
     """
     names = Counter(node["img_name"].text() for node in root.items())
     cameras = []

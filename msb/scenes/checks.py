@@ -27,13 +27,7 @@ MAX_NAME = 1024
 
 
 def check_size(size: object) -> tuple[int, int]:
-    """Return `size`, a pair, as integers (width, height) if an image can have that size.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_SIZE.
-    """
+    """Return `size`, a pair, as integers (width, height) if an image can have that size."""
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise SceneError("CAMERA_SIZE", f"the size is {_shown(size)}; it must be width and height")
     sides = _side("width", size[0]), _side("height", size[1])
@@ -55,13 +49,7 @@ def _side(what: str, value: object) -> int:
 
 
 def check_focal(what: str, value: object) -> float:
-    """Return `value` as a float if it can be a focal length in pixels.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_FOCAL.
-    """
+    """Return `value` as a float if it can be a focal length in pixels."""
     focal = _number(value)
     if not MIN_FOCAL <= focal <= MAX_FOCAL:
         text = f"{what} is {_shown(value)}; it must be a number of pixels from {MIN_FOCAL:g} to {MAX_FOCAL:g}"
@@ -70,13 +58,7 @@ def check_focal(what: str, value: object) -> float:
 
 
 def check_principal(what: str, value: object) -> float:
-    """Return `value` as a float if it can be a coordinate of the principal point in pixels.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_PRINCIPAL_POINT.
-    """
+    """Return `value` as a float if it can be a coordinate of the principal point in pixels."""
     place = _number(value)
     if not abs(place) <= MAX_FOCAL:
         text = f"{what} is {_shown(value)}; it must be a finite number of pixels, at most {MAX_FOCAL:g}"
@@ -85,13 +67,7 @@ def check_principal(what: str, value: object) -> float:
 
 
 def focal_from_fov(angle: float, side: int, what: str) -> float:
-    """Return the focal length in pixels that shows `side` pixels in the full `angle` (radians).
-
-    Raises
-    ------
-    SceneError
-        CAMERA_FOCAL: the angle is not between 0 and pi.
-    """
+    """Return the focal length in pixels that shows `side` pixels in the full `angle` (radians)."""
     if not 0 < _number(angle) < math.pi:
         text = f"{what} is {_shown(angle)}; it must be an angle in radians between 0 and pi"
         raise SceneError("CAMERA_FOCAL", text, value=_number(angle))
@@ -102,11 +78,6 @@ def check_name(name: object) -> None:
     """Check that `name` can be the name of a file below a folder, on any system.
 
     Names come from files and become the names of outputs, so none may lead out of a folder.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_NAME.
     """
     if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME:
         text = f"the name is {_shown(name)}; it must be text of 1 to {MAX_NAME} characters"
@@ -122,13 +93,7 @@ def check_name(name: object) -> None:
 
 
 def check_split(split: object) -> None:
-    """Check that `split` is one of `SPLITS`.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_SPLIT.
-    """
+    """Check that `split` is one of `SPLITS`."""
     if split not in SPLITS:
         text = f"split is {_shown(split)}; it must be {', '.join(SPLITS)} or None"
         raise SceneError("CAMERA_SPLIT", text)

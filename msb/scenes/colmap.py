@@ -47,13 +47,6 @@ def read_model(folder: Path) -> list[Camera]:
 
     The principal point is kept as recorded. `image_path` is set where the folder is a scene's `sparse/0` or
     `sparse`: the name below the scene's `images`.
-
-    Raises
-    ------
-    InputError
-        FILE_UNREADABLE.
-    SceneError
-        The COLMAP_ codes, CAMERA_DISTORTED, CAMERA_DUPLICATE, and those of `Camera`.
     """
     suffix = _form(folder, ("cameras", "images"))
     form = _FORMS[suffix]

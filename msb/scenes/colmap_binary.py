@@ -69,13 +69,7 @@ class _Cursor:
 
 
 def read_lenses(source: Source) -> Iterator[Lens]:
-    """Yield the records of cameras.bin.
-
-    Raises
-    ------
-    SceneError
-        COLMAP_TRUNCATED, COLMAP_TRAILING or COLMAP_MODEL.
-    """
+    """Yield the records of cameras.bin."""
     cursor = _Cursor(source)
     for index in range(cursor.count("cameras", _LENS.size)):
         pointer, what = cursor.pointer, f"camera {index}"
@@ -89,13 +83,7 @@ def read_lenses(source: Source) -> Iterator[Lens]:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin; the 2D points are stepped over.
-
-    Raises
-    ------
-    SceneError
-        COLMAP_TRUNCATED or COLMAP_TRAILING.
-    """
+    """Yield the records of images.bin; the 2D points are stepped over."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"
@@ -122,11 +110,6 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
     -------
     xyz : (N, 3) float64
     rgb : (N, 3) uint8
-
-    Raises
-    ------
-    SceneError
-        COLMAP_TRUNCATED, COLMAP_TRAILING or COLMAP_POINT.
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)

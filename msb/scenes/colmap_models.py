@@ -47,13 +47,7 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 
 
 def model_parameters(name: str | None, given: str) -> int:
-    """Return how many parameters the model `name` has; `given` is how the file spells it.
-
-    Raises
-    ------
-    SceneError
-        COLMAP_MODEL: there is no such model.
-    """
+    """Return how many parameters the model `name` has; `given` is how the file spells it."""
     if name not in MODELS:
         known = ", ".join(f"{number} {name}" for number, name in sorted(MODEL_NAMES.items())[:2])
         text = f"the camera model is {shorten(given, 40)}; undistorted images have {known}"
@@ -87,13 +81,7 @@ class Lens:
     pointer: str
 
     def pinhole(self) -> tuple[int, int, float, float, float, float]:
-        """Return width, height, fx, fy, cx, cy.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_DISTORTED, CAMERA_SIZE, CAMERA_FOCAL or CAMERA_PRINCIPAL_POINT.
-        """
+        """Return width, height, fx, fy, cx, cy."""
         model = MODELS[self.model]
         distortion = self.parameters[model.focals + 2 :]
         if model.fisheye:

@@ -31,13 +31,7 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 def read_lenses(source: Source) -> Iterator[Lens]:
-    """Yield the records of cameras.txt: ID MODEL WIDTH HEIGHT PARAMETERS...
-
-    Raises
-    ------
-    SceneError
-        COLMAP_LINE, COLMAP_NUMBER or COLMAP_MODEL.
-    """
+    """Yield the records of cameras.txt: ID MODEL WIDTH HEIGHT PARAMETERS..."""
     for line in _records(source):
         words = line.words(_MOST_WORDS)
         if len(words) < 4:
@@ -55,11 +49,6 @@ def read_shots(source: Source) -> Iterator[Shot]:
     """Yield the records of images.txt: ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points.
 
     The second line is empty where an image has no points, and still belongs to it. A name may hold spaces.
-
-    Raises
-    ------
-    SceneError
-        COLMAP_LINE or COLMAP_NUMBER.
     """
     lines = itertools.starmap(partial(_Line, source), _lines(source))
     for line in lines:
@@ -86,11 +75,6 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
     -------
     xyz : (N, 3) float64
     rgb : (N, 3) uint8
-
-    Raises
-    ------
-    SceneError
-        COLMAP_LINE, COLMAP_NUMBER or COLMAP_POINT.
     """
     xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.uint8)]
     rows: list[list[float]] = []
@@ -191,13 +175,7 @@ def _records(source: Source) -> Iterator[_Line]:
 
 
 def _lines(source: Source) -> Iterator[tuple[int, bytes]]:
-    """Yield the number and the text of each line; the first is line 1.
-
-    Raises
-    ------
-    SceneError
-        COLMAP_LINE: a line is longer than `MAX_LINE`.
-    """
+    """Yield the number and the text of each line; the first is line 1."""
     data, size = source.data, len(source.data)
     at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
     index = 0

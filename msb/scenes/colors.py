@@ -48,11 +48,6 @@ def check_background(background: object, official: object = None) -> Color:
         Numbers that are finite in float32, or a text that `parse_color` takes.
     official : object
         The same as for `parse_color`.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
     """
     found = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
     if found is None:

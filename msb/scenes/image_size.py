@@ -25,14 +25,6 @@ hundreds."""
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
     """Return (width, height) in pixels, as stored: an orientation in the metadata is not applied.
 
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    SceneError
-        CAMERA_IMAGE: the file is not a PNG or JPEG image, or ends within its header. CAMERA_SIZE: no image of
-        ours has that size.
-
     Notes
     -----
     PNG: W3C Portable Network Graphics, 5.2 and 11.2.2: the first chunk is IHDR. JPEG: ITU-T T.81, annex B:
@@ -49,11 +41,6 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
 
 def has_alpha(path: str | os.PathLike[str]) -> bool:
     """Return whether an image is a PNG with an alpha channel; a colour marked as transparent does not count.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
 
     Notes
     -----

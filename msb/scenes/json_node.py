@@ -24,13 +24,7 @@ captures have some thousand cameras."""
 
 
 def read_json(source: Source) -> Node:
-    """Return the root of the one JSON document in `source`.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_JSON_...: EMPTY, TOO_LARGE, ENCODING, TOO_DEEP, SYNTAX, DUPLICATE_KEY, NONFINITE or INTEGER.
-    """
+    """Return the root of the one JSON document in `source`."""
     data = bytes(source.data[: MAX_BYTES + 1])
     try:
         value = parse_strict_json(data, file=source.path, name="the file", max_bytes=MAX_BYTES)
@@ -83,13 +77,7 @@ class Node:
         return Node(self.source, self.value[key], f"{self.pointer}/{escape(key)}")
 
     def __getitem__(self, key: str) -> Node:
-        """Return the member `key` of this object.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_FIELD_MISSING.
-        """
+        """Return the member `key` of this object."""
         member = self.get(key)
         if member is None:
             raise self.error("CAMERA_FIELD_MISSING", f'it lacks the key "{key}"')
@@ -103,13 +91,7 @@ class Node:
             yield Node(self.source, item, f"{self.pointer}/{index}")
 
     def only(self, *keys: str) -> None:
-        """Refuse members of this object other than `keys`.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_FIELD_UNKNOWN.
-        """
+        """Refuse members of this object other than `keys`."""
         if not isinstance(self.value, dict):
             raise self.wrong_type("an object")
         for key in self.value:

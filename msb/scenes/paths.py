@@ -114,11 +114,6 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
     flight : list of Camera
         Position and velocity are continuous, so are rotation and angular velocity.
 
-    Raises
-    ------
-    SceneError
-        CAMERA_PATH: fewer than two cameras, or the count is out of range.
-
     Notes
     -----
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating

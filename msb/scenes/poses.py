@@ -32,13 +32,6 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     matrix : (4, 4) array_like
     what : str
         The name of the matrix in messages.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_MATRIX: not a finite 4 x 4 matrix with last row 0 0 0 1, or a translation beyond
-        `MAX_COORDINATE`. CAMERA_ROTATION: the upper left 3 x 3 block is not orthonormal to
-        `MAX_ROTATION_ERROR` with determinant +1.
     """
     pose = _finite_matrix(matrix, what)
     if (pose[3] != (0, 0, 0, 1)).any():
@@ -82,13 +75,7 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
-    """Return the inverse (4, 4) float64 of a pose: world-to-camera of camera-to-world, and back.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_MATRIX or CAMERA_ROTATION, as `check_pose`.
-    """
+    """Return the inverse (4, 4) float64 of a pose: world-to-camera of camera-to-world, and back."""
     return rigid_inverse(check_pose(pose, what))
 
 
@@ -118,11 +105,6 @@ def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world mat
     world_to_camera : (4, 4) float64
         With camera axes x right, y down, z forward. The world's axes stay as they are.
 
-    Raises
-    ------
-    SceneError
-        CAMERA_MATRIX or CAMERA_ROTATION, as `check_pose`.
-
     Notes
     -----
     Columns 1 and 2 are negated, then the matrix is inverted, as in `graphdeco-inria/gaussian-splatting`:
@@ -140,12 +122,6 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
         Points in the world.
     up : (3,) array_like
         Direction in the world that is up in the image, of any length.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_LOOK_AT: not three numbers each, none beyond `MAX_COORDINATE`; `eye` is `target`, or `up`
-        lies along the view.
     """
     points = {"eye": eye, "target": target, "up": up}
     position, aim, upward = (vector3(name, point) for name, point in points.items())
@@ -165,13 +141,7 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
 
 
 def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return `value` as (3,) float64.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_LOOK_AT: it is not three finite numbers up to `MAX_COORDINATE`.
-    """
+    """Return `value` as (3,) float64."""
     try:
         vector = np.asarray(value, dtype=np.float64)
     except Exception:  # it is no array, or one of another library that refuses

@@ -18,13 +18,7 @@ HOLD = 8
 
 
 def given_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    """Return the cameras of a caller.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: they are something else.
-    """
+    """Return the cameras of a caller."""
     found = list(cameras) if isinstance(cameras, Iterable) else None
     if found is None or not all(isinstance(camera, Camera) for camera in found):
         raise UsageError("USAGE", f"cameras is {shorten(repr(cameras), 40)}; it must be several msb.Camera")
@@ -32,13 +26,7 @@ def given_cameras(cameras: Iterable[Camera]) -> list[Camera]:
 
 
 def check_set(cameras: Sequence[Camera], source: Source) -> None:
-    """Check that there are cameras and that no two have the same name.
-
-    Raises
-    ------
-    SceneError
-        CAMERA_NONE or CAMERA_DUPLICATE.
-    """
+    """Check that there are cameras and that no two have the same name."""
     if not cameras:
         raise source.error("CAMERA_NONE", "there is no camera in it; it must hold at least one")
     seen: dict[str, int] = {}

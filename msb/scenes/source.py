@@ -30,13 +30,7 @@ class Source:
 
     @classmethod
     def open(cls, path: Path) -> Source:
-        """Map the regular file at `path`; a pipe or device is never opened.
-
-        Raises
-        ------
-        InputError
-            FILE_NOT_FOUND or FILE_UNREADABLE.
-        """
+        """Map the regular file at `path`; a pipe or device is never opened."""
         return cls(path, map_file(path))
 
     def error(

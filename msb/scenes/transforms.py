@@ -31,11 +31,6 @@ def read(root: Node) -> list[Camera]:
     """Return a camera for each frame, in the file's order.
 
     `split` is set if the file is called transforms_train.json, _val or _test.
-
-    Raises
-    ------
-    SceneError
-        The CAMERA_ codes; CAMERA_IMAGE if the size is neither written nor found in the image.
     """
     path = root.source.path
     match = _SPLIT.fullmatch(path.name)

@@ -41,15 +41,7 @@ class Views(NamedTuple):
 
 
 def read_views(path: str | os.PathLike[str]) -> Views:
-    """Read a views.json.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    SceneError
-        The CAMERA_ codes.
-    """
+    """Read a views.json."""
     source = Source.open(Path(path))
     views = read(read_json(source))
     check_set(views.cameras, source)

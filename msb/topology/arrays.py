@@ -29,12 +29,6 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     -------
     vertices : (V, 3) floating
     faces : (F, 3) int32, or int64 where vertex indices need it
-
-    Raises
-    ------
-    MeshError
-        `MESH_ARRAY`, `MESH_TOO_LARGE`, or `MESH_INDEX_OUT_OF_RANGE` naming the first offending face.
-        An index is never wrapped or dropped.
     """
     points = _numbers(vertices, "vertices", "fiu")
     triangles = _numbers(faces, "faces", "iu")

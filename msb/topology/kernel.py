@@ -81,11 +81,6 @@ def find_by_kernels(
         Number of work-items at a time; by default the number of the device's compute units.
     sizes : Sizes, optional
 
-    Raises
-    ------
-    DeviceError
-        `DEVICE_MEMORY`, `DEVICE_BUILD` or `DEVICE_COMMAND`.
-
     Notes
     -----
     Time is O(V + F) for meshes whose vertices have few faces and O(V + F log F) for any mesh. Memory is about

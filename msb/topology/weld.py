@@ -18,13 +18,7 @@ MAX_PAIRS = 1 << 26
 
 
 def parse_weld(text: str | float) -> Weld:
-    """Return the weld setting written as `text`: "exact", or a positive finite length.
-
-    Raises
-    ------
-    MeshError
-        `WELD_DISTANCE`.
-    """
+    """Return the weld setting written as `text`: "exact", or a positive finite length."""
     if text == "exact":
         return "exact"
     try:
@@ -56,11 +50,6 @@ def weld_vertices(
         The first of each set of merged vertices, in the old order.
     faces : (F, 3)
         Rows that collapse become repeated-index rows.
-
-    Raises
-    ------
-    MeshError
-        `WELD_TOO_WIDE` if the length joins more than `MAX_PAIRS` pairs.
     """
     first, number = merged_vertices(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]

@@ -22,11 +22,6 @@ class Limits:
         Of the clock, its start and its files included.
     memory : float
         GiB of memory that the process may write to (on Linux: RLIMIT_DATA).
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: a limit is not a positive number.
     """
 
     seconds: float = 60.0

@@ -80,15 +80,7 @@ class TriedMesh:
 
 
 def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:
-    """Return the mesh that `TriedMesh.save` wrote; what a library made may be of other types and shapes.
-
-    Raises
-    ------
-    ValueError
-        An array is not of the kind it should be, or holds what cannot be drawn.
-    OSError
-        One is missing.
-    """
+    """Return the mesh that `TriedMesh.save` wrote; what a library made may be of other types and shapes."""
     found: dict[str, NDArray[Any]] = {}
     kinds = {"vertices": (3, "f"), "faces": (3, "iu"), "colors": (3, "f"), "uv": (2, "f")}
     for key, (width, kind) in kinds.items():
@@ -117,13 +109,6 @@ def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
     asset : Asset
     weld : "exact" or float, optional
         Merge coincident vertices first (`weld_vertices`); the merged one has their mean colour.
-
-    Raises
-    ------
-    AssetError
-        A coordinate or a colour is not finite, or an index is out of range.
-    MeshError
-        `WELD_DISTANCE` or `WELD_TOO_WIDE`.
     """
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)

@@ -27,11 +27,6 @@ def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
     """Return the tasks of these names, all if there are none; a word of a name stands for all that have it.
 
     Names may also stand between commas.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`, listing the tasks.
     """
     found: dict[str, Task] = {}
     if not isinstance(names, Iterable):
@@ -52,13 +47,7 @@ def able(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 
 def check_libraries(tasks: Sequence[Task]) -> None:
-    """Refuse tasks some of which cannot be tried, where no library of the extra is there for the others.
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING`.
-    """
+    """Refuse tasks some of which cannot be tried, where no library of the extra is there for the others."""
     found = {task.name: {one.library for one in able(task.attempts)} for task in tasks}
     if all(found.values()) or set().union(*found.values()) - _CORE:
         return

@@ -56,38 +56,18 @@ PANELS = (
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a name with a suffix that a figure cannot have.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`.
-    """
+    """Refuse a name with a suffix that a figure cannot have."""
     if path.suffix.lower() not in FIGURE_SUFFIXES:
         raise UsageError("USAGE", f'--figure: "{path.name}" must end in {", ".join(FIGURE_SUFFIXES)}')
 
 
 def need_matplotlib() -> None:
-    """Refuse to make a figure without matplotlib.
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING`.
-    """
+    """Refuse to make a figure without matplotlib."""
     need_extra("view", "matplotlib", what="a figure")
 
 
 def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: int = _DPI) -> None:
-    """Write the figure: each diagnosis on the whole mesh, and one place of it close up.
-
-    Raises
-    ------
-    UsageError
-        `USAGE` for another suffix than .png, .svg or .pdf; `EXTRA_MISSING`.
-    OutputError
-        `OUTPUT_UNWRITABLE`.
-    """
+    """Write the figure: each diagnosis on the whole mesh, and one place of it close up."""
     from msb.base.atomic import new_file
 
     check_suffix(path)

@@ -49,13 +49,7 @@ class GlProbe:
 
     @classmethod
     def start(cls) -> GlProbe:
-        """Ask whether VTK can draw.
-
-        Raises
-        ------
-        UsageError
-            `EXTRA_MISSING` if pyvista is not installed.
-        """
+        """Ask whether VTK can draw."""
         instead = "pages (--html) and pictures of msb compare need none"
         need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead=instead)
         if sys.platform in ("win32", "darwin"):
@@ -65,13 +59,7 @@ class GlProbe:
         return cls(subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True))
 
     def check(self) -> None:
-        """Wait for the answer.
-
-        Raises
-        ------
-        UsageError
-            `VIEW_NO_GL`.
-        """
+        """Wait for the answer."""
         if self.process is None:
             return
         try:
@@ -93,13 +81,7 @@ class GlProbe:
 
 
 def check_display() -> None:
-    """Refuse to open a window where there is nothing to open it on.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_NO_DISPLAY`.
-    """
+    """Refuse to open a window where there is nothing to open it on."""
     if sys.platform in ("win32", "darwin"):
         return
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

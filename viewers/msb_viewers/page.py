@@ -37,11 +37,6 @@ def write_page(
         What is switched on at first.
     up : str, optional
         The axis that is up, such as "+y", instead of the model's own.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`.
     """
     from msb.base.atomic import new_file
 

@@ -25,11 +25,6 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     Parameters
     ----------
     before, after : ViewedMesh
-
-    Raises
-    ------
-    MeshError
-        A face uses a vertex that there is not.
     """
     from msb.meshes.transform import turned
     from msb.topology import audit_arrays

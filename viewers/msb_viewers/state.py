@@ -231,13 +231,7 @@ class ViewState:
 
 
 def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
-    """Return the layers named in texts like "boundary_edges,duplicate_faces", "all" or "none".
-
-    Raises
-    ------
-    UsageError
-        `VIEW_ELEMENT`.
-    """
+    """Return the layers named in texts like "boundary_edges,duplicate_faces", "all" or "none"."""
     kinds: set[str] = set()
     for word in ",".join(texts).replace(" ", "").split(","):
         if word == "all":
@@ -251,13 +245,7 @@ def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
 
 
 def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
-    """Return kind and place of "KIND:N", the N-th element of a layer, counted from 1.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_ELEMENT`.
-    """
+    """Return kind and place of "KIND:N", the N-th element of a layer, counted from 1."""
     kind, _, number = text.partition(":")
     if kind not in model.layers:
         known = ", ".join(model.layers)

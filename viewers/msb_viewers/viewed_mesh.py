@@ -61,13 +61,7 @@ class ViewedMesh:
 
 
 def read_viewed_mesh(path: Path) -> ViewedMesh:
-    """Return the mesh at `path`: a `.triasset`, a mesh file or a checkpoint.
-
-    Raises
-    ------
-    InputError, AssetError, CheckpointError, MeshFileError, Unsupported
-        The same errors as of `msb audit`.
-    """
+    """Return the mesh at `path`: a `.triasset`, a mesh file or a checkpoint."""
     from msb.api.opening import read_stored
 
     return viewed_mesh(read_stored(path), path)

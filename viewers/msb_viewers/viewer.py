@@ -44,11 +44,6 @@ class TopologyViewer:
         The axis that is up, such as "+y", instead of the model's own.
     state : ViewState, optional
         What is switched on at first.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_NO_DISPLAY` if a window is wanted and VTK cannot open one.
     """
 
     def __init__(
@@ -136,13 +131,7 @@ class TopologyViewer:
         return np.asarray(image, np.uint8)[..., :3]
 
     def screenshot(self, path: Path) -> None:
-        """Write the window to a PNG.
-
-        Raises
-        ------
-        OutputError
-            `OUTPUT_UNWRITABLE`.
-        """
+        """Write the window to a PNG."""
         write_png(self.image(), path)
 
     # Where from --------------------------------------------------------------------------------------

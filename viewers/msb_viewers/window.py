@@ -26,13 +26,7 @@ _NAMES = {"[": "bracketleft", "]": "bracketright", "+": "plus", "-": "minus", "q
 
 
 def open_plotter(title: str, size: tuple[int, int], *, off_screen: bool) -> Any:
-    """Return a pyvista plotter on a window called `title`, or off-screen.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_NO_DISPLAY` if a window is wanted and VTK cannot open one.
-    """
+    """Return a pyvista plotter on a window called `title`, or off-screen."""
     import pyvista
 
     drawing.quiet()
@@ -57,13 +51,7 @@ def text_scale(size: tuple[int, int]) -> float:
 
 
 def write_png(image: NDArray[np.uint8], path: Path) -> None:
-    """Write a picture (H, W, 3).
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`.
-    """
+    """Write a picture (H, W, 3)."""
     from PIL import Image
 
     from msb.base.atomic import new_file

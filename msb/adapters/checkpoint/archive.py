@@ -30,13 +30,7 @@ _PICKLE, _DATA = "data.pkl", "data/"
 
 
 def read_archive(view: memoryview) -> Any:
-    """Return what is saved in the archive `view`.
-
-    Raises
-    ------
-    Refusal
-        Any code `CHECKPOINT_...`.
-    """
+    """Return what is saved in the archive `view`."""
     members = read_members(view)
     root = _root(members)
     _check_version(view, members.get(f"{root}version"))

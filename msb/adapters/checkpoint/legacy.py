@@ -35,13 +35,7 @@ def is_legacy(head: bytes) -> bool:
 
 
 def read_legacy(view: memoryview) -> Any:
-    """Return what is saved in the file `view`.
-
-    Raises
-    ------
-    Refusal
-        Any code `CHECKPOINT_...` that is not about archives.
-    """
+    """Return what is saved in the file `view`."""
     position = 0
     header = []
     for _ in range(3):

@@ -143,13 +143,7 @@ OTHER_TENSORS = {
 
 
 def find(module: str, name: str) -> Function | StorageType:
-    """Return what a name in the pickle stands for.
-
-    Raises
-    ------
-    Refusal
-        `CHECKPOINT_PICKLE_GLOBAL`, `CHECKPOINT_TENSOR_KIND` or `CHECKPOINT_TENSOR_DTYPE`.
-    """
+    """Return what a name in the pickle stands for."""
     found = NAMES.get((module, name))
     if found is None and module == "torch._utils" and name in OTHER_TENSORS:
         raise Refusal("CHECKPOINT_TENSOR_KIND", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense one")

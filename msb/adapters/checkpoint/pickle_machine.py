@@ -342,11 +342,6 @@ def run_pickle(
         Where in `data` the pickle begins.
     where, origin : str, int
         For error messages: "data.pkl " if positions count in that member, and what to add to them.
-
-    Raises
-    ------
-    Refusal
-        A code `CHECKPOINT_PICKLE_...`, `CHECKPOINT_STORAGE_...` or `CHECKPOINT_TENSOR_...`.
     """
     machine = _Machine(data, start, DeclaredStorages() if storages is None else storages)
     try:

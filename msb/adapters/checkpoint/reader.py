@@ -32,13 +32,6 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Any:
         Dictionaries (an OrderedDict becomes a dict), lists, tuples, text, bytes, numbers, bools and None. A
         tensor or Parameter is a read-only NumPy view on the mapped file, of the saved shape and strides;
         bfloat16 is a `BFloat16Array`. A NumPy scalar is a Python number.
-
-    Raises
-    ------
-    CheckpointError
-        `CHECKPOINT_...`: the file is broken, hostile or of a kind that is not read.
-    InputError
-        `FILE_NOT_FOUND` or `FILE_UNREADABLE`.
     """
     path = Path(path)
     data = map_file(path)

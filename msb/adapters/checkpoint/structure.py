@@ -42,12 +42,6 @@ def check_structure(root: Any) -> None:
     """Refuse a result that is no plain data or that a naive walk would not survive.
 
     Time and memory are linear in the number of distinct containers, whatever they share.
-
-    Raises
-    ------
-    Refusal
-        `CHECKPOINT_PICKLE_CYCLE`, `CHECKPOINT_PICKLE_TOO_DEEP`, `CHECKPOINT_PICKLE_EXPANSION` or
-        `CHECKPOINT_PICKLE_RESULT`.
     """
     path = [_Node([root])]
     known: dict[int, _Node] = {}

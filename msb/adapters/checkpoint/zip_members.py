@@ -55,11 +55,5 @@ class _Torch(Policy):
 
 
 def read_members(view: memoryview) -> dict[str, Member]:
-    """Return the members of the archive by name, in file order.
-
-    Raises
-    ------
-    Refusal
-        `CHECKPOINT_ZIP_...`.
-    """
+    """Return the members of the archive by name, in file order."""
     return strict_zip.read_members(view, _Torch())

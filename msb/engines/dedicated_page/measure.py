@@ -59,13 +59,7 @@ def byte_psnr(found: NDArray[np.uint8], wanted: NDArray[np.uint8]) -> float | No
 
 
 def find_web_browser() -> str:
-    """Return the browser that measures.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_NOT_FOUND`.
-    """
+    """Return the browser that measures."""
     found = find_browser()
     if found is None:
         text = (
@@ -97,12 +91,6 @@ def measure_page(
         Whether to draw with the browser's own software adapter, which is the same on every machine.
     step : callable
         Called after each view.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_NOT_FOUND`: there is no browser. `ENGINE_FAILED`: it has no WebGPU, or refuses the
-        model, or ended.
     """
     browser = find_web_browser()
     script = f"<script>\n{read_script('verify.js')}</script>\n</body>".encode()

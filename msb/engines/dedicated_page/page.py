@@ -145,15 +145,6 @@ def make_page(
         Faces of the whole model.
     told : callable
         Called with what is being done.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_TIER`.
-    UsageError, AssetError
-        As `msb.engines.hardware.packing.pack`.
-    DeviceError
-        `DEVICE_MEMORY`: the model does not fit into buffers of a browser.
     """
     packed = pack(asset, settings)
     try:
@@ -336,13 +327,7 @@ def _elements(arrays: Iterable[tuple[str, bytes]]) -> Iterable[str]:
 
 
 def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]]]:
-    """Return the bytes of a page, its scene, and the images of its test views, (H, W, 3).
-
-    Raises
-    ------
-    InputError
-        `FILE_NOT_FOUND`, `FILE_UNREADABLE`, `FILE_NOT_RECOGNISED`: it is no page of the dedicated tier.
-    """
+    """Return the bytes of a page, its scene, and the images of its test views, (H, W, 3)."""
     data = read_file(path)
     try:
         found = _SCENE.search(data)

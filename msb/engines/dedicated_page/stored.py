@@ -64,13 +64,7 @@ def store(array: NDArray[Any]) -> Stored:
 
 
 def restore(head: Mapping[str, Any], data: bytes) -> NDArray[Any]:
-    """Return the array of a head and a stream.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError, zlib.error
-        They are not what `store` makes.
-    """
+    """Return the array of a head and a stream."""
     # A stream of zeros must not fill the memory; to zlib 0 stands for no limit, and less than 0 is wrong.
     raw = zlib.decompressobj().decompress(data, head["bytes"]) if head["bytes"] else b""
     if len(raw) != head["bytes"]:

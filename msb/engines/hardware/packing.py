@@ -87,17 +87,7 @@ class Packed:
 
 
 def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
-    """Return `asset` as the WGSL of its method reads it.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_TIER`: the method's package brings no WGSL.
-    UsageError
-        `SETTING_UNKNOWN`, `SETTING_VALUE`.
-    AssetError
-        As `msb.render.splat.model.make_model`; `TRIASSET_VALUE_NONFINITE`, `TRIASSET_INDEX_OUT_OF_RANGE`.
-    """
+    """Return `asset` as the WGSL of its method reads it."""
     values = effective_settings(asset.manifest, settings)
     look: Any = role(asset.manifest.method, "look")
     if not hasattr(look, "splat_model") and not hasattr(look, "surface_model"):

@@ -103,11 +103,6 @@ def make_plan(
         Whether depth is drawn, too.
     debug : bool
         Whether the tile rectangles are kept, in the buffer `rectangles`.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_MEMORY`: an array does not fit into a buffer of the device.
     """
     model, planner = packed.model, _Planner(packed, limits, name)
     surface = model if isinstance(model, Surface) else None

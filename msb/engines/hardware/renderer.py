@@ -85,17 +85,6 @@ class HardwareRenderer:
         In how many chunks faces are blended, so that samples stop as officially; 1 leaves that rule out.
     debug : bool
         Whether to keep what decides about each face, for `decisions`.
-
-    Raises
-    ------
-    UsageError
-        `ENGINE_MISSING`, `DEVICE_SELECTOR`, `SETTING_UNKNOWN`, `SETTING_VALUE`, `USAGE`.
-    Unsupported
-        `UNSUPPORTED_TIER`: the method's package brings no WGSL.
-    AssetError
-        Values that cannot be drawn.
-    DeviceError
-        `ENGINE_FAILED`, `DEVICE_NOT_FOUND`, `DEVICE_MEMORY`.
     """
 
     name = "wgpu"
@@ -314,13 +303,7 @@ class HardwareRenderer:
 
 
 def _limits_of(adapter: Any) -> Limits:
-    """Return what the adapter takes.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_MEMORY`: it has less than is needed.
-    """
+    """Return what the adapter takes."""
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
             text = f"{adapter.info['device']}: {name} is {adapter.limits[name]}, {needed} are needed"

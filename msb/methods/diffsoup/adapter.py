@@ -60,12 +60,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`. The key `flip_z` tells the COLMAP layout from the synthetic one.
-
-    Raises
-    ------
-    CheckpointError, UsageError
-    """
+    """Return the model at `place`. The key `flip_z` tells the COLMAP layout from the synthetic one."""
     if place.kind == "bundle":
         from msb.methods.diffsoup import adapter_web
 

@@ -36,12 +36,6 @@ def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model in the folder of `place`.
 
     Features and opacity stay the bytes of the textures; they stand for value / 255.
-
-    Raises
-    ------
-    CheckpointError
-        `CHECKPOINT_FILE_MISSING` or `CHECKPOINT_FILE_CONTENT`, naming the file.
-    MeshFileError, AssetError, UsageError
     """
     folder = place.file.parent
     for name in ("mesh.ply", "lut0.png", "lut1.png", "mlp_weights.json"):

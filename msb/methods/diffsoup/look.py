@@ -86,16 +86,6 @@ class Pipeline(OnDevice):
         Whether to draw what the official viewers draw: lattices are truncated to bytes, and features are
         rounded to bytes once more after interpolation. The viewers also clip triangles, which is `sampling`
         "engine".
-
-    Raises
-    ------
-    UsageError
-        An unknown setting, value, output, order or sampling; `render` too, if `z_near` and `z_far` are no
-        range of depths.
-    AssetError
-        The errors of `msb.methods.diffsoup.look_model.diffsoup_model`.
-    DeviceError
-        There is no device, or it has too little memory.
     """
 
     name = "msb-dedicated"
@@ -170,11 +160,6 @@ class Pipeline(OnDevice):
             `depth` (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 where nothing,
             `clip_corners` (F, 3, 4) float32, and `num_fragments`, those inside and between the planes,
             before the opacity test.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_MEMORY`: the image does not fit on the device; `DEVICE_COMMAND`, `DEVICE_CLOSED`.
         """
         device = self._device
         with device.timing() as timing:

@@ -34,11 +34,6 @@ def diffsoup_matrices(
     mvp, inverse : (4, 4) float32
         Matrices for column vectors (x, y, z, 1); clip w is the camera's z.
 
-    Raises
-    ------
-    UsageError
-        `SETTING_VALUE`: near is not below far, or float32 cannot tell near from 0 or far from infinity.
-
     Notes
     -----
     Formulas: kenji-tojo/diffsoup: examples/utils.py ("colmap", from a float32 K, in float32),

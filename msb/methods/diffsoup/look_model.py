@@ -62,15 +62,6 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     quantise : bool
         Whether lattices of numbers are made bytes, as the official web export does: trunc(clip(255 x, 0,
         255)), the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_FIELD_VALUE`: the manifest's level is no valid one, or the compositing is another.
-        `TRIASSET_BUFFER_REQUIRED`, `TRIASSET_BUFFER_SHAPE`, `TRIASSET_BUFFER_DTYPE`: a
-        buffer is missing or not what the method has.
-        `TRIASSET_VALUE_NONFINITE`: NaN or infinity. `TRIASSET_INDEX_OUT_OF_RANGE`: a face uses a vertex that
-        does not exist.
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
     level = asset.manifest.appearance.get("level")

@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 
 
 def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
-    """Return `asset` as diffsoup.wgsl takes it.
-
-    Raises
-    ------
-    AssetError
-        As `msb.methods.diffsoup.look_model.diffsoup_model`.
-    """
+    """Return `asset` as diffsoup.wgsl takes it."""
     model = diffsoup_model(asset)
     layout, near, far = settings["layout"], settings["z_near"], settings["z_far"]
 

@@ -27,11 +27,6 @@ def diffsoup_projection(
     near, far : float
         Camera depths that become NDC -1 and 1.
 
-    Raises
-    ------
-    UsageError
-        SETTING_VALUE: no range of depths, or none that `dtype` can hold.
-
     Notes
     -----
     P = [2fx/W 0 1-2cx/W 0; 0 2fy/H 2cy/H-1 0; 0 0 (f+n)/(n-f) 2fn/(n-f); 0 0 -1 0] and MVP = P V in `dtype`.

@@ -26,12 +26,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the mesh at `place`, every row and its colours as stored.
-
-    Raises
-    ------
-    InputError, MeshFileError, MeshError, AssetError, UsageError
-    """
+    """Return the mesh at `place`, every row and its colours as stored."""
     Settings("mesh", options.settings)  # it has none: any name is an error
     mesh = read_mesh(place.file)
     with about(place.file):

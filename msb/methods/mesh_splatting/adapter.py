@@ -44,10 +44,6 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
     The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: 0.999 is what the
     official loader imposes, 0.9999 that of Triangle Splatting 2.
-
-    Raises
-    ------
-    CheckpointError, MeshFileError, UsageError
     """
     if place.kind in ("ply", "mesh"):
         return _read_mesh(place, options)

@@ -29,13 +29,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> NoReturn:
-    """Refuse.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_METHOD`.
-    """
+    """Refuse."""
     why = METHODS["three_dgs"].unsupported["standard"]
     text = f"three_dgs on every tier: {why}, so there is no asset to export"
     raise Unsupported("UNSUPPORTED_METHOD", text, file=place.file)

@@ -35,10 +35,6 @@ def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model at `place`.
 
     `sigma` is stored as the s of the checkpoint; renderers use 0.01 + exp(s), as `coverage` says.
-
-    Raises
-    ------
-    CheckpointError, UsageError
     """
     settings = Settings("triangle_splatting", options.settings)
     tensors = Tensors(content.mapping(place.file), place.file, options.check_values)

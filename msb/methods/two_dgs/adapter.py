@@ -27,14 +27,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the extracted mesh at `place`.
-
-    Raises
-    ------
-    CheckpointError
-        `CHECKPOINT_FILE_MISSING`: only the splats are there.
-    MeshFileError, UsageError
-    """
+    """Return the extracted mesh at `place`."""
     if "rot_0" in content.ply_names:
         text = "it holds the Gaussians of 2DGS; the mesh is needed, train/ours_N/fuse_post.ply, which "
         text += "its render.py extracts"

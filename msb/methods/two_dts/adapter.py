@@ -61,12 +61,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`.
-
-    Raises
-    ------
-    CheckpointError, MeshFileError, InputError, UsageError
-    """
+    """Return the model at `place`."""
     settings = Settings("two_dts", options.settings)
     box: list[float] | None = None
     warnings: list[Finding] = []

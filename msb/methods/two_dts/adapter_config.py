@@ -40,13 +40,6 @@ def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[P
 
     It is looked for in this order: the file `given`, a YAML file in the output folder `root`, the latest text
     log in ``root/log``. The result has the file's own nesting, ``{"model": {...}, "trainer": {...}}``.
-
-    Raises
-    ------
-    CheckpointError
-        `CHECKPOINT_CONFIG_FILE`, for a file that was given.
-    InputError
-        `FILE_NOT_FOUND`, for a file that was given.
     """
     if given is not None:
         if not is_file(given):
@@ -65,13 +58,7 @@ def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[P
 
 
 def _config_of(path: Path) -> dict[str, Any]:
-    """Return the configuration that a YAML file or a text log holds.
-
-    Raises
-    ------
-    CheckpointError
-        `CHECKPOINT_CONFIG_FILE`.
-    """
+    """Return the configuration that a YAML file or a text log holds."""
     text = read_text(path)
     if path.suffix == ".log":
         match = _LOG_HEAD.search(text)

@@ -56,13 +56,7 @@ class TileLists(NamedTuple):
 def bin_faces(
     device: Device, found: Projected, chunk: int, columns: int, rows: int, sort: DepthSort
 ) -> TileLists:
-    """Queue depth order and tile lists of faces projected `chunk` a work-item; waits for the two counts.
-
-    Raises
-    ------
-    DeviceError
-        `DEVICE_MEMORY`: the lists do not fit; the message says how many bytes they need.
-    """
+    """Queue depth order and tile lists of faces projected `chunk` a work-item; waits for the two counts."""
     program = device.program(f"splat_bins_{device.style}")
     items = found.listed.size
     with device.stage("sort"):

@@ -71,15 +71,6 @@ class SplattingPipeline(OnDevice):
     early_stop, exact_tiles : bool
         Whether blending ends where nothing can change any more, and whether a face is listed only in those of
         its official tiles that it reaches. Neither changes a pixel; the benchmark shows what they are worth.
-
-    Raises
-    ------
-    UsageError
-        `SETTING_UNKNOWN`, `SETTING_VALUE`; `USAGE` for an unknown output, order or sampling.
-    AssetError
-        `TRIASSET_VALUE_NONFINITE` (infinite opacity logits are fine), `TRIASSET_INDEX_OUT_OF_RANGE`, and
-        those of `msb.render.splat.model.make_model`.
-    DeviceError
     """
 
     name = "msb-splatting"
@@ -152,14 +143,7 @@ class SplattingPipeline(OnDevice):
 
     @in_turn
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
-        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_MEMORY`: the frame, its samples or its tile lists do not fit; the message says how many
-            bytes.
-        """
+        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)

@@ -53,16 +53,6 @@ class StandardRenderer(OnDevice):
     settings : mapping, optional
         `supersample` is an integer s from 1 to 16; the image is drawn s times as large and averaged. Of the
         method's own settings only `ste_threshold`, which hides faces, has an effect.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_STANDARD`: the method has no static colour.
-    UsageError
-        `SETTING_UNKNOWN`, `SETTING_VALUE`.
-    AssetError
-        `TRIASSET_VALUE_NONFINITE`, `TRIASSET_INDEX_OUT_OF_RANGE`.
-    DeviceError
     """
 
     name = "msb-standard"
@@ -107,11 +97,6 @@ class StandardRenderer(OnDevice):
 
         With supersampling image and alpha are means over a pixel's samples; depth and face are those of its
         nearest sample.
-
-        Raises
-        ------
-        DeviceError
-            `DEVICE_MEMORY`: the frame does not fit.
         """
         with self._device.timing() as timing:
             planes = self._run(camera, background, everything=True)

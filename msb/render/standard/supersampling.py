@@ -24,11 +24,6 @@ def split_supersample(settings: Mapping[str, Any]) -> tuple[int, dict[str, Any]]
 
     MeshSplatting has a setting of the same name for its own look; in a call the name means the standard
     tier's.
-
-    Raises
-    ------
-    UsageError
-        `SETTING_VALUE`.
     """
     others = dict(settings)
     value = others.pop("supersample", 1)

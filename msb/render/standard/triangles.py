@@ -63,12 +63,7 @@ class Triangles:
 
 
 def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) -> Triangles:
-    """Put the triangles of `asset` on `device`, in drawing order.
-
-    Raises
-    ------
-    DeviceError
-    """
+    """Put the triangles of `asset` on `device`, in drawing order."""
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = shown_faces(asset, settings.get("ste_threshold"))
     count = len(indices) if listed is None else len(listed)

@@ -29,12 +29,7 @@ class SceneAt:
     camera_convention: Convention
 
     def read(self) -> Scene:
-        """Return the scene; the last few are kept.
-
-        Raises
-        ------
-        InputError, SceneError
-        """
+        """Return the scene; the last few are kept."""
         return _read(self)
 
 

@@ -41,15 +41,7 @@ def find_layout(folder: Path) -> Layout | None:
 
 
 def find_scenes(path: Path) -> list[Path]:
-    """Return the scenes at `path`: the folder itself, or the scenes at most two levels below it.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND: there is no such folder.
-    SceneError
-        SCENE_LAYOUT: there is no scene in it.
-    """
+    """Return the scenes at `path`: the folder itself, or the scenes at most two levels below it."""
     if not is_folder(path):
         raise InputError("FILE_NOT_FOUND", "there is no such folder", file=path)
     if find_layout(path) is not None:
@@ -89,13 +81,7 @@ def images_in(folder: Path) -> list[Path]:
 
 
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
-    """Return the cameras of the scene at `root` as recorded, training views first, each with its split.
-
-    Raises
-    ------
-    InputError, SceneError
-        Those of `msb.read_cameras`; SCENE_LAYOUT, SCENE_MATRICES or SCENE_SPLIT.
-    """
+    """Return the cameras of the scene at `root` as recorded, training views first, each with its split."""
     if layout == "blender":
         views = _read_blender(root)
     else:

@@ -27,13 +27,6 @@ def find_masks(
 
     An alpha channel is taken before a folder. A capture that is not one of the masked datasets may have
     neither.
-
-    Raises
-    ------
-    InputError
-        FILE_UNREADABLE.
-    SceneError
-        SCENE_IMAGE_ALPHA or SCENE_MASK.
     """
     tests = {str(view.name): view.image_path for view in views if view.split == "test" and view.image_path}
     bare = [name for name, path in tests.items() if not has_alpha(path)]

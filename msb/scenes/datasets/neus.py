@@ -33,13 +33,6 @@ def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[n
 
     world_mat_i @ scale_mat_i projects points of the normalised frame to pixels; scale_mat_0 takes that frame
     to DTU's millimetres.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    SceneError
-        SCENE_MATRICES.
     """
     source = Source.open(path)
     try:
@@ -101,13 +94,6 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
         (world_mat_i scale_mat_i)[:3] = K [R | t], decomposed by RQ with a positive diagonal of K, which is
         divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is left out: no camera here has
         one.
-
-    Raises
-    ------
-    InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE.
-    SceneError
-        SCENE_MATRICES, CAMERA_IMAGE or a code of `Camera`.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")
@@ -125,13 +111,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
 
 
 def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels.
-
-    Raises
-    ------
-    SceneError
-        SCENE_MATRICES: the projection is singular.
-    """
+    """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels."""
     left, last = projection[:3, :3], projection[:3, 3]
     # RQ by QR, J being the exchange matrix: (J M)^T = Q R gives M = (J R^T J)(J Q^T).
     with np.errstate(all="ignore"):

@@ -44,13 +44,7 @@ def choose_photographs(
     resolution: int | None,
     warnings: list[Finding],
 ) -> Chosen:
-    """Return which photographs of the scene at `root` count; add to `warnings` what should be known.
-
-    Raises
-    ------
-    SceneError
-        SCENE_UNKNOWN: the rules do not cover the dataset. SCENE_IMAGE_FOLDER: the folder is not there.
-    """
+    """Return which photographs of the scene at `root` count; add to `warnings` what should be known."""
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -92,13 +86,6 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
 
     Photographs of cameras recorded with one size must have one size. A training photograph that is missing
     counts as large as those; a test photograph must be there.
-
-    Raises
-    ------
-    InputError
-        FILE_UNREADABLE.
-    SceneError
-        SCENE_IMAGE_MISSING, SCENE_IMAGE_SIZE or CAMERA_IMAGE.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     missing: list[Camera] = []

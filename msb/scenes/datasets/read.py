@@ -127,13 +127,7 @@ def read_scene(
 
 
 def dataset_of(path: str | os.PathLike[str]) -> str:
-    """Return the dataset of a scene, told by the names of its folder and the one above it.
-
-    Raises
-    ------
-    InputError, SceneError
-        There is no scene at `path`.
-    """
+    """Return the dataset of a scene, told by the names of its folder and the one above it."""
     root = given_path(path)
     layout, place = _layout(root), _place(root)
     return guess_dataset(layout, place.name, place.parent.name)

@@ -23,13 +23,7 @@ _DIVISORS = (1, 2, 4, 8)
 
 
 def check_resolution(resolution: int) -> int:
-    """Return `resolution` if it is a valid one.
-
-    Raises
-    ------
-    SceneError
-        SCENE_ARGUMENT.
-    """
+    """Return `resolution` if it is a valid one."""
     whole = isinstance(resolution, int) and not isinstance(resolution, bool)
     if not whole or not (resolution == AS_IS or 1 <= resolution <= MAX_SIDE):
         text = (

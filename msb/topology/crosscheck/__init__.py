@@ -99,13 +99,6 @@ def cross_check(
     Returns
     -------
     CrossCheck
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING` if no peer is installed but those that come without the extra.
-    MeshError
-        As `audit_arrays`: peers read out of bounds where an index is out of range, so none is asked then.
     """
     points, triangles = mesh_arrays(vertices, faces)
     found = [peer for peer in PEERS if is_installed(PEERS[peer].module)]

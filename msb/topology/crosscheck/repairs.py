@@ -92,13 +92,6 @@ def repair_by_peer(
     faces : (F, 3) integers
     seconds, memory_gib : float
         Limits of the child process. Only POSIX systems can limit memory.
-
-    Raises
-    ------
-    UsageError
-        `EXTRA_MISSING`.
-    Unsupported
-        `PEER_FAILED`, in the words of the peer.
     """
     name = f"{peer}-{step}"
     need_extra("crosscheck", PEER_STEPS[name].module, what=f"{step} by {peer}")

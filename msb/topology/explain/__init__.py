@@ -29,11 +29,6 @@ def explain(name: str) -> Explanation:
         (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`); upper and
         lower case and "-" for "_" do not matter.
 
-    Raises
-    ------
-    UsageError
-        `EXPLAIN_UNKNOWN`, listing the nearest names.
-
     Examples
     --------
     >>> explain("metrics.vf-ratio").formula

@@ -28,11 +28,6 @@ def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") ->
     -------
     Change
         Each set of merged vertices is its first one, with that one's values.
-
-    Raises
-    ------
-    MeshError
-        `WELD_TOO_WIDE`.
     """
     kept, number = merged_vertices(points, distance)
     new = number.astype(faces.dtype)[faces]

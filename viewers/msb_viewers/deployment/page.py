@@ -31,13 +31,7 @@ def write_page(
     *,
     step: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write a page of all `views`, drawn now; `step` is called after each of them.
-
-    Raises
-    ------
-    OutputError
-        `OUTPUT_UNWRITABLE`; and what `TierRenderers.shoot` raises.
-    """
+    """Write a page of all `views`, drawn now; `step` is called after each of them."""
     from msb.base.atomic import new_file
 
     rows = []

@@ -126,13 +126,6 @@ def choose_tiers(
         The tiers asked for; None means all, and the truth if there is a photograph.
     headless : bool
         Whether every picture is waited for: a reference of minutes is then left out unless asked for.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_TIER`: an unknown tier, or truth without a photograph.
-    Unsupported
-        The method has none of the tiers.
     """
     from msb.render.backend import check_supported
 
@@ -193,11 +186,6 @@ class TierRenderers:
             The view that the camera belongs to, for its photograph.
         background : (float, float, float), optional
             A colour instead of the comparison's.
-
-        Raises
-        ------
-        MsbError
-            Errors of the renderer, except `Unsupported`, which becomes a shot that says why.
         """
         if tier in self.comparison.missing:
             return Shot(tier, why=self.comparison.missing[tier])

@@ -90,13 +90,7 @@ class CompareState:
         pair: str | None = None,
         up: str | None = None,
     ) -> CompareState:
-        """Return the state a viewer opens with; `pair` is like "reference,standard", `up` like "+z".
-
-        Raises
-        ------
-        UsageError
-            `VIEW_TIER`.
-        """
+        """Return the state a viewer opens with; `pair` is like "reference,standard", `up` like "+z"."""
         chosen = _default_pair(comparison) if pair is None else _parse_pair(comparison, pair)
         at = 0 if comparison.views else None
         around = Surroundings.of(comparison.asset, up)

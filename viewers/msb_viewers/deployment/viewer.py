@@ -43,11 +43,6 @@ class CompareViewer:
         Width and height of the window in pixels.
     off_screen : bool
         Draw without a window; everything else works the same.
-
-    Raises
-    ------
-    UsageError
-        `VIEW_NO_DISPLAY` if a window is wanted and VTK cannot open one.
     """
 
     def __init__(

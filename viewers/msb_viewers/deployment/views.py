@@ -65,13 +65,6 @@ def dataset_views(
         Folder of the cameras' file, where photographs are looked for if the dataset does not say.
     scale : float, optional
         Size of the views relative to the photographs, or to the cameras where there are none.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: `images` is no folder, or holds none of the photographs.
-    SceneError
-        `CAMERA_IMAGE`: a photograph's size cannot be read.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: there is no such folder", file=images)
@@ -111,13 +104,7 @@ def _photograph(camera: Camera, files: SpelledFiles | None, *, anew: bool) -> Pa
 
 
 def read_photograph(view: View, background: tuple[float, float, float]) -> NDArray[np.uint8]:
-    """Return the photograph of a view (H, W, 3), at the size of its camera; transparency over `background`.
-
-    Raises
-    ------
-    InputError, MetricError
-        As `msb.metrics.read_image`.
-    """
+    """Return the photograph of a view (H, W, 3), at the size of its camera; transparency over `background`."""
     from msb.metrics import read_image
     from msb.render.images import to_bytes
 
