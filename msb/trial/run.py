@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from msb.views import Views
 
 SCHEMA = "msb.trial/1"
+INSTEAD_SECONDS = 20.0
+"""The least time that what stands in for a library has, its imports included, so that something is made."""
 
 
 @dataclass(frozen=True)
@@ -251,9 +253,10 @@ class _Trying:
         if not able(task.attempts):
             return Trial(task.name, task.title, "not_run", lacks, 0.0)
         arrays = task.prepare(self.mesh, self.look) if task.prepare else {}
-        replies = self.replies(task.attempts, arrays)
+        replies = self.replies(task.attempts, arrays, self.limits)
         if not any(reply.made for reply in replies.values()):
-            replies |= self.replies(task.instead, arrays)
+            patient = replace(self.limits, seconds=max(self.limits.seconds, INSTEAD_SECONDS))
+            replies |= self.replies(task.instead, arrays, patient)
         made = {name: reply.made for name, reply in replies.items() if reply.made is not None}
         judged = self.judged(replies, made)
         files, picture = self.kept(keep, made, meshes=meshes)
@@ -272,10 +275,12 @@ class _Trying:
             picture,
         )
 
-    def replies(self, attempts: Iterable[Attempt], arrays: Mapping[str, NDArray[Any]]) -> dict[str, Reply]:
+    def replies(
+        self, attempts: Iterable[Attempt], arrays: Mapping[str, NDArray[Any]], limits: Limits
+    ) -> dict[str, Reply]:
         """Make those attempts whose libraries are installed; audit what they made."""
         found = {
-            one.library: run_attempt(self.task, one, self.mesh, arrays, self.limits) for one in able(attempts)
+            one.library: run_attempt(self.task, one, self.mesh, arrays, limits) for one in able(attempts)
         }
         for made in filter(None, (reply.made for reply in found.values())):
             for mesh in made.meshes.values():
@@ -315,6 +320,8 @@ class _Trying:
             if judged.outcome == "works" and file_outcome(self.mesh, mesh) != "works":
                 text += "" if own.level == given.level else f"; the mesh was {given.word}"
                 judged = Judgement("care", "; ".join(filter(None, (judged.why, text))), judged.numbers)
+            elif judged.why and not said:  # nothing is said before why another shape stands in
+                judged = replace(judged, why=f"{judged.why}; {text}")
             else:
                 said = "; ".join(filter(None, (said, text)))
         return judged, said

@@ -15,6 +15,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.metrics.likeness import decibels
 from msb.topology import audit_arrays
 from msb.trial import run
+from msb.trial.limits import Limits
 from msb.trial.mesh import TriedMesh
 from msb.trial.run import try_asset
 from msb.trial.task import Made, Reply
@@ -123,11 +124,13 @@ def test_where_coacd_does_not_end_a_hull_and_a_mesh_are_made_and_kept(replying: 
     assert found.why is not None
     assert found.why.startswith(f"coacd: {said}; ")
     # A flat mesh has no hull with a volume.
-    assert "a mesh of 80 faces for what stands still (0 % of it in mid-air) was made" in found.why
+    said_of_it = "95 % within less than 0.01 % of the size, 0 % of it in mid-air"
+    assert f"a mesh of 80 faces for what stands still ({said_of_it}) stands in" in found.why
+    assert found.says == ""  # the row begins with what happened
     assert found.files == ("collision-mesh.glb", "collision.png")
     ball = tried("collision", round_sheet(), tmp_path)
     assert ball.why is not None
-    assert "instead a hull of " in ball.why
+    assert ball.why.startswith(f"coacd: {said}; a hull of ")
     assert ball.files == ("collision-hull.glb", "collision-mesh.glb", "collision.png")
     assert ball.numbers["instead"]["manifold3d"]["faces"] <= 252
     assert ball.numbers["instead"]["manifold3d"]["distance_95_of_diagonal"] < 0.02
@@ -139,3 +142,19 @@ def round_sheet() -> TriedMesh:
     turn, height = 2 * np.pi * sheet.vertices[:, 0], np.pi * sheet.vertices[:, 1]
     places = [np.cos(turn) * np.sin(height), np.sin(turn) * np.sin(height), np.cos(height)]
     return made_of(np.stack(places, axis=1), sheet.faces)
+
+
+def test_what_stands_in_for_a_library_has_time_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, float] = {}
+
+    def reply(_task: Task, attempt: Attempt, _mesh: TriedMesh, _arrays: Any, limits: Limits) -> Reply:
+        given[attempt.library] = limits.seconds
+        return Reply(None, "no", "time", limits.seconds)
+
+    monkeypatch.setattr(run, "run_attempt", reply)
+    monkeypatch.setattr(run, "able", list)
+    mesh = asset_from_mesh(box().to_mesh())
+    try_asset(mesh, "collision", limits=Limits(1.0))
+    assert given == {"coacd": 1.0, "manifold3d": 20.0, "pymeshlab": 20.0}
+    try_asset(mesh, "collision", limits=Limits(30.0))
+    assert set(given.values()) == {30.0}

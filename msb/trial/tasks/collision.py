@@ -160,10 +160,10 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
         return own
     kinds = {"manifold3d": "hull of {}{}", "pymeshlab": "mesh of {} for what stands still{}"}
     parts = [
-        "a " + kinds[library].format(counted(one.numbers["faces"], "face"), _mid_air(one.numbers, " ({})"))
+        "a " + kinds[library].format(counted(one.numbers["faces"], "face"), _bracketed(one.numbers))
         for library, one in judged.items()
     ]
-    why = f"instead {' and '.join(parts)} {'was' if len(parts) == 1 else 'were'} made"
+    why = f"{' and '.join(parts)} {'stands' if len(parts) == 1 else 'stand'} in"
     why += f"; of the {kinds[best].split()[0]}, {own.why}" if own.why else ""
     numbers = {**own.numbers, "best": best, "instead": {name: one.numbers for name, one in judged.items()}}
     return Judgement(worst((own.outcome, "care")), why, numbers)
@@ -188,17 +188,27 @@ def _judged(mesh: TriedMesh, one: Made, look: Look) -> Judgement:
     return Judgement(outcome, "; ".join(reasons) or None, numbers)
 
 
-def _mid_air(numbers: Numbers, form: str) -> str:
-    empty = numbers["empty_share"]
-    return "" if empty is None else form.format(f"{100 * empty:.0f} % of it in mid-air")
+def _bracketed(numbers: Numbers) -> str:
+    found = _near_and_empty(numbers)
+    return f" ({', '.join(found)})" if found else ""
+
+
+def _near_and_empty(numbers: Numbers) -> list[str]:
+    relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
+    found = []
+    if relative is not None:
+        share = "less than 0.01" if relative < 1e-4 else f"{100 * relative:.2g}"
+        found.append(f"95 % within {share} % of the size")
+    if empty is not None:
+        found.append(f"{100 * empty:.0f} % of it in mid-air")
+    return found
 
 
 def _says(numbers: Numbers) -> str:
-    relative = numbers["distance_95_of_diagonal"]
-    text = counted(numbers["parts"], "part") if "parts" in numbers else counted(numbers["faces"], "face")
-    if relative is not None:
-        text += f", 95 % within {100 * relative:.2g} % of the size"
-    return text if "instead" in numbers else text + _mid_air(numbers, ", {}")
+    """Return the numbers of CoACD's shape; what stands in for it is said with why it does."""
+    if "instead" in numbers:
+        return ""
+    return ", ".join((counted(numbers["parts"], "part"), *_near_and_empty(numbers)))
 
 
 TASKS = (
