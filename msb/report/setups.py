@@ -36,8 +36,8 @@ def with_setups(
     trained: dict[tuple[str, str, str], dict[str, None]] = {}
     for (dataset, scene, method), conditions in records.items():
         for text in dict.fromkeys(text for one in conditions.values() for text in one.trained):
-            trained.setdefault((dataset, scene, method), {})[text] = None
-            trained.setdefault((dataset, MEAN, method), {})[f"{scene}: {text}"] = None
+            for row in (scene, MEAN):  # in the same words, so that a table has them once
+                trained.setdefault((dataset, row, method), {})[f"{scene}: {text}"] = None
     for place, own in setups.items():
         others = [one for other, one in setups.items() if other[:2] == place[:2]]
         for what, value in own.items():
