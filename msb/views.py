@@ -16,7 +16,7 @@ from msb.base.paths import PATH_TYPES
 from msb.errors import DeviceError, UsageError
 from msb.render import Renderer
 from msb.render.backend import lean_options
-from msb.scenes.around import around, inside
+from msb.scenes.around import around, inside, surrounded
 from msb.scenes.sets import given_cameras
 
 if TYPE_CHECKING:
@@ -125,12 +125,15 @@ def _of_training(asset: Asset, place: Path | None, size: tuple[int, int], device
 def _inside(asset: Asset, outside: Views, device: str | None) -> Views | None:
     first = outside.cameras[0]
     within = inside(asset, len(outside.cameras), first.width, first.height)
-    if not within or not _is_interior(asset, outside.cameras, within, device):
+    if not within:
         return None
-    said = (
-        f"{len(within)} views from inside: most of its faces are hidden from outside, or seen from behind; "
-    )
-    return Views(within, "inside", f"{said}--cameras gives others")
+    if surrounded(asset):
+        why = "large faces surround most of it"
+    elif _is_interior(asset, outside.cameras, within, device):
+        why = "most of its faces are hidden from outside, or seen from behind"
+    else:
+        return None
+    return Views(within, "inside", f"{len(within)} views from inside: {why}; --cameras gives others")
 
 
 def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:

@@ -83,6 +83,8 @@ def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
         pytest.param("turntable", msb.load(ROOT / "data_stubs" / "splat_like.triasset"), id="splat"),
         pytest.param("turntable", msb.open(MODELS / "pebble" / "triangle_splatting"), id="pebble"),
         pytest.param("turntable", msb.open(MODELS / "pebble" / "diffsoup"), id="no-static-colour"),
+        pytest.param("inside", msb.open(MODELS / "walled" / "two_dts"), id="walled"),
+        pytest.param("inside", msb.open(MODELS / "walled" / "diffsoup"), id="walled-no-static-colour"),
     ],
 )
 def test_what_is_hidden_or_seen_from_behind_is_looked_at_from_inside(origin: str, asset: msb.Asset) -> None:
@@ -106,7 +108,7 @@ def test_a_training_is_looked_for_beside_the_model_and_in_the_scene_its_config_n
     moved = tmp_path / "models" / "mine"
     shutil.copytree(CAPTURE, moved)
     asset = msb.open(moved)
-    assert choose_views(asset, source=moved).origin == "turntable"
+    assert choose_views(asset, source=moved).origin == "inside"
     shutil.copytree(
         ROOT / "data_stubs/scenes/mipnerf360/pebble/sparse", tmp_path / "mipnerf360/pebble/sparse"
     )

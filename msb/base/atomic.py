@@ -239,7 +239,7 @@ def _refuse_existing(target: Path, overwrite: bool) -> None:
 
 
 def _moved_to_free_place(temporary: Path, target: Path, overwrite: bool) -> bool:
-    """Move in, if the place was found free and still is; return False if it may be taken from what is there."""
+    """Move in, if the place was found free and still is; return False if what is there may be replaced."""
     place = os.path.abspath(target)  # noqa: PTH100 - see check_place
     if overwrite and place not in _FREE:
         return False

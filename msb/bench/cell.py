@@ -55,7 +55,7 @@ _OWN: dict[Part, tuple[str, ...]] = {
 
 
 def compute(job: Job) -> Done:
-    """Compute the job's parts and write the cell's record; other recorded parts stay if they are still valid."""
+    """Compute the job's parts and write the cell's record; other recorded parts stay if still valid."""
     check_run(job.root, job.run)
     start = time.perf_counter()
     record = _kept(job)

@@ -55,7 +55,7 @@ class Results:
         return result
 
     def check_place(self, result: Result, path: Path) -> None:
-        """Refuse a record outside of its cell's place, because its numbers would be taken for another cell's."""
+        """Refuse a record outside of its cell's place: its numbers would be taken for another cell's."""
         place = self.record(result.cell)
         # A file system, or an archive of it, may have another form of the same name.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):

@@ -62,7 +62,7 @@ SamplingName = Annotated[
 def cameras_at(
     path: str, chosen: list[str] | None, size: str | None, scale: float | None, output: Output
 ) -> list[Camera]:
-    """Return the cameras at `path` that the user asked for; note where they are far larger than photographs."""
+    """Return the cameras at `path` that are asked for; note where they are far larger than photographs."""
     from msb.scenes import read_cameras
     from msb.scenes.datasets import recorded_note
 

@@ -170,7 +170,7 @@ def is_given(context: typer.Context, name: str) -> bool:
 
 
 def alone(context: typer.Context, name: str) -> None:
-    """Refuse whatever else is given on the command line beside the option `name`, but how to print and log."""
+    """Refuse whatever else is given beside the option `name`, but how to print and log."""
     harmless = {name, "quiet", "verbose", *_EVERYWHERE}
     for param in context.command.params:
         if param.name not in harmless and is_given(context, param.name or ""):

@@ -20,6 +20,8 @@ _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 _LEAST = 0.02
 """Share of the faces, on each side, of which an asset may be larger than `inside` takes it for."""
+_SURROUNDED = 2.5
+"""Captures before walls have 4 to 6, things and empty rooms 0.7 to 1.5."""
 _MARGIN = 1.05
 """A turntable's distance, relative to that at which the bounding sphere fills the image."""
 ELEVATION = 20.0
@@ -85,6 +87,26 @@ def inside(asset: Asset, count: int, width: int, height: int) -> list[Camera]:
         lens = Camera.from_fov(width, height, pose, fov_y=_FOV_INSIDE, name=camera.name)
         found.append(replace(lens, unit=unit_at(distance)))
     return found
+
+
+def surrounded(asset: Asset) -> bool:
+    """Return whether a few large faces are round many small ones, as walls or hills are in a capture.
+
+    Then half of the area is far further from the middle than half of the faces. A few far faces do not count.
+    """
+    corners = asset.buffers["positions"][asset.buffers["indices"]].astype(np.float64)
+    middles = corners.mean(axis=1)
+    low, middle, high = np.quantile(middles, (_LEAST, 0.5, 1 - _LEAST), axis=0)
+    kept = ((low <= middles) & (middles <= high)).all(axis=1)
+    sides = corners[kept, 1:] - corners[kept, :1]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    away = np.linalg.norm(middles[kept] - middle, axis=1)
+    order = np.argsort(away)
+    total = np.cumsum(area[order])
+    if not total.size or not np.isfinite(total[-1]):
+        return False
+    half = away[order[np.searchsorted(total, total[-1] / 2)]]
+    return bool(half >= _SURROUNDED * np.median(away) > 0)
 
 
 def _vector(axis: str) -> list[float]:

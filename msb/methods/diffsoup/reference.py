@@ -111,7 +111,7 @@ def render(
 
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
-    """Return the lattices' level, features (F, S, 7) and opacity (F, S); bytes of the web export are v / 255."""
+    """Return the lattices' level, features (F, S, 7) and opacity (F, S); web export's bytes are v / 255."""
     level, count = asset.manifest.appearance.get("level"), asset.manifest.face_count
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"

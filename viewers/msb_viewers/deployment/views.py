@@ -104,7 +104,7 @@ def _photograph(camera: Camera, files: SpelledFiles | None, *, anew: bool) -> Pa
 
 
 def read_photograph(view: View, background: tuple[float, float, float]) -> NDArray[np.uint8]:
-    """Return the photograph of a view (H, W, 3), at the size of its camera; transparency over `background`."""
+    """Return the photograph of a view (H, W, 3), at its camera's size; transparency over `background`."""
     from msb.metrics import read_image
     from msb.render.images import to_bytes
 
