@@ -104,7 +104,7 @@ def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: S
     assert process.wait(30) == 130
     *lines, last = rest.splitlines()
     assert all(line.startswith("cells: ") for line in lines), rest
-    assert re.fullmatch(r"interrupted: [1-9]\d* cells were done now; the same command goes on", last)
+    assert re.fullmatch(r"note: interrupted: [1-9]\d* cells were done now; the same command goes on", last)
     found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"), dry=True)
     left = [dict(row.planned.why) for row in found.rows if row.planned.status == "pending"]
     assert {"timing": "new"} in left, "the images that were done stay"

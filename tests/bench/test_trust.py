@@ -154,7 +154,7 @@ def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_ag
     watch = Notes()
     told = planned(run_protocol(again, jobs=2, watch=watch))
     assert {name: told[name] for name in wrong} == wrong
-    assert [text.partition(":")[0] for text in watch.said if "result.json" in text] == [
+    assert [text.split(": ")[1] for text in watch.said if "result.json" in text] == [
         "RECORD_INVALID",
         "RECORD_MISPLACED",
     ]

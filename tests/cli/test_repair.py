@@ -180,7 +180,7 @@ def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Pat
     task = ("--task", "intersections")
     result = msb("repair", "--compare", *task, model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json")
     assert result.status == 0, result.err
-    assert "PSNR in dB against the asset as stored, the mean over 8 turntable views." in result.out
+    assert "PSNR in dB against the asset as stored, the mean over 8 views from inside: " in result.out
     data = json.loads((tmp_path / "c.json").read_text())
     assert data["schema"] == "msb.repair_compare/1"
     rows = {row["strategy"]: row for row in data["strategies"]}
