@@ -121,6 +121,12 @@ def up_axis(asset: Asset) -> str:
     return known_up(asset.manifest.coordinate_frame.up, asset.manifest.method)
 
 
+def written_up(asset: Asset) -> str | None:
+    """Return the axis that points up in a mesh made of `asset`: as pages take it, but None of a mesh file."""
+    frame, method = asset.manifest.coordinate_frame, asset.manifest.method
+    return frame.known_up if method == "mesh" else known_up(frame.up, method)
+
+
 def known_up(stored: str, method: str | None) -> str:
     """Return the axis that points up: as `stored`; if that is unknown, +y of a mesh file (method None or
     "mesh"), as glTF has it, and -y of a trained scene, as COLMAP has it.

@@ -181,10 +181,11 @@ def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None
     with output.progress(f"reading {source.name}"):
         if is_mesh_file(source):
             mesh = read_mesh(source)  # itself: an asset would hold its coordinates in float32
-            left_out = list(mesh.left_out)
+            left_out, known = list(mesh.left_out), True
         else:
             asset = open_asset(source, output)
             mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
+            known = wish.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = turned_upright(mesh, wish.up) if wish.up else mesh
     mesh = with_linear_colors(mesh) if wish.color == "linear" else mesh
     # What is wrong with coordinates and indices is wrong in the source.
@@ -194,7 +195,7 @@ def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None
     turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
     _say(target, [*_holds(held, suffix), *turned], output)
     note_losses(mesh, held, target, suffix, left_out, output)
-    note_up(mesh, target, suffix, output)
+    note_up(mesh, target, suffix, output, known=known)
 
 
 def _holds(mesh: Mesh, suffix: str) -> list[str]:

@@ -54,10 +54,17 @@ def note_losses(
         output.note(f"{target}: left out: {', '.join(lost)}")
 
 
-def note_up(mesh: Mesh, target: Path, suffix: str, output: Output) -> None:
-    """Say that a model stays as it is where a format fixes what is up, if that is not known of `mesh`."""
+def note_up(mesh: Mesh, target: Path, suffix: str, output: Output, *, known: bool) -> None:
+    """Say what became of up: where a format fixes it but it is not `known`, where a format cannot say it."""
     from msb.meshes.formats import FORMATS
 
-    if FORMATS[suffix].up and mesh.up is None:
+    if FORMATS[suffix].up is None:
+        if known and mesh.up not in (None, "+y"):
+            text = f"{mesh.up} is up in it, which {suffix} cannot say; msb convert --up={mesh.up} turns it"
+            output.note(f"{target}: {text}")
+    elif mesh.up is None:
         text = "what is up is not known, so nothing is turned: msb convert --up=-y if it comes from COLMAP"
+        output.note(f"{target}: {text}")
+    elif not known:
+        text = f"what is up is not known and taken to be {mesh.up}; msb convert --up says otherwise"
         output.note(f"{target}: {text}")

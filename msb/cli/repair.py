@@ -255,7 +255,8 @@ class _Task:
         if self.suffix != ASSET_SUFFIX:
             mesh = mesh_from_asset(done.asset)
             written = self.write(mesh, beyond_a_mesh(done.asset))
-            note_up(mesh, self.target, self.suffix, self.output)
+            known = asset.manifest.coordinate_frame.known_up is not None
+            note_up(mesh, self.target, self.suffix, self.output, known=known)
             return replace(done, after=replace(written, path=done.after.path, method=done.after.method))
         with self.output.progress(f"writing {self.target.name}"):
             save(done.asset, self.target, overwrite=True, form=self.form or "packed")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
-from msb.asset.look import colors_of, stored_threshold, visible_faces
+from msb.asset.look import colors_of, stored_threshold, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame
 from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported
@@ -71,7 +71,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     if why is not None:
         text = f"{asset.manifest.method} on tier standard: {why}"
         raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
-    vertices, up = asset.buffers["positions"], asset.manifest.coordinate_frame.known_up
+    vertices, up = asset.buffers["positions"], written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
     colors = colors_of(asset)
     if colors is None:

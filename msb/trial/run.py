@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.api.opening import as_asset
+from msb.asset.look import written_up
 from msb.base.atomic import new_file
 from msb.base.extras import install
 from msb.errors import AssetError, UsageError, about, shorten
@@ -212,7 +213,7 @@ def try_asset(
             mesh = _repaired(mesh, plan)
     views = choose_views(asset, cameras, source, size=(960, 720), device=device)
     look = Look(mesh, views, device)
-    found, up = [], asset.manifest.coordinate_frame.known_up
+    found, up = [], written_up(asset)
     for task in chosen:
         found.append(_Trying(task, mesh, look, limits, up).run(keep, meshes=meshes))
         watch(found[-1])
