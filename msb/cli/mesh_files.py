@@ -31,6 +31,27 @@ def beyond_a_mesh(asset: Asset) -> list[str]:
     return found
 
 
+def is_split(mesh: Mesh, written: Mesh) -> bool:
+    """Return whether a file of `mesh`, which holds `written`, has vertices of its own for every face."""
+    return not np.array_equal(written.faces, mesh.faces)
+
+
+def why_split(suffix: str) -> str:
+    """Return why files of `suffix` split what shares vertices, and which do not."""
+    from msb.meshes.formats import FORMATS
+
+    soup = FORMATS[suffix].is_soup
+    reason = "repeats the vertices of every face" if soup else "holds no colours of faces"
+    return f"{suffix} {reason}: {_keeping_face_colors()} keep the merged mesh"
+
+
+def _keeping_face_colors() -> str:
+    from msb.meshes.formats import FORMATS
+
+    names = [name for name, each in FORMATS.items() if "face_colors" in each.keeps and each.write]
+    return f"{', '.join(names)} and .triasset"
+
+
 def note_losses(
     mesh: Mesh, written: Mesh, target: Path, suffix: str, left_out: Sequence[str], output: Output
 ) -> None:
@@ -38,15 +59,14 @@ def note_losses(
     from msb.meshes.formats import FORMATS
 
     keeps = FORMATS[suffix].keeps
-    if not np.array_equal(written.faces, mesh.faces):  # it was split
+    if is_split(mesh, written):
         if FORMATS[suffix].is_soup:
             text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
         else:
-            others = [name for name, each in FORMATS.items() if "face_colors" in each.keeps and each.write]
             text = (
                 f"{suffix} holds no colours of faces: every face gets vertices of its own, and it is a soup; "
             )
-            text += f"{', '.join(others)} and .triasset keep them"
+            text += f"{_keeping_face_colors()} keep them"
         output.note(f"{target}: {text}")
     no_place = not keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None)
     lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]

@@ -220,20 +220,28 @@ class _Task:
         output.check_free(target, folder=form == "folder")
         output.check_free(maps)
         output.check_outputs()
+        self.written: Audit | None = None
+        """The audit of the mesh file that was written, if it is one."""
+        self.split = False
+        """Whether its format gives every face vertices of its own."""
         self.in_file_precision = self.suffix != ASSET_SUFFIX and is_mesh_file(source) and cameras is None
 
     def run(self) -> Audit:
         """Repair, write and print; return the audit of the result."""
+        from msb.cli.mesh_files import why_split
         from msb.cli.repair_text import document, print_repair
         from msb.repair.run import what_is_left
 
-        done = self.repair_mesh() if self.in_file_precision else self.repair_asset()
-        left = what_is_left(done.after)
+        made = self.repair_mesh() if self.in_file_precision else self.repair_asset()
+        done = made if self.written is None else replace(made, after=self.written)
+        split = self.split and made.after.topology != "triangle_soup"
+        left = what_is_left(done.after, why_split(self.suffix) if split else None)
         if self.maps is not None:
             _write_maps(self.maps, done)
         self.output.write_json(document(self.source, self.target, self.plan, done, left))
         if self.output.prints_text:
-            print_repair(self.source, self.target, done, left, self.output)
+            repaired = made.after.counts.components if split else None
+            print_repair(self.source, self.target, done, left, repaired, self.output)
         return done.after
 
     def repair_asset(self) -> Repaired:
@@ -257,7 +265,8 @@ class _Task:
             written = self.write(mesh, beyond_a_mesh(done.asset))
             known = asset.manifest.coordinate_frame.known_up is not None
             note_up(mesh, self.target, self.suffix, self.output, known=known)
-            return replace(done, after=replace(written, path=done.after.path, method=done.after.method))
+            self.written = replace(written, path=done.after.path, method=done.after.method)
+            return done
         with self.output.progress(f"writing {self.target.name}"):
             save(done.asset, self.target, overwrite=True, form=self.form or "packed")
         return done
@@ -280,12 +289,13 @@ class _Task:
             mesh = read_mesh(self.source)
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             made, done = repair_mesh(mesh, self.plan, self.options)
-        return replace(done, after=self.write(made, mesh.left_out))
+        self.written = self.write(made, mesh.left_out)
+        return done
 
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write `made` to a mesh file, and return the audit of what the file holds."""
         from msb.base.atomic import new_file
-        from msb.cli.mesh_files import note_losses
+        from msb.cli.mesh_files import is_split, note_losses
         from msb.meshes import write_mesh
         from msb.meshes.assets import as_held
         from msb.topology import audit_arrays
@@ -298,6 +308,7 @@ class _Task:
             held = as_held(made, self.suffix)
             write_mesh(held, file, suffix=self.suffix)
         note_losses(made, held, self.target, self.suffix, left_out, self.output)
+        self.split = is_split(made, held)
         return audit_arrays(held.vertices, held.faces)[0]
 
 

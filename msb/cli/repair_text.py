@@ -69,9 +69,12 @@ def note_turned(asset: Asset, done: Repaired, output: Output) -> None:
 
 
 def print_repair(
-    source: Path, target: Path, done: Repaired | Outcome, left: list[str], output: Output
+    source: Path, target: Path, done: Repaired | Outcome, left: list[str], pieces: int | None, output: Output
 ) -> None:
-    """Print the verdict on the result; unless quiet its steps, what is left and what comes next, too."""
+    """Print the verdict on the result; unless quiet its steps, what is left and what comes next, too.
+
+    `pieces` are the components of the repaired mesh, where the file's format split them further.
+    """
     from rich.markup import escape
 
     from msb.cli.output import plain_table
@@ -92,8 +95,10 @@ def print_repair(
     console.print(table)
     for note in dict.fromkeys(note for step in done.steps for note in step.notes):
         console.print(escape(one_line(note)), soft_wrap=True)
-    pieces = [f"{audit.counts.components:,}" for audit in (done.before, done.after)]
-    console.print(f"Components: {pieces[0]} before, {pieces[1]} after; edges cut: {len(done.cut_edges):,}")
+    before, after = done.before.counts.components, done.after.counts.components
+    text = f"{after:,} after" if pieces is None else f"{pieces:,} after, {after:,} in the file"
+    cut = f"edges cut{'' if pieces is None else ' by the repair'}: {len(done.cut_edges):,}"
+    console.print(f"Components: {before:,} before, {text}; {cut}", soft_wrap=True)
     console.print(f"Left: {'; '.join(left) or 'nothing'}", soft_wrap=True)
     words = [escape(shell_word(one_line(str(path)))) for path in (source, target)]
     helps = advice(done.before, f"--force -o {words[1]}", words[0])

@@ -261,14 +261,19 @@ def refuse_nonfinite(points: NDArray[Any]) -> None:
         raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{row}]")
 
 
-def what_is_left(after: Audit) -> list[str]:
-    """Return what still keeps a mesh from being manifold, consistently wound and free of doubles."""
+def what_is_left(after: Audit, split: str | None = None) -> list[str]:
+    """Return what still keeps a mesh from being manifold, consistently wound and free of doubles.
+
+    `split` says why a file does not share the vertices that the repaired mesh shares, if it does not.
+    """
     counts, left = after.counts, []
     why = "open stays open unless close fills holes"
     if after.topology == "triangle_soup":
         why = "a soup stays one unless weld merges vertices"
         if not after.corners_coincide:
             why = "a soup stays one, because no two of its corners coincide"
+    if split is not None:
+        why = f"the file is a soup, because {split}"
     for key, one, many, text in (
         ("nonmanifold_edges", "edge", "edges", " of more than two faces"),
         ("nonmanifold_vertices", "non-manifold vertex", "non-manifold vertices", ""),

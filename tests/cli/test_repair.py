@@ -95,6 +95,9 @@ def test_the_verdict_after_a_repair_is_that_of_the_file(msb: Msb, tmp_path: Path
     assert ("holds no colours of faces" in result.err) is (suffix in (".glb", ".obj"))
     gated = msb("repair", "-f", *weld, model, "-o", target, "--fail-on-verdict", "bad")
     assert gated.status == split
+    assert ("the file is a soup, because" in gated.out) is split
+    assert ("in the file; edges cut by the repair: " in gated.out) is split
+    assert "unless weld merges" not in gated.out
     assert "Merge the vertices" not in gated.out  # they were
 
 
