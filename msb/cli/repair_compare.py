@@ -121,9 +121,9 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     for one in rows[0].tried:
         if one.outcome == "not_run":
             console.print(escape(f"{one.task}: not run: {one.why}"), soft_wrap=True)
-    reasons = {look.why for row in rows for look in (row.looks or {}).values() if look.why}
-    for why in sorted(reasons):
-        console.print(escape(f"not drawn: {why}"), soft_wrap=True)
+    looks = [(tier, look.why) for row in rows for tier, look in (row.looks or {}).items() if look.why]
+    for tier, why in dict.fromkeys(looks):
+        console.print(escape(f"{tier.capitalize()}: not drawn: {why}"), soft_wrap=True)
     if any(look.same or look.psnr is not None for look in (rows[0].looks or {}).values()):
         text = f"PSNR in dB against the asset as stored, the mean over {escape(which)}."
         console.print(text, soft_wrap=True)

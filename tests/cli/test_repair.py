@@ -210,3 +210,17 @@ def test_a_terminal_gets_as_much_of_the_comparison_as_it_is_wide(width: int, los
     assert set(lost).isdisjoint(names)
     assert ("also show" in text) == bool(lost)
     assert text.splitlines()[1].split()[:3] == ["orient,pair,debris", "100.0", "%"]
+
+
+def test_compare_says_which_tier_is_not_drawn_and_that_a_plan_would_leave_nothing(
+    msb: Msb, tmp_path: Path
+) -> None:
+    source = tmp_path / "one.obj"
+    source.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    result = msb("repair", "--compare", "--task", "none", source)
+    assert result.status == 0, result.err
+    lines = result.out.splitlines()
+    assert "Dedicated: not drawn: it has static colours only, no appearance of its own to draw" in lines
+    assert not any(line.startswith("not drawn") for line in lines)
+    plan = "orient,pair,debris"
+    assert f"{plan}: TRIASSET_EMPTY: the plan {plan} would remove every piece" in lines
