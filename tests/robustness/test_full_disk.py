@@ -139,7 +139,7 @@ def test_a_cache_of_kernels_that_is_full_is_not_used(disk: Disk) -> None:
 
 
 def test_a_run_keeps_what_it_finished_and_goes_on(disk: Disk) -> None:
-    disk.resize("120k")
+    disk.resize("132k")
     file = protocol(disk.folder, ("two_dts",))
     full = run_protocol(file)
     assert full.exit_status == 3
