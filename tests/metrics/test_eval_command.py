@@ -147,7 +147,7 @@ def test_lpips(msb: Msb, vgg_file: Path, tmp_path: Path) -> None:
     file = tmp_path / "a.json"
     result = msb("eval", "--vgg-weights", vgg_file, "--json", file, PRED, GT, OMP_NUM_THREADS="1")
     assert result.status == 0
-    assert result.err.startswith(f"METRIC_VGG_UNKNOWN: {vgg_file}: its sha256")
+    assert result.err.startswith(f"warning: METRIC_VGG_UNKNOWN: {vgg_file}: its sha256")
     data = json.loads(file.read_text())
     assert data["lpips_reason"] is None
     assert data["images"][2]["lpips"] == 0
