@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from msb.adapters.content import Content, Options
-from msb.adapters.locate import locate
+from msb.adapters.locate import Place, locate
+from msb.adapters.model import Content, Model, Options
 from msb.asset import Asset, build_asset
 from msb.asset.arguments import check_type
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
+from msb.asset.settings import parse_overrides
 from msb.base.files import file_sha256
 from msb.base.packages import warn
 from msb.base.paths import given_path
@@ -22,8 +23,6 @@ from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
 from msb.registry import BUILT_IN, METHODS, role, with_role
 
 if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.adapters.model import Model
     from msb.asset.progress import Progress
 
 
@@ -86,16 +85,14 @@ def export(
     UsageError
         An unknown method or setting.
     """
-    return finish(read_model(path, method=method, settings=settings, config=config), progress=progress)
+    if settings is not None:
+        check_type("settings", settings, Mapping, "a mapping from names to values")
+    model = read_model(path, method=method, settings=settings or {}, config=config)
+    return finish(model, progress=progress)
 
 
 def finish(model: Model, *, progress: Progress | None = None) -> Asset:
-    """Return `model` as an asset: sources and buffers hashed, manifest complete.
-
-    Raises
-    ------
-    InputError, AssetError
-    """
+    """Return `model` as an asset: sources and buffers hashed, manifest complete."""
     source = Source(tuple(_hashed(model, progress)))
     description = replace(model.description, source=source)
     with about(model.files[0]):
@@ -104,38 +101,34 @@ def finish(model: Model, *, progress: Progress | None = None) -> Asset:
 
 
 def read_model(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Place,
     *,
     method: str | None = None,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | Sequence[str] = (),
     config: str | os.PathLike[str] | None = None,
     check_values: bool = True,
 ) -> Model:
-    """Return the trained model at `path`; parameters and errors as for `export`.
+    """Return the trained model at `path`, or at the place where `locate` found it; errors as for `export`.
 
-    Without `check_values` parameters may be NaN, because the audit counts them.
+    `settings` may also be texts such as "gamma=20", whose values are read as the method wants them. Without
+    `check_values` parameters may be NaN, because the audit counts them.
     """
-    if settings is not None:
-        check_type("settings", settings, Mapping, "a mapping from names to values")
     if method is not None and method not in tuple(METHODS):
         text = f'there is no method "{shorten(str(method), 40)}"; there are {", ".join(METHODS)}'
         raise UsageError("USAGE", text, value=method)
-    place = locate(path)
+    place = path if isinstance(path, Place) else locate(path)
     content = Content(place)
-    options = Options(settings or {}, None if config is None else given_path(config), check_values)
-    if method is not None:
+    if method is None:
+        method = _detect(content)
+    else:
         _refuse_other(content, method)
-    chosen = method or _detect(content)
-    return _adapter(chosen).read(place, content, options)
+    values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
+    options = Options(values, None if config is None else given_path(config), check_values)
+    return _adapter(method).read(place, content, options)
 
 
 def detect(path: str | os.PathLike[str]) -> str:
-    """Return the method of the model at `path`.
-
-    Raises
-    ------
-    InputError, CheckpointError, MeshFileError
-    """
+    """Return the method of the model at `path`."""
     return _detect(Content(locate(path)))
 
 

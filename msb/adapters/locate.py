@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from msb.base.files import is_file, open_error
+from msb.asset import is_asset
+from msb.base.files import is_file, is_folder, open_error
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
+from msb.meshes.ply_table import ply_names
 from msb.registry import METHODS
 
 Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
@@ -30,21 +32,23 @@ render.py)."""
 
 @dataclass(frozen=True)
 class Place:
-    """Where a model is.
-
-    Attributes
-    ----------
-    file : Path
-        The file that holds the model; if there are several, the one that is read first.
-    root : Path
-        The output folder of the training, where configs and logs are looked for.
-    kind : {"torch", "ply", "mesh", "bundle", "other"}
-        How the file is read: a "bundle" together with the files beside it, "other" by its method's own code.
-    """
+    """Where a model is: the file that holds it, and the output folder of its training."""
 
     file: Path
+    """If several files hold the model, the one that is read first."""
     root: Path
+    """Where configs and logs are looked for."""
     kind: Kind
+    """How it is read: a "bundle" with the files beside it, "other" by its method's own code."""
+    given: Path
+    """What the user named: the file, the folder, or one above it."""
+
+    @property
+    def name(self) -> str:
+        """What an asset of the model is called: as the folder of its training, or as a file by itself."""
+        if self.given.is_dir():
+            return self.given.resolve().name
+        return self.file.stem if self.root == self.file.parent else self.root.resolve().name
 
 
 def is_checkpoint(path: Path) -> bool:
@@ -56,23 +60,34 @@ def is_checkpoint(path: Path) -> bool:
 
 def locate(path: str | os.PathLike[str]) -> Place:
     """Return where the model below `path` is, the latest iteration if there are several."""
-    path = given_path(path)
+    given = given_path(path)
+    file = _model_file(given)
+    suffix = file.suffix.lower()
+    if any(in_bundle(file, method.bundle) for method in METHODS.values()):
+        return Place(file, file.parent, "bundle", given)
+    kind: Kind = "ply" if suffix == ".ply" else "mesh" if suffix in MESH_SUFFIXES else "torch"
+    if kind == "torch" and suffix not in TORCH_SUFFIXES and _is_declared(file):
+        kind = "other"
+    return Place(file, _root(file), kind, given)
+
+
+def _model_file(path: Path) -> Path:
     try:
-        is_folder = path.is_dir()
+        folder = path.is_dir()
     except (OSError, ValueError) as error:
         raise open_error(error, path, "file or folder") from error
-    if not is_folder:
+    if not folder:
         if not os.path.lexists(path):
             raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
-        return _of_file(path)
+        return path
     file = _pick(path)
     if file is None:
         below = [folder for folder in _folders(path) if _pick(folder) is not None]
         if len(below) == 1:
-            return locate(below[0])
+            return _model_file(below[0])
         bare = [] if below else bare_models(path)
         if len(bare) == 1:
-            return _of_file(bare[0])
+            return bare[0]
         text = "it is not the output folder of a method we know; docs/export.md shows how these look"
         if several := below or bare:
             names = ", ".join(each.name for each in several[:8])
@@ -81,22 +96,12 @@ def locate(path: str | os.PathLike[str]) -> Place:
     if not file.exists():
         text = f"{file.relative_to(path)} is missing: the latest iteration has no model"
         raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=path, pointer=file.name)
-    return _of_file(file)
+    return file
 
 
 def bare_models(folder: Path) -> list[Path]:
     """Return the torch files in a folder that looks like no method's; a single one is taken for the model."""
     return [folder / name for name in sorted(_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
-
-
-def _of_file(file: Path) -> Place:
-    suffix = file.suffix.lower()
-    if any(in_bundle(file, method.bundle) for method in METHODS.values()):
-        return Place(file, file.parent, "bundle")
-    kind: Kind = "ply" if suffix == ".ply" else "mesh" if suffix in MESH_SUFFIXES else "torch"
-    if kind == "torch" and suffix not in TORCH_SUFFIXES and _is_declared(file):
-        kind = "other"
-    return Place(file, _root(file), kind)
 
 
 def in_bundle(file: Path, names: tuple[str, ...]) -> bool:
@@ -217,10 +222,13 @@ def _folders(folder: Path) -> Iterator[Path]:
     return (folder / name for name in sorted(_names(folder)) if (folder / name).is_dir())
 
 
-def is_primitive_table(path: Path) -> bool:
-    """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
-    from msb.meshes.ply_table import ply_names
+def is_mesh_file(path: Path) -> bool:
+    """Return whether `path` is neither an asset nor a model, and so can only be a mesh file."""
+    return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
+
+def _is_primitive_table(path: Path) -> bool:
+    """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
     if path.suffix.lower() != ".ply":
         return False
     try:

@@ -1,17 +1,67 @@
-"""The class that every adapter returns: a trained model in the asset's terms."""
+"""What an adapter is given, the content of a located file, and the model in an asset's terms it returns."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from msb.adapters.checkpoint import read_checkpoint
+from msb.errors import CheckpointError
+from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from msb.adapters.locate import Place
     from msb.asset import Description
     from msb.asset.manifest import Domain
     from msb.errors import Finding
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user gives beside the path: settings by name, and the file with the training's config.
+
+    Without `check_values` parameters may be NaN, because the audit counts such vertices.
+    """
+
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    config: Path | None = None
+    check_values: bool = True
+
+
+@dataclass(frozen=True)
+class Content:
+    """The content of a file of any kind of `Place`; each adapter looks at what concerns it."""
+
+    place: Place
+
+    @cached_property
+    def value(self) -> Any:
+        """The value that torch saved; None for other kinds of files."""
+        return read_checkpoint(self.place.file) if self.place.kind == "torch" else None
+
+    @cached_property
+    def ply_names(self) -> tuple[str, ...]:
+        """The vertex properties of a PLY without faces; empty for other files."""
+        if self.place.kind != "ply":
+            return ()
+        names, has_faces = ply_names(self.place.file)
+        return () if has_faces else names
+
+    def table(self) -> PlyTable:
+        """Return the rows of a PLY without faces."""
+        return read_ply_table(self.place.file)
+
+    def mapping(self, file: Path) -> Mapping[Any, Any]:
+        """Return the dictionary that torch saved."""
+        if not isinstance(self.value, dict):
+            text = f"it holds a {type(self.value).__name__}; it must be a dictionary of tensors"
+            raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file)
+        return self.value
 
 
 @dataclass(frozen=True, eq=False)

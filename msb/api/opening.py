@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
-from msb.base.files import is_folder
 from msb.base.paths import PATH_TYPES, given_path
 from msb.errors import CheckpointError, about
 
@@ -75,13 +74,6 @@ def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
     return asset
 
 
-def is_mesh_file(path: Path) -> bool:
-    """Return whether `path` is neither an asset nor a model, and so can only be a mesh file."""
-    from msb.adapters.locate import is_checkpoint, is_primitive_table
-
-    return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or is_primitive_table(path))
-
-
 @dataclass(frozen=True, eq=False)
 class StoredMesh:
     """A mesh exactly as its file holds it, in the file's precision; its values are not checked.
@@ -126,29 +118,34 @@ def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
 
     All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN.
     """
+    from msb.adapters.exporter import read_model
+    from msb.adapters.locate import is_mesh_file
+
     place = given_path(path)
     if is_asset(place):
         return stored_mesh(load(place))
-    if not is_mesh_file(place):
-        from msb.adapters import read_model
+    if is_mesh_file(place):
+        return _stored_file(place)
+    model = read_model(place, check_values=False)
+    description = model.description
+    up = description.coordinate_frame.up
+    return StoredMesh(place, model.buffers, model.domains, description.method, up)
 
-        model = read_model(place, check_values=False)
-        description = model.description
-        up = description.coordinate_frame.up
-        return StoredMesh(place, model.buffers, model.domains, description.method, up)
+
+def _stored_file(path: Path) -> StoredMesh:
     from msb.meshes import read_mesh
     from msb.meshes.mesh import left_out_finding
     from msb.meshes.writing import check_indices
 
-    mesh = read_mesh(place)
+    mesh = read_mesh(path)
     if mesh.wrong_face is not None:  # whoever uses the faces would refuse them, and could not name the line
-        with about(place):
+        with about(path):
             check_indices(mesh)
     buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
     for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
         if colors is not None and "color" not in buffers:
             buffers["color"], domains["color"] = colors, domain
-    return StoredMesh(place, buffers, domains, up=mesh.up or "unknown", warnings=left_out_finding(mesh))
+    return StoredMesh(path, buffers, domains, up=mesh.up or "unknown", warnings=left_out_finding(mesh))
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:

@@ -168,7 +168,7 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 
 
 def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
-    from msb.api.opening import is_mesh_file
+    from msb.adapters.locate import is_mesh_file
     from msb.api.saving import output_suffix
     from msb.base.atomic import new_file
     from msb.cli.inputs import open_asset

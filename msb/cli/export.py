@@ -55,17 +55,18 @@ def export(
     config, --set, or defaults; the asset records which.
     """
     from msb.adapters.exporter import finish, read_model
+    from msb.adapters.locate import locate
     from msb.api.saving import checked_ending
     from msb.asset import ASSET_SUFFIX, write_asset
 
     output = Output(json_file, quiet, verbose, force)
-    target = target or _guess(source)
+    place = locate(source)
+    target = target or Path(place.name + ASSET_SUFFIX)
     checked_ending(target, "OUT", (ASSET_SUFFIX,))
     output.check_free(target, folder=form == "folder")
     output.check_free(json_file)
     with output.progress(f"reading {source.name}"):
-        settings = _settings(source, method, config, assignments or [])
-        model = read_model(source, method=method, settings=settings, config=config)
+        model = read_model(place, method=method, settings=assignments or (), config=config)
     with output.bars() as progress:
         asset = finish(model, progress=progress)
         write_asset(asset, target, form, progress=progress)
@@ -76,31 +77,6 @@ def export(
     output.write_json({"schema": SCHEMA, "path": str(target), "warnings": warnings, "manifest": manifest})
     if output.prints_text:
         _print(asset, target, output)
-
-
-def _guess(source: Path) -> Path:
-    """Return the name of the asset of a checkpoint, in the current folder: that of the training's folder."""
-    from msb.adapters.locate import locate
-    from msb.asset import ASSET_SUFFIX
-
-    root = locate(source).root
-    if source.is_dir():
-        name = source.resolve().name
-    else:
-        name = source.stem if root == source.parent else root.resolve().name
-    return Path(name + ASSET_SUFFIX)
-
-
-def _settings(
-    source: Path, method: str | None, config: Path | None, assignments: list[str]
-) -> dict[str, object]:
-    """Return what --set assigns; which values it can take depends on the method."""
-    from msb.adapters.exporter import detect
-    from msb.asset.settings import parse_overrides
-
-    if not assignments:
-        return {}
-    return dict(parse_overrides(method or detect(source), assignments))
 
 
 def _print(asset: Asset, target: Path, output: Output) -> None:

@@ -203,7 +203,7 @@ class _Task:
         device: str | None,
         output: Output,
     ) -> None:
-        from msb.api.opening import is_mesh_file
+        from msb.adapters.locate import is_mesh_file
         from msb.api.saving import checked_ending, output_suffix
         from msb.asset import ASSET_SUFFIX
 

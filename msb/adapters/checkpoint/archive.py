@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.adapters.checkpoint.pickle_machine import run_pickle
 from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.tensors import Place, Storages
+from msb.adapters.checkpoint.tensors import Extent, Storages
 from msb.adapters.checkpoint.zip_members import is_script, read_members, refuse_script
 from msb.errors import shorten
 
@@ -37,7 +37,7 @@ def read_archive(view: memoryview) -> Any:
     _check_byte_order(view, members.get(f"{root}byteorder"))
     prefix = root + _DATA
     places = {
-        name[len(prefix) :]: Place(member.offset, member.size)
+        name[len(prefix) :]: Extent(member.offset, member.size)
         for name, member in members.items()
         if name.startswith(prefix)
     }

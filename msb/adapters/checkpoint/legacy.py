@@ -16,7 +16,7 @@ from typing import Any
 from msb.adapters.checkpoint.archive import MAX_PICKLE
 from msb.adapters.checkpoint.pickle_machine import run_pickle
 from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.tensors import DeclaredStorages, Place, Storages
+from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Storages
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001
@@ -78,13 +78,13 @@ def _check_header(magic: Any, version: Any, system: Any) -> None:
         raise Refusal("CHECKPOINT_BYTE_ORDER", "it was written on a big-endian machine")
 
 
-def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Place]:
+def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Extent]:
     """Return where the storages are, which fill the rest of the file in the order of `keys`."""
     code = "CHECKPOINT_LEGACY_STORAGES"
     known = declared.declared
     if len(known) > MAX_STORAGES or type(keys) is not list or len(keys) != len(known):
         raise Refusal(code, f"the list of keys is not that of {len(known)} storages", at=f"byte {position}")
-    places: dict[str, Place] = {}
+    places: dict[str, Extent] = {}
     for key in keys:
         at = f"byte {position}"
         if type(key) is not str or key not in known or key in places:
@@ -99,7 +99,7 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
         if count != storage.count:
             text = f"storage {key} has {count} elements; the pickle says {storage.count}"
             raise Refusal("CHECKPOINT_STORAGE_SIZE", text, at=at, value=count, limit=storage.count)
-        places[key] = Place(position + _COUNT.size, length)
+        places[key] = Extent(position + _COUNT.size, length)
         position = end
     if position != len(view):
         text = f"{len(view) - position} bytes follow the last storage"

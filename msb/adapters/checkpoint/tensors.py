@@ -69,7 +69,7 @@ class BFloat16Array:
         return np.asarray(wide).view(np.float32)
 
 
-class Place(NamedTuple):
+class Extent(NamedTuple):
     """Where the bytes of a storage are in the file."""
 
     offset: int
@@ -83,11 +83,11 @@ class Storages:
     ----------
     view : memoryview
         The whole file.
-    places : mapping from str to Place
+    places : mapping from str to Extent
         Storage key -> place.
     """
 
-    def __init__(self, view: memoryview, places: Mapping[str, Place]) -> None:
+    def __init__(self, view: memoryview, places: Mapping[str, Extent]) -> None:
         self.view, self.places = view, places
         self.declared: dict[str, Storage] = {}
 

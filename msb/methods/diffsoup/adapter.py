@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.locate import in_bundle
-from msb.adapters.model import Model
+from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings
 from msb.adapters.tensors import Tensors
 from msb.asset import Description
@@ -24,7 +24,6 @@ from msb.errors import finding
 from msb.methods.diffsoup import METHOD
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")

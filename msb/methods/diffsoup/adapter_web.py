@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.adapters.model import Model
+from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings
 from msb.asset.strict_json import MAX_BYTES, parse_strict_json
 from msb.base.files import read_file
@@ -21,7 +21,6 @@ from msb.meshes.files import read_mesh
 from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, domains, samples
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
     from msb.errors import Finding
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from msb.adapters.model import Model
+from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
@@ -14,7 +14,6 @@ from msb.meshes.files import read_mesh
 from msb.meshes.mesh import left_out_finding
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.adapters.model import Model
+from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
@@ -25,7 +25,6 @@ from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")

@@ -8,8 +8,8 @@ from msb.errors import Unsupported
 from msb.registry import METHODS
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
+    from msb.adapters.model import Content, Options
 
 _CAPTURED = 12
 """Items of the tuple that its training captures in chkpntN.pth (graphdeco-inria/gaussian-splatting)."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.adapters.model import Model
+from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
@@ -18,7 +18,6 @@ from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
 
 KEYS = ("triangles_points", "features_dc", "features_rest", "opacity", "sigma", "active_sh_degree")

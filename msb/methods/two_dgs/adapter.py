@@ -13,9 +13,8 @@ from msb.errors import CheckpointError
 from msb.methods.mesh import adapter as mesh
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
-    from msb.adapters.model import Model
+    from msb.adapters.model import Content, Model, Options
 
 
 def recognises(content: Content) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.adapters.model import Model
+from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings, background
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import named_up
@@ -22,7 +22,6 @@ from msb.errors import CheckpointError, finding, json_safe, shorten
 from msb.methods.two_dts.adapter_config import read_config
 
 if TYPE_CHECKING:
-    from msb.adapters.content import Content, Options
     from msb.adapters.locate import Place
     from msb.errors import Finding
     from msb.meshes.ply_table import PlyTable
