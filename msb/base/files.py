@@ -34,10 +34,10 @@ def read_file(path: str | os.PathLike[str], most: int | None = None) -> bytes:
         return file.read() if most is None else file.read(most + 1)
 
 
-def map_file(path: Path) -> mmap.mmap | bytes:
-    """Return a read-only mapping of a regular file."""
+def map_file(path: Path, most: int | None = None) -> mmap.mmap | bytes:
+    """Return a read-only mapping of a regular file, or of its first `most` bytes."""
     with _opened(path) as descriptor:
-        return map_descriptor(descriptor)
+        return map_descriptor(descriptor, most)
 
 
 def file_sha256(path: Path, advance: Callable[[int], None] | None = None) -> str:
@@ -92,10 +92,11 @@ def special_kind(status: os.stat_result) -> str | None:
     return "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
 
 
-def map_descriptor(descriptor: int) -> mmap.mmap | bytes:
+def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | bytes:
     """Return a read-only mapping of an open file, or bytes for an empty file, which cannot be mapped."""
+    length = 0 if most is None else min(most, os.fstat(descriptor).st_size)
     try:
-        return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
+        return mmap.mmap(descriptor, length, access=mmap.ACCESS_READ)
     except ValueError:
         return b""
 

@@ -1,7 +1,6 @@
 """Cameras and scenes: the camera class of the package, the files it is read from, and camera paths.
 
-This package needs NumPy and the standard library only. docs/cameras.md describes conventions and formats,
-docs/datasets.md the datasets.
+docs/cameras.md describes conventions and formats, docs/datasets.md the datasets.
 """
 
 from __future__ import annotations

@@ -1,80 +1,55 @@
-"""Read the header of a PNG or JPEG image, its size above all, without decoding a pixel."""
+"""What the header of a PNG or JPEG image says, its size above all, without decoding a pixel."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-import re
-import struct
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from msb.base.files import library_reason, map_file
 from msb.scenes.checks import check_size
 from msb.scenes.source import Source
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Suffixes of photographs, in lower case."""
-_PNG = b"\x89PNG\r\n\x1a\n"
-_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)
-_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
-"""JPEG markers SOF0..SOF15 without DHT, JPG and DAC, which share their range."""
-_END_OF_HEADERS = {0xD9, 0xDA}
-_MAX_SEGMENTS = 4096
-"""Most segments of a JPEG. Each has at most 64 KiB; metadata, colour profiles and depth maps take some
-hundreds."""
+_MOST_BYTES = 1 << 23
+"""Most bytes in which a header is looked for: colour profiles, thumbnails and depth maps take a few MiB."""
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
-    """Return (width, height) in pixels, as stored: an orientation in the metadata is not applied.
-
-    Notes
-    -----
-    PNG: W3C Portable Network Graphics, 5.2 and 11.2.2: the first chunk is IHDR. JPEG: ITU-T T.81, annex B:
-    segments up to the frame header, whose fields are precision, lines and samples per line.
-    """
-    source = Source.open(Path(path))
-    found = _png(source) or _jpeg(source)
-    if found is None:
-        text = "it is neither a PNG nor a JPEG image, or it ends within its header"
-        raise source.error("CAMERA_IMAGE", text)
-    with source.locating(None):
-        return check_size(found)
+    """Return (width, height) in pixels, as stored: an orientation in the metadata is not applied."""
+    with _header(path) as image:
+        return check_size(image.size)
 
 
 def has_alpha(path: str | os.PathLike[str]) -> bool:
-    """Return whether an image is a PNG with an alpha channel; a colour marked as transparent does not count.
-
-    Notes
-    -----
-    W3C Portable Network Graphics, 11.2.2: colour types 4 and 6.
-    """
-    source = Source.open(Path(path))
-    return _png(source) is not None and bytes(source.data[25:26]) in (b"\4", b"\6")
+    """Return whether an image has an alpha channel; a colour marked as transparent does not count."""
+    with _header(path) as image:
+        return image.mode in ("LA", "RGBA")
 
 
-def _png(source: Source) -> tuple[int, int] | None:
-    head = bytes(source.data[:24])
-    if len(head) < 24 or not head.startswith(_PNG) or head[8:16] != b"\0\0\0\rIHDR":
-        return None
-    width, height = struct.unpack(">II", head[16:])
-    return width, height
+@contextlib.contextmanager
+def _header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
+    """Yield an image of which Pillow has read the header alone."""
+    from PIL import Image
 
-
-def _jpeg(source: Source) -> tuple[int, int] | None:
-    data = source.data
-    if bytes(data[:2]) != b"\xff\xd8":
-        return None
-    at = 2
-    for _ in range(_MAX_SEGMENTS):
-        marker = _MARKER.match(data, at)
-        if marker is None or marker[1][0] in _END_OF_HEADERS:
-            return None
-        at = marker.end()
-        head = bytes(data[at : at + 7])
-        if marker[1][0] in _FRAMES:
-            if len(head) < 7:
-                return None
-            height, width = struct.unpack(">HH", head[3:])
-            return width, height
-        if len(head) < 2:
-            return None
-        at += max(2, int.from_bytes(head[:2], "big"))
-    return None
+    source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
+    file: Any = source.data  # a mapping is a file, of which only the pages that are read take memory
+    try:
+        if not file:
+            raise ValueError("it is empty")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of sizes, which are checked here, and of odd metadata
+            image = Image.open(file, formats=("PNG", "JPEG"))
+    except Exception as error:  # damaged files raise all kinds of things
+        reason = "" if isinstance(error, Image.UnidentifiedImageError) else f" ({library_reason(error)})"
+        text = f"it is neither a PNG nor a JPEG image, or damaged within its header{reason}"
+        raise source.error("CAMERA_IMAGE", text) from None
+    with source.locating(None):
+        yield image

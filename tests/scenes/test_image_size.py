@@ -1,97 +1,87 @@
-"""Sizes from headers are those a real image library finds."""
+"""Sizes of photographs from their headers, and what has none."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from msb.errors import MsbError, SceneError
 from msb.scenes import image_size
+from msb.scenes.image_size import has_alpha
 
 from .builders import jpeg, png
 
 
-def size_of(content: bytes, folder: Path) -> tuple[int, int]:
+def written(content: bytes, folder: Path) -> Path:
     (folder / "image").write_bytes(content)
-    return image_size(folder / "image")
+    return folder / "image"
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (300, 1), (640, 480)])
-def test_sizes_of_our_own_files(size: tuple[int, int], tmp_path: Path) -> None:
-    assert size_of(png(*size), tmp_path) == size
-    assert size_of(jpeg(*size), tmp_path) == size
-
-
-@pytest.mark.parametrize(
-    ("kind", "mode", "options"),
-    [
-        ("PNG", "RGBA", {}),
-        ("PNG", "I;16", {}),
-        ("PNG", "P", {}),
-        ("JPEG", "RGB", {}),
-        ("JPEG", "L", {"quality": 5}),
-        ("JPEG", "CMYK", {}),
-        ("JPEG", "RGB", {"progressive": True, "comment": b"\xff\xc0 not a frame"}),
-        (
-            "JPEG",
-            "RGB",
-            {"exif": b"Exif\0\0" + bytes(60_000), "icc_profile": bytes(150_000), "dpi": (72, 72)},
-        ),
-    ],
-)
-def test_sizes_of_what_pillow_writes(
-    kind: str, mode: str, options: dict[str, object], tmp_path: Path
+@pytest.mark.parametrize("made", [png, jpeg, lambda *size: jpeg(*size, frame=0xC2)])
+def test_the_size_is_that_of_the_header(
+    made: Callable[..., bytes], size: tuple[int, int], tmp_path: Path
 ) -> None:
-    image = pytest.importorskip("PIL.Image")
-    for size in ((7, 5), (123, 45)):
-        stream = io.BytesIO()
-        image.new(mode, size).save(stream, kind, **options)
-        assert size_of(stream.getvalue(), tmp_path) == size
-        with image.open(tmp_path / "image") as opened:
-            assert opened.size == size
+    assert image_size(written(made(*size), tmp_path)) == size
 
 
-@pytest.mark.parametrize("frame", [0xC1, 0xC2, 0xC3, 0xC5, 0xC9, 0xCF])
-def test_all_kinds_of_jpeg_frames(frame: int, tmp_path: Path) -> None:
-    fill = b"\xff\xff\xff\xfe\0\4ab" + b"\xff\xc4\0\5\xff\xc0\1" + b"\xff\xcc\0\2"
-    assert size_of(jpeg(6, 8, frame=frame, before=fill), tmp_path) == (6, 8)
+def test_an_orientation_is_not_applied(tmp_path: Path) -> None:
+    exif, stream = Image.Exif(), io.BytesIO()
+    exif[0x0112] = 6
+    Image.new("RGB", (7, 5)).save(stream, "JPEG", exif=exif, icc_profile=bytes(150_000))
+    assert image_size(written(stream.getvalue(), tmp_path)) == (7, 5)
+
+
+@pytest.mark.parametrize(("mode", "alpha"), [("RGBA", True), ("LA", True), ("RGB", False)])
+def test_alpha_is_a_channel(mode: str, alpha: bool, tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    Image.new(mode, (2, 2)).save(stream, "PNG", **({} if alpha else {"transparency": (0, 0, 0)}))
+    assert has_alpha(written(stream.getvalue(), tmp_path)) is alpha
 
 
 BAD = {
-    "empty": (b"", "CAMERA_IMAGE"),
-    "gif": (b"GIF89a\1\0\1\0" + bytes(40), "CAMERA_IMAGE"),
-    "half a png": (png(4, 4)[:20], "CAMERA_IMAGE"),
-    "png of another kind": (png(4, 4).replace(b"IHDR", b"CgBI"), "CAMERA_IMAGE"),
-    "flat png": (png(4, 4)[:16] + bytes(4) + png(4, 4)[20:], "CAMERA_SIZE"),
-    "huge png": (png(4, 4)[:16] + b"\x7f\xff\xff\xff" * 2, "CAMERA_SIZE"),
-    "wide png": (png(4, 4)[:16] + b"\0\1\0\0\0\0\0\1", "CAMERA_SIZE"),
-    "half a jpeg": (jpeg(4, 4)[:-11], "CAMERA_IMAGE"),
-    "jpeg without lines": (jpeg(4, 0), "CAMERA_SIZE"),
-    "jpeg without a frame": (jpeg(4, 4)[:20] + b"\xff\xda\0\4ab" + jpeg(4, 4)[20:], "CAMERA_IMAGE"),
-    "jpeg with rubbish": (jpeg(4, 4)[:20] + b"rubbish", "CAMERA_IMAGE"),
-    "endless fill": (b"\xff\xd8" + b"\xff" * 1_000_000, "CAMERA_IMAGE"),
-    "endless segments": (b"\xff\xd8" + b"\xff\xe1\0\2" * 300_000, "CAMERA_IMAGE"),
-    "segments of no length": (b"\xff\xd8" + b"\xff\xe1\0\0" * 10, "CAMERA_IMAGE"),
+    "empty": b"",
+    "gif": b"GIF89a\1\0\1\0" + bytes(40),
+    "half a png": png(4, 4)[:20],
+    "png of another kind": png(4, 4).replace(b"IHDR", b"CgBI"),
+    "flat png": png(0, 4),
+    "wide png": png(65536, 1),
+    "bomb": png(1, 1).replace(b"IHDR\0\0\0\1\0\0\0\1", b"IHDR\0\0\x7f\xff\0\0\x7f\xff"),
+    "half a jpeg": jpeg(4, 4)[:-11],
+    "jpeg without lines": jpeg(4, 0),
+    "jpeg without a frame": jpeg(4, 4)[:20] + b"\xff\xda\0\4ab" + jpeg(4, 4)[20:],
+    "jpeg with rubbish": jpeg(4, 4)[:20] + b"rubbish",
+    "endless fill": b"\xff\xd8" + b"\xff" * 1_000_000,
+    "endless segments": b"\xff\xd8" + b"\xff\xe1\0\2" * 300_000,
+    "segments of no length": b"\xff\xd8" + b"\xff\xe1\0\0" * 10,
 }
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_what_is_no_image_is_refused(name: str, tmp_path: Path) -> None:
-    content, code = BAD[name]
-    with pytest.raises(MsbError) as caught:
-        size_of(content, tmp_path)
-    assert caught.value.code == code
+    with pytest.raises(SceneError) as caught:
+        image_size(written(BAD[name], tmp_path))
+    assert caught.value.code == ("CAMERA_SIZE" if name == "wide png" else "CAMERA_IMAGE")
     assert caught.value.file == str(tmp_path / "image")
+
+
+@pytest.mark.parametrize(("segments", "found"), [(100, True), (130, False)])
+def test_a_header_stands_in_the_first_8_mib(segments: int, found: bool, tmp_path: Path) -> None:
+    content = jpeg(4, 4, before=(b"\xff\xe1\xff\xff" + bytes(65533)) * segments)
+    with contextlib.nullcontext() if found else pytest.raises(SceneError, match="CAMERA_IMAGE"):
+        assert image_size(written(content, tmp_path)) == (4, 4)
 
 
 def test_every_prefix_of_an_image(tmp_path: Path) -> None:
     for content in (png(3, 3), jpeg(3, 3)):
         for end in range(len(content)):
             with contextlib.suppress(SceneError):
-                assert size_of(content[:end], tmp_path) == (3, 3)
+                assert image_size(written(content[:end], tmp_path)) == (3, 3)
 
 
 def test_only_regular_files_are_opened(tmp_path: Path) -> None:
