@@ -37,7 +37,7 @@ def has_alpha(path: str | os.PathLike[str]) -> bool:
 @contextlib.contextmanager
 def _header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
     """Yield an image of which Pillow has read the header alone."""
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
     file: Any = source.data  # a mapping is a file, of which only the pages that are read take memory
@@ -48,7 +48,7 @@ def _header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
             warnings.simplefilter("ignore")  # of sizes, which are checked here, and of odd metadata
             image = Image.open(file, formats=("PNG", "JPEG"))
     except Exception as error:  # damaged files raise all kinds of things
-        reason = "" if isinstance(error, Image.UnidentifiedImageError) else f" ({library_reason(error)})"
+        reason = "" if isinstance(error, UnidentifiedImageError) else f" ({library_reason(error)})"
         text = f"it is neither a PNG nor a JPEG image, or damaged within its header{reason}"
         raise source.error("CAMERA_IMAGE", text) from None
     with source.locating(None):

@@ -117,7 +117,9 @@ BAD_JSON: dict[str, Bad] = {
     "image without header": of_json(
         "IMAGE", "neither a PNG nor a JPEG", bare(), "transforms.json", png=b"GIF89a"
     ),
-    "image of no lines": of_json("IMAGE", "or damaged within its header", bare("a.jpg"), "transforms.json", jpg=jpeg(5, 0)),
+    "image of no lines": of_json(
+        "IMAGE", "or damaged within its header", bare("a.jpg"), "transforms.json", jpg=jpeg(5, 0)
+    ),
     "angle zero": of_json(
         "FOCAL",
         "camera_angle_x is 0.0; it must be an angle in radians",
