@@ -81,11 +81,11 @@ def torus(around_it: int = 48, through: int = 24) -> Asset:
     return asset_from_mesh(Mesh(points, faces, (0.5 + points / 3).astype(np.float32)))
 
 
-def measure(asset: Asset, name: str, pictures: Path, source: Path | None = None) -> dict[str, Any]:
+def measure(asset: Asset, name: str, pictures: Path) -> dict[str, Any]:
     """Return the audit's verdict, the trials, and the repairs where they are compared; write pictures."""
     pictures.mkdir()
     found: dict[str, Any] = {"faces": asset.manifest.face_count, "verdict": msb.audit(asset).verdict}
-    views = choose_views(asset, None, source, size=(960, 720))
+    views = choose_views(asset, size=(960, 720))
     tried = try_asset(asset, cameras=views, keep=pictures, meshes=False).to_dict()
     keys = ("task", "outcome", "why", "seconds", "numbers", "libraries")
     found["trials"] = [{key: one[key] for key in keys} for one in tried["trials"]]
@@ -229,7 +229,7 @@ def main() -> None:
         for name in names:
             source = sources[name]
             asset = torus() if source is None else msb.open(source)
-            figures[name] = measure(asset, name, folder / name, source)
+            figures[name] = measure(asset, name, folder / name)
             text = json.dumps(figures, indent=1, sort_keys=True)
             FIGURES.write_text(f"{text}\n", encoding="utf-8")
         if set(PICTURED) <= set(names):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
-from msb.base.paths import PATH_TYPES
 from msb.errors import DeviceError, UsageError
 from msb.render import Renderer
 from msb.render.backend import lean_options
@@ -75,20 +73,17 @@ class Views:
 def choose_views(
     asset: Asset,
     given: Views | Iterable[Camera] | None = None,
-    source: Asset | str | os.PathLike[str] | None = None,
     *,
     count: int = 8,
     size: tuple[int, int] = (640, 480),
     device: str | None = None,
 ) -> Views:
-    """Return the views that judge an asset.
+    """Return the views that judge an asset: those of its training are looked for where it was opened from.
 
     Parameters
     ----------
     given : iterable of Camera, optional
         Somebody's wish, which is taken.
-    source : path-like, optional
-        Where the asset is from, if it does not know that itself: its training is looked for there.
     count : int
         Views round the asset, or inside it.
     size : (int, int)
@@ -102,17 +97,18 @@ def choose_views(
             raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
         return Views(found, "given", f"{len(found)} camera{'' if len(found) == 1 else 's'} given")
     outside = Views(around(asset, count, *size), "turntable", f"{count} views round it")
-    place = Path(source) if isinstance(source, PATH_TYPES) else asset.path
     try:
-        return _of_training(asset, place, size, device) or _inside(asset, outside, device) or outside
+        return _of_training(asset, size, device) or _inside(asset, outside, device) or outside
     except DeviceError:  # whoever draws says so
         return outside
 
 
-def _of_training(asset: Asset, place: Path | None, size: tuple[int, int], device: str | None) -> Views | None:
+def _of_training(asset: Asset, size: tuple[int, int], device: str | None) -> Views | None:
     from msb.adapters.training_cameras import training_cameras
 
-    for cameras, found in () if place is None else training_cameras(place, asset.manifest.method):
+    if asset.opened_from is None:
+        return None
+    for cameras, found in training_cameras(asset.opened_from, asset.manifest.method):
         few = spread(cameras, MOST)
         few = [one.scaled(min(1.0, max(size) / max(one.width, one.height))) for one in few]
         of = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"

@@ -97,7 +97,7 @@ def finish(model: Model, *, progress: Progress | None = None) -> Asset:
     description = replace(model.description, source=source)
     with about(model.files[0]):
         asset = build_asset(model.buffers, model.domains, description, progress=progress)
-    return replace(asset, warnings=model.warnings)
+    return replace(asset, warnings=model.warnings, opened_from=model.opened_from)
 
 
 def read_model(
@@ -124,7 +124,7 @@ def read_model(
         _refuse_other(content, method)
     values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
     options = Options(values, None if config is None else given_path(config), check_values)
-    return _adapter(method).read(place, content, options)
+    return replace(_adapter(method).read(place, content, options), opened_from=place.given)
 
 
 def detect(path: str | os.PathLike[str]) -> str:

@@ -83,6 +83,8 @@ class Model:
         All files that were read, the one with the model first.
     warnings : tuple of Finding
         What was missing or odd, and what was done instead.
+    opened_from : Path or None
+        What was given to find the model; `read_model` fills it in.
     """
 
     buffers: dict[str, NDArray[Any]]
@@ -90,4 +92,5 @@ class Model:
     description: Description
     root: Path
     files: tuple[Path, ...]
-    warnings: tuple[Finding, ...] = field(default=())
+    warnings: tuple[Finding, ...] = ()
+    opened_from: Path | None = None

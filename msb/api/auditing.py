@@ -72,8 +72,11 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
         raise MeshError("MESH_ARRAY", text)
     from msb.api.opening import read_stored, stored_mesh
 
-    mesh = stored_mesh(vertices) if isinstance(vertices, Asset) else read_stored(vertices)
-    return audit_stored(mesh, weld=weld)[0]
+    if not isinstance(vertices, Asset):
+        return audit_stored(read_stored(vertices), weld=weld)[0]
+    audited = audit_stored(stored_mesh(vertices), weld=weld)[0]
+    vertices._known["Verdict"] = audited.verdict
+    return audited
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:

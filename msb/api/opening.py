@@ -50,7 +50,7 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     --------
     >>> import msb
     >>> msb.open("data_stubs/checkpoint")
-    <Asset mesh_splatting, 2582 vertices, 5159 faces, in memory>
+    <Asset mesh_splatting: 5,159 faces, 2,582 vertices, indexed mesh, 227,156 bytes, data_stubs/checkpoint>
     """
     place = given_path(path)
     if not is_asset(place):

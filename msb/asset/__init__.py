@@ -5,10 +5,11 @@ The package needs NumPy and the standard library only. docs/triasset.md describe
 
 from __future__ import annotations
 
+from msb.asset.asset import Asset
 from msb.asset.build import Description, build_asset
 from msb.asset.container import is_asset
 from msb.asset.manifest import ASSET_SUFFIX, Manifest
-from msb.asset.reader import Asset, load
+from msb.asset.reader import load
 from msb.asset.validation import Validation, validate
 from msb.asset.writer import write_asset
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from msb.asset.reader import Asset
+    from msb.asset.asset import Asset
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb._version import __version__
+from msb.asset.asset import Asset
 from msb.asset.check import check_manifest
 from msb.asset.manifest import (
     DTYPES,
@@ -27,7 +28,6 @@ from msb.asset.manifest import (
     Topology,
 )
 from msb.asset.progress import Meter
-from msb.asset.reader import Asset
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
-    from msb.asset.reader import Asset
+    from msb.asset.asset import Asset
 
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:

@@ -16,7 +16,7 @@ from msb.asset.activation import sigmoid
 from msb.asset.sh import SH_C0
 
 if TYPE_CHECKING:
-    from msb.asset.reader import Asset
+    from msb.asset.asset import Asset
 
 GREY = 0.8
 """The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -12,64 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.asset import Asset
 from msb.asset.check import check_manifest
 from msb.asset.container import Container, is_asset, open_container
 from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class Asset:
-    """A manifest and its buffers.
-
-    Attributes
-    ----------
-    manifest : Manifest
-        The manifest's keys as attributes.
-    buffers : mapping of str to ndarray
-        Read-only arrays of the declared shape and dtype. Those of a loaded asset are views of the mapped
-        file.
-    path : Path or None
-        Where the asset was loaded from; None if it was built in memory.
-    warnings : tuple of Finding
-        What `load` noticed and tolerated.
-
-    Notes
-    -----
-    `load` does not read the values, so code that computes with them must check them first. The mapping lives
-    as long as an array refers to it. If another program shortens the file meanwhile, touching the lost pages
-    ends the process, as with any memory mapping.
-
-    `copy.copy` shares the arrays and so the mapping. `copy.deepcopy` and `pickle` copy the values: such a
-    copy needs no file, and as much memory as its buffers have bytes. To a process on the same machine it is
-    better to send the path. `path` stays the same in a copy.
-    """
-
-    manifest: Manifest
-    buffers: Mapping[str, NDArray[Any]]
-    path: Path | None = None
-    warnings: tuple[Finding, ...] = ()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A mappingproxy is neither pickled nor copied, and arrays come back writable.
-        return _restored, (self.manifest, dict(self.buffers), self.path, self.warnings)
-
-    def __repr__(self) -> str:
-        m = self.manifest
-        where = "in memory" if self.path is None else str(self.path)
-        return f"<Asset {m.method}, {m.vertex_count} vertices, {m.face_count} faces, {where}>"
-
-
-def _restored(
-    manifest: Manifest, buffers: dict[str, NDArray[Any]], path: Path | None, warnings: tuple[Finding, ...]
-) -> Asset:
-    """Return the asset of these parts, its buffers read-only."""
-    views = {name: array.view() for name, array in buffers.items()}
-    for view in views.values():
-        view.flags.writeable = False
-    return Asset(manifest, MappingProxyType(views), path, warnings)
-
 
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_ZIP_NAME")
 """Codes of errors in files and folders that are no asset, such as a ZIP that torch saved."""
@@ -109,7 +56,8 @@ def load(path: str | os.PathLike[str]) -> Asset:
     manifest = Manifest.from_dict(data)
     found += check_files(manifest, container)
     _raise_first(found, container)
-    return Asset(manifest, map_buffers(manifest, container), container.path, tuple(found))
+    buffers = map_buffers(manifest, container)
+    return Asset(manifest, buffers, container.path, tuple(found), container.path)
 
 
 def check_files(manifest: Manifest, container: Container) -> list[Finding]:

@@ -12,8 +12,8 @@ from msb.errors import UsageError, shorten
 from msb.registry import ORDERS, SAMPLINGS, lookup
 
 if TYPE_CHECKING:
+    from msb.asset.asset import Asset
     from msb.asset.manifest import Manifest
-    from msb.asset.reader import Asset
     from msb.registry import SettingValue
 
 _BOOLS = {"true": True, "yes": True, "on": True, "1": True}

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.asset import Asset
 from msb.asset.build import CHUNK_ROWS, as_bytes, measure_bounds
 from msb.asset.check import check_manifest
 from msb.asset.container import Container, open_container
 from msb.asset.manifest import Manifest
-from msb.asset.reader import Asset, check_files, map_buffers
+from msb.asset.reader import check_files, map_buffers
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
 
@@ -85,7 +86,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     found += check_files(manifest, container)
     if any(item.severity == "error" for item in found):
         return Validation(container.path, tuple(found), None)
-    asset = Asset(manifest, map_buffers(manifest, container), container.path)
+    asset = Asset(manifest, map_buffers(manifest, container), container.path, opened_from=container.path)
     found += _check_bytes(asset, container)
     found += check_values(asset)
     return Validation(container.path, tuple(found), asset)

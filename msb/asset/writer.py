@@ -17,8 +17,8 @@ from msb.base.atomic import new_file, new_folder
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
+    from msb.asset.asset import Asset
     from msb.asset.progress import Progress
-    from msb.asset.reader import Asset
 
 Form = Literal["packed", "folder"]
 FORMS: tuple[str, ...] = get_args(Form)

@@ -183,7 +183,7 @@ def _chosen(asset: Asset, path: Path, options: CompareOptions) -> tuple[list[Vie
     """Return the views of the training or from inside, none where it is to be turned, and their words."""
     from msb.views import choose_views
 
-    found = choose_views(asset, None, path, device=options.device)
+    found = choose_views(asset, device=options.device)
     if found.origin == "turntable":
         return [], found.said
     views = _with_photographs(found.cameras, found.place or Path(), None, None)

@@ -52,7 +52,7 @@ def compare_strategies(
         asset = open_asset(source, output)
     given = None if cameras is None else read_cameras(cameras)
     with about(source):
-        views = choose_views(asset, given, source, size=(960, 720), device=device).seeing(asset, device)
+        views = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
     which = views.said if cameras is None else views.said.replace("given", f"of {cameras}")
     total = len(STRATEGIES) + 1 + (plan is not None and ",".join(plan) not in STRATEGIES)
     with (

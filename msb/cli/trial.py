@@ -218,7 +218,6 @@ class _Run:
                 cameras=self.views,
                 limits=self.limits,
                 device=self.device,
-                source=path,
                 keep=folder,
                 watch=watch,
             )

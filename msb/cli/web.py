@@ -134,7 +134,7 @@ def web(
     if cameras is not None:
         views = cameras_at(cameras, chosen, None, scale, output)
     else:
-        found = choose_views(asset, None, path)
+        found = choose_views(asset)
         views, said = [] if found.origin == "turntable" else found.cameras, found.said
     color, axis = parse_background(background, asset), up or up_axis(asset)
     if up is None and asset.manifest.coordinate_frame.up == "unknown":

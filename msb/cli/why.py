@@ -70,7 +70,7 @@ def why(
         asset = open_asset(path, output)
     given = None if cameras is None else cameras_at(cameras, chosen, size, scale, output)
     with about(path):
-        views = choose_views(asset, given, path, size=parse_size(size or "640x480"), device=device)
+        views = choose_views(asset, given, size=parse_size(size or "640x480"), device=device)
         views = views.seeing(asset, device)
     color = parse_background(background, asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):

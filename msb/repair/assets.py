@@ -164,8 +164,9 @@ def repair_asset(
         else:
             kept = {f.name: getattr(manifest, f.name) for f in fields(Description)}
             made = build_asset(done.buffers, domains, Description(**kept))
+            kept_manifest = replace(made.manifest, extra=manifest.extra)
             made = replace(
-                made, manifest=replace(made.manifest, extra=manifest.extra), warnings=asset.warnings
+                made, manifest=kept_manifest, warnings=asset.warnings, opened_from=asset.opened_from
             )
     return _repaired(made, plan, done)
 

@@ -170,7 +170,6 @@ def trial(
         cameras=cameras,
         limits=limits,
         device=device,
-        source=asset,
     )
     return list(found.trials)
 
@@ -184,7 +183,6 @@ def try_asset(
     cameras: Views | Sequence[Camera] | None = None,
     limits: Limits | None = None,
     device: str | None = None,
-    source: Asset | str | os.PathLike[str] | None = None,
     keep: Path | None = None,
     meshes: bool = True,
     watch: Callable[[Trial], None] = lambda _: None,
@@ -193,8 +191,6 @@ def try_asset(
 
     Parameters
     ----------
-    source : path-like, optional
-        Where the asset is from, for the cameras of its training.
     keep : Path, optional
         The folder that gets a picture of each task and, with `meshes`, what was made, as GLB.
     meshes : bool
@@ -211,7 +207,7 @@ def try_asset(
     if plan is not None:
         with about(asset.path):
             mesh = _repaired(mesh, plan)
-    views = choose_views(asset, cameras, source, size=(960, 720), device=device)
+    views = choose_views(asset, cameras, size=(960, 720), device=device)
     look = Look(mesh, views, device)
     found, up = [], written_up(asset)
     for task in chosen:

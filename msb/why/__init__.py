@@ -132,7 +132,7 @@ def why(
     if settings is not None:
         check_type("settings", settings, Mapping, "a mapping from names to values")
     found = with_settings(as_asset(asset), settings or {})
-    chosen = choose_views(found, cameras, asset, device=device).seeing(found, device)
+    chosen = choose_views(found, cameras, device=device).seeing(found, device)
     stated = found.manifest.appearance.get("background")
     color = own_background(found.manifest) if background is None else check_background(background, stated)
     views = Views(found, chosen, color, device)

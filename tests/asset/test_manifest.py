@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import msb
@@ -157,10 +158,30 @@ def test_a_manifest_is_compared_by_value_an_asset_by_identity() -> None:
     assert replace(one.manifest, generator="x") != one.manifest
 
 
-def test_an_asset_is_shown_in_one_line(tmp_path: Path) -> None:
-    assert repr(mesh()) == "<Asset mesh, 4 vertices, 4 faces, in memory>"
+def test_an_asset_prints_what_it_is(tmp_path: Path) -> None:
+    shown = "<Asset mesh: 4 faces, 4 vertices, indexed mesh, 108 bytes"
+    assert repr(mesh()) == f"{shown}, in memory>"
     asset = reloaded(parts(mesh()), tmp_path)
-    assert repr(asset) == f"<Asset mesh, 4 vertices, 4 faces, {tmp_path / 'changed.triasset'}>"
+    path = tmp_path / "changed.triasset"
+    assert repr(asset) == f"{shown}, {path}>"
+    assert asset.audit().verdict == "ok"
+    assert repr(asset) == f"{shown}, ok, {path}>"
+    assert "<th>Verdict</th><td>ok</td>" in asset._repr_html_()
+    assert repr(replace(asset, opened_from=Path("a\nb"))).endswith(", a\\nb>")
+    assert "&lt;i&gt;" in replace(asset, opened_from=Path("<i>"))._repr_html_()
+
+
+def test_an_asset_has_the_verbs(tmp_path: Path) -> None:
+    asset = msb.open(ROOT / "data_stubs/checkpoint")
+    assert asset.audit(weld="exact").welded is not None
+    fixed = asset.repair(["orient"], weld="exact")
+    assert fixed.plan == ("orient",)
+    assert fixed.asset.opened_from == asset.opened_from == ROOT / "data_stubs/checkpoint"
+    camera = msb.read_cameras(ROOT / "data_stubs/views.json")[0].resized(16, 12)
+    frame = asset.render(camera, "standard", background="white")
+    assert np.array_equal(frame.image, msb.render(asset, camera, background="white").image)
+    asset.save(tmp_path / "a.triasset", form="folder")
+    assert msb.load(tmp_path / "a.triasset").manifest == asset.manifest
 
 
 def test_buffers_cannot_be_exchanged() -> None:

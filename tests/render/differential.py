@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import drawn_colors
-from msb.asset.reader import Asset
 from msb.reference import ReferenceFrame, render_reference
 from msb.reference.arithmetic import sigmoid
 from msb.reference.standard import UNITS, render_standard

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb.asset import Description, build_asset
+from msb.asset import Asset, Description, build_asset
 from msb.asset.manifest import StoredSetting
-from msb.asset.reader import Asset
 from msb.cl import Device, open_device
 from msb.errors import AssetError, UsageError
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
