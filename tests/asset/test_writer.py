@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import struct
 import zipfile
 from collections.abc import Callable
@@ -15,7 +14,6 @@ import pytest
 
 from msb.asset import Asset, load, validate, write_asset
 from msb.asset import writer as writer_module
-from msb.base.atomic import new_file, new_folder
 from msb.errors import AssetError, OutputError
 from tests.corpus.good import mesh, parts, soup
 
@@ -61,7 +59,7 @@ def test_offsets_past_2_gib_are_written_with_zip64_records(tmp_path: Path, monke
     assert validate(tmp_path / "a").findings == ()
 
 
-# --- whole or not at all -------------------------------------------------------------------------------
+# --- whole or not at all; more of it is in tests/base/test_atomic.py -----------------------------------
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -96,38 +94,6 @@ def test_a_failure_leaves_nothing_where_nothing_was(form, tmp_path: Path, monkey
     assert names(tmp_path) == []
 
 
-def test_a_failure_to_flush_is_a_failure(tmp_path: Path, monkeypatch) -> None:
-    write_asset(mesh(), tmp_path / "a")
-    monkeypatch.setattr(os, "fsync", raiser(OSError(errno.ENOSPC, "No space left on device")))
-    with pytest.raises(OutputError, match="No space left on device"):
-        write_asset(soup(), tmp_path / "a")
-    assert names(tmp_path) == ["a"]
-    assert load(tmp_path / "a").manifest.method == "mesh"
-
-
-@pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), KeyboardInterrupt()], ids=repr)
-@pytest.mark.parametrize("fails_at", [1, 2])
-def test_a_folder_interrupted_while_it_moves_in_is_moved_back(
-    error, fails_at, tmp_path: Path, monkeypatch
-) -> None:
-    path = tmp_path / "a.triasset"
-    write_asset(mesh(), path, "folder")
-    real, calls = Path.rename, []
-
-    def fail_once(self: Path, target: Path) -> Path:
-        calls.append(target)
-        if len(calls) == fails_at:
-            raise error
-        return real(self, target)
-
-    monkeypatch.setattr(Path, "rename", fail_once)
-    with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
-        write_asset(soup(), path, "folder")
-    monkeypatch.undo()
-    assert names(tmp_path) == ["a.triasset"]
-    assert load(path).manifest == mesh().manifest
-
-
 @pytest.mark.parametrize("old", FORMS)
 @pytest.mark.parametrize("new", FORMS)
 def test_one_form_replaces_the_other_or_says_why_not(old, new, tmp_path: Path) -> None:
@@ -139,38 +105,6 @@ def test_one_form_replaces_the_other_or_says_why_not(old, new, tmp_path: Path) -
         write_asset(soup(), tmp_path / "a", new)
         assert load(tmp_path / "a").manifest == soup().manifest
     assert names(tmp_path) == ["a"]
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_missing_folders_are_made(form, tmp_path: Path) -> None:
-    write_asset(mesh(), tmp_path / "x/y/a", form)
-    assert load(tmp_path / "x/y/a").manifest == mesh().manifest
-
-
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", ["a\0b", "", ".", "..", "/", "\ud800", "x" * 300, "file/a"])
-def test_a_name_that_cannot_be_written_is_an_output_error(form, name, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("file").write_bytes(b"")
-    with pytest.raises(OutputError) as caught:
-        write_asset(mesh(), name, form)
-    assert str(caught.value).isprintable()
-    assert names(tmp_path) == ["file"]
-
-
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", ["\u3042" * 85, "\U0001f600" * 63, "x" * 255])
-def test_the_longest_names_can_be_written(form, name, tmp_path: Path) -> None:
-    write_asset(mesh(), tmp_path / name, form)
-    assert load(tmp_path / name).manifest == mesh().manifest
-    assert names(tmp_path) == [name]
-
-
-def test_an_error_of_the_block_is_not_disguised(tmp_path: Path) -> None:
-    for context in (new_file, new_folder):
-        with pytest.raises(ZeroDivisionError), context(tmp_path / "a"):
-            _ = 1 / 0
-    assert names(tmp_path) == []
 
 
 # --- nothing that cannot be read again -----------------------------------------------------------------

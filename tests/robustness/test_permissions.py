@@ -1,11 +1,10 @@
-"""Places that may not be written, and inputs that may not be read."""
+"""Places that may not be written into, and inputs that may not be read, met by commands."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import stat
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +17,7 @@ from tests.bench.protocols import protocol
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Here
+    from tests.robustness.conftest import Bound
 
     Refused = Callable[..., tuple[int, str]]
 
@@ -27,33 +26,12 @@ pytestmark = pytest.mark.slow
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 TURN = ("render", "--turntable", 1, "--size", "64x48")
-_LIKE_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner")
-"""For root, whom the system refuses nothing otherwise."""
 
 
 @pytest.fixture
-def refused() -> Refused:
+def refused(bound: Bound) -> Refused:
     """Return a function that runs `msb` as somebody whom permissions bind; status and standard error."""
-    if os.name == "nt":
-        pytest.skip("permissions are POSIX")
-    before: tuple[str, ...] = ()
-    if os.geteuid() == 0:
-        if shutil.which("setpriv") is None:
-            pytest.skip("root is refused nothing, and there is no setpriv to change that")
-        before = _LIKE_ANYBODY
-
-    def run(*args: object, **variables: str) -> tuple[int, str]:
-        done = subprocess.run(
-            [*before, sys.executable, "-m", "msb", *map(str, args)],
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-            env={**os.environ, **variables},
-            check=False,
-        )
-        return done.returncode, done.stderr
-
-    return run
+    return lambda *args, **variables: bound("-m", "msb", *args, **variables)[::2]
 
 
 @pytest.fixture
@@ -63,16 +41,6 @@ def locked(tmp_path: Path) -> Iterator[Path]:
     folder.mkdir()
     shutil.copy(ASSET, folder / "a.triasset")
     folder.chmod(0)
-    yield folder
-    folder.chmod(stat.S_IRWXU)
-
-
-@pytest.fixture
-def read_only(tmp_path: Path) -> Iterator[Path]:
-    """A folder into which nobody may write."""
-    folder = tmp_path / "read_only"
-    folder.mkdir()
-    folder.chmod(stat.S_IRUSR | stat.S_IXUSR)
     yield folder
     folder.chmod(stat.S_IRWXU)
 
@@ -137,38 +105,3 @@ def test_a_cache_that_is_read_only(
     status, err = refused("devices", "-q", XDG_CACHE_HOME=str(read_only))
     assert status == 0
     assert "DEVICE_" not in err  # a library of the system's may complain, too
-
-
-def test_what_stands_in_the_way(here: Here, tmp_path: Path) -> None:
-    (tmp_path / "file").write_bytes(b"kept")
-    target = tmp_path / "file" / "new" / "a.glb"
-    result = here("convert", ASSET, target)
-    said = f"OUTPUT_UNWRITABLE: {target}: it cannot be written: {tmp_path / 'file'} is no folder\n"
-    assert (result.status, result.err) == (3, said)
-    assert (tmp_path / "file").read_bytes() == b"kept"
-
-    (tmp_path / "folder.glb").mkdir()
-    assert here("convert", ASSET, tmp_path / "folder.glb").status == 2
-    result = here("convert", "-f", ASSET, tmp_path / "folder.glb")
-    said = f"OUTPUT_UNWRITABLE: {tmp_path / 'folder.glb'}: it is a folder; a file is to be written\n"
-    assert (result.status, result.err) == (3, said)
-
-    target = tmp_path / f"{'n' * 300}.glb"
-    result = here("convert", ASSET, target)
-    said = f"OUTPUT_UNWRITABLE: {target}: it cannot be written: File name too long\n"
-    assert (result.status, result.err) == (3, said)
-    assert here("convert", ASSET, tmp_path / f"{'n' * 251}.glb").status == 0
-
-
-@pytest.mark.skipif(os.name == "nt", reason="links need a right of their own there")
-def test_a_link_is_replaced_and_what_it_points_to_is_not(here: Here, tmp_path: Path) -> None:
-    (tmp_path / "kept").write_bytes(b"kept")
-    for name, points_to in (("dangling.glb", "nowhere"), ("link.glb", "kept")):
-        link = tmp_path / name
-        link.symlink_to(tmp_path / points_to)
-        result = here("convert", ASSET, link)
-        assert (result.status, result.err.split(":")[0]) == (2, "OUTPUT_EXISTS")
-        assert here("convert", "-f", ASSET, link).status == 0
-        assert not link.is_symlink()
-    assert (tmp_path / "kept").read_bytes() == b"kept"
-    assert not (tmp_path / "nowhere").exists()

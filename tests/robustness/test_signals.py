@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
-from tests.robustness.whole import finals, leftovers
+from tests.robustness.kill import Killer, finals, leftovers
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
 # Who is started in the background inherits that interrupts are ignored, under nohup hang-ups, too. Writing
@@ -26,6 +26,18 @@ SLOW = (
     "msb.asset.writer._pieces = slowly\n"
     "from msb.cli import main\nmain()"
 )
+
+
+@pytest.mark.parametrize(
+    ("name", "replacing"), [("export-folder", True), ("convert", False), ("render", False)]
+)
+def test_a_killed_command_leaves_nothing_half_and_works_again(
+    tmp_path: Path, name: str, replacing: bool
+) -> None:
+    """Once here; `python -m tests.robustness.kill` does it a hundred times."""
+    killer = Killer(name, tmp_path, size=20, seed=3)
+    tally = killer.once("writing", killer.random.random(), replacing=replacing)
+    assert tally["killed"] + tally["ended"] == 1
 
 
 @pytest.mark.parametrize(

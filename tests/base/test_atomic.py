@@ -1,0 +1,243 @@
+"""What is written is there whole or not at all; whatever fails, and whenever, what was there stays."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from msb.base.atomic import check_place, is_leftover, new_file, new_folder, remove_leftovers
+from msb.errors import OutputError
+from tests.conftest import ROOT
+from tests.robustness.conftest import bound, disk, read_only
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tests.robustness.conftest import Bound, Disk
+
+__all__ = ["bound", "disk", "read_only"]
+
+KINDS = pytest.mark.parametrize("kind", ["file", "folder"])
+FULL = OSError(errno.ENOSPC, "No space left on device")
+BROKEN = OSError(errno.EIO, "Input/output error")
+
+
+def write(path: Path, kind: str, content: bytes = b"new", size: int | None = None) -> None:
+    if kind == "file":
+        with new_file(path, size=size) as file:
+            file.write(content)
+    else:
+        with new_folder(path, size=size) as folder:
+            (folder / "a").write_bytes(content)
+
+
+def fail_half_way(path: Path, kind: str, error: BaseException) -> None:
+    with (new_file if kind == "file" else new_folder)(path) as place:
+        if isinstance(place, Path):
+            (place / "half").write_bytes(b"half")
+        else:
+            place.write(b"half")
+        raise error
+
+
+def held(folder: Path) -> dict[str, bytes]:
+    """Return all files below a folder."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def raiser(error: BaseException, after: int = 0) -> Callable[..., Any]:
+    """Return what stands in for a call of the system: after so many calls it raises `error`."""
+    calls = iter(range(after + 1))
+
+    def fail(*_args: object, **_keywords: object) -> None:
+        if next(calls, None) == after:
+            raise error
+
+    return fail
+
+
+@KINDS
+def test_what_is_there_is_replaced_and_parents_are_made(kind: str, tmp_path: Path) -> None:
+    for content in (b"old", b"new"):
+        write(tmp_path / "x" / "y", kind, content)
+        assert held(tmp_path) == {"x/y" if kind == "file" else "x/y/a": content}
+
+
+@KINDS
+@pytest.mark.parametrize("old", [False, True])
+@pytest.mark.parametrize("error", [FULL, BROKEN, KeyboardInterrupt(), MemoryError(), ValueError()], ids=repr)
+def test_a_failure_while_writing(kind: str, old: bool, error: BaseException, tmp_path: Path) -> None:
+    if old:
+        write(tmp_path / "a", kind, b"old")
+    before = held(tmp_path)
+    known = OutputError if isinstance(error, OSError) else type(error)
+    with pytest.raises(known):
+        fail_half_way(tmp_path / "a", kind, error)
+    assert held(tmp_path) == before
+    assert len(list(tmp_path.iterdir())) == old
+
+
+@pytest.mark.parametrize(
+    ("kind", "owner", "call"),
+    [
+        ("file", os, "fsync"),
+        ("file", Path, "replace"),
+        ("file", Path, "open"),
+        ("folder", Path, "mkdir"),
+        ("folder", Path, "rename"),
+    ],
+)
+@pytest.mark.parametrize("error", [FULL, BROKEN, KeyboardInterrupt()], ids=repr)
+def test_a_call_of_the_system_fails(
+    kind: str, owner: Any, call: str, error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "a", kind, b"old")
+    before = held(tmp_path)
+    after = call == "mkdir"  # the first makes the parents
+    monkeypatch.setattr(owner, call, raiser(error, after))
+    with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
+        write(tmp_path / "a", kind)
+    monkeypatch.undo()
+    assert held(tmp_path) == before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("error", [BROKEN, KeyboardInterrupt()], ids=repr)
+def test_a_folder_that_cannot_move_in_is_moved_back(
+    error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "a", "folder", b"old")
+    rename, calls = Path.rename, []
+
+    def fail_second(path: Path, target: Path) -> Path:
+        calls.append(target)
+        if len(calls) == 2:
+            raise error
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", fail_second)
+    with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
+        write(tmp_path / "a", "folder")
+    assert (held(tmp_path), len(calls)) == ({"a/a": b"old"}, 3)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_the_error_says_what_is_free_and_needed(number: int, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"[\d,]+ bytes are free, 7 are needed"):  # noqa: SIM117
+        with new_file(tmp_path / "a", size=7):
+            raise OSError(number, os.strerror(number))
+
+
+@pytest.mark.slow
+@KINDS
+def test_a_full_disk(kind: str, disk: Disk) -> None:
+    write(disk.folder / "a", kind, b"old")
+    disk.fill()
+    before = held(disk.folder)
+    for target in (disk.folder / "a", disk.folder / "new" / "b"):
+        with pytest.raises(OutputError, match=r"No space left on device \(0 bytes are free, 99 are needed"):
+            write(target, kind, bytes(99), 99)
+    assert held(disk.folder) == before
+
+
+_KILLED = """
+import os, sys
+from pathlib import Path
+from msb.base.atomic import new_file, new_folder
+path, kind, number = sys.argv[1:]
+with (new_file if kind == "file" else new_folder)(path) as place:
+    half = (place / "a").open("wb") if kind == "folder" else place
+    half.write(b"half")
+    half.flush()
+    os.kill(os.getpid(), int(number))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@KINDS
+def test_a_process_that_is_killed(kind: str, tmp_path: Path) -> None:
+    write(tmp_path / "a", kind, b"old")
+    before = held(tmp_path)
+    line = [sys.executable, "-c", _KILLED, str(tmp_path / "a"), kind, str(int(signal.SIGKILL))]
+    assert subprocess.run(line, cwd=ROOT, check=False).returncode == -signal.SIGKILL
+    assert [is_leftover(path.name) for path in sorted(tmp_path.iterdir())] == [True, False]
+    remove_leftovers(tmp_path)
+    assert held(tmp_path) == before
+    write(tmp_path / "a", kind)
+    assert list(held(tmp_path).values()) == [b"new"]
+
+
+@KINDS
+@pytest.mark.parametrize("name", ["a\0b", "", ".", "..", "/", "\ud800", "x" * 300, "file/a", "file/x/a"])
+def test_a_name_that_cannot_be_written(
+    kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_bytes(b"kept")
+    with pytest.raises(OutputError) as of_writing:
+        write(Path(name), kind)
+    with pytest.raises(OutputError) as of_checking:
+        check_place(name, folder=kind == "folder")
+    assert str(of_writing.value).isprintable()
+    assert str(of_checking.value).isprintable()
+    assert held(tmp_path) == {"file": b"kept"}
+
+
+@KINDS
+@pytest.mark.parametrize("name", ["\u3042" * 85, "\U0001f600" * 63, "x" * 255])
+def test_the_longest_names(kind: str, name: str, tmp_path: Path) -> None:
+    write(tmp_path / name, kind)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_what_stands_in_the_way(tmp_path: Path) -> None:
+    write(tmp_path / "file", "file", b"kept")
+    write(tmp_path / "folder", "folder", b"kept")
+    with pytest.raises(OutputError, match=re.escape(f"{tmp_path / 'file'} is no folder")):
+        write(tmp_path / "file" / "new" / "a", "file")
+    with pytest.raises(OutputError, match="it is a folder; a file is to be written"):
+        write(tmp_path / "folder", "file")
+    assert set(held(tmp_path).values()) == {b"kept"}
+    write(tmp_path / "file", "folder")
+    assert held(tmp_path) == {"file/a": b"new", "folder/a": b"kept"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need a right of their own there")
+@KINDS
+def test_a_link_is_replaced_and_not_what_it_leads_to(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "kept").write_bytes(b"kept")
+    for name, leads_to in (("dangling", "nowhere"), ("link", "kept")):
+        (tmp_path / name).symlink_to(leads_to)
+        write(tmp_path / name, kind)
+        assert not (tmp_path / name).is_symlink()
+    assert (tmp_path / "kept").read_bytes() == b"kept"
+    assert not (tmp_path / "nowhere").exists()
+
+
+_REFUSED = """
+import sys
+from msb.base.atomic import check_place, new_file, new_folder
+from msb.errors import OutputError
+for attempt in (check_place, lambda path: check_place(path, folder=True), new_file, new_folder):
+    try:
+        with attempt(sys.argv[1]):
+            pass
+    except OutputError as error:
+        print(error)
+"""
+
+
+def test_a_folder_that_may_not_be_written_into(bound: Bound, read_only: Path) -> None:
+    status, out, _ = bound("-c", _REFUSED, read_only / "a")
+    said = f"OUTPUT_UNWRITABLE: {read_only / 'a'}: it cannot be written: Permission denied"
+    assert (status, out.splitlines()) == (0, [f"{said}: {read_only}"] * 2 + [said] * 2)
+    assert not list(read_only.iterdir())
