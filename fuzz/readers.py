@@ -172,14 +172,15 @@ def gate(path: Path) -> None:
 
 def report(path: Path) -> None:
     """Read a results folder of one record and make every table, page and finding of it, without figures."""
+    from msb.bench.records import read_result
     from msb.report.collect import collect
     from msb.report.findings import find
     from msb.report.repairs import repairs
-    from msb.report.results import load, result_set
+    from msb.report.results import Loaded, result_set
     from msb.report.tables.asset import asset_tables, provenance
     from msb.report.trials import tried_tasks
 
-    results = result_set([load(path, path.parents[5])])
+    results = result_set([Loaded(read_result(path), path, path.parents[5])])
     numbers = collect(results)
     find(numbers)
     for place, conditions in results.places.items():

@@ -218,20 +218,18 @@ def gates() -> list[bytes]:
 
 
 def results() -> list[bytes]:
+    from msb.bench.documents import STORED, RepairDocument, TrialDocument
     from msb.bench.records import CONDITIONS
-    from msb.report.repairs import STORED
+    from tests.report.documents import TASK, repairs, trial, way
     from tests.report.factory import make_result
-    from tests.report.test_repairs import document as repairs_document
-    from tests.report.test_repairs import way
-    from tests.report.test_trials import TASK
-    from tests.report.test_trials import document as trial_document
 
     made = [make_result("capture", "desk", "two_dts", condition) for condition in CONDITIONS]
     mesh = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
+    tried = {"trial": TrialDocument.of(trial(TASK)), "repairs": RepairDocument.of(repairs(way(STORED)))}
     variant = made[CONDITIONS.index("dedicated")]
     made += [
         make_result("dtu", "scan24", "two_dts", "non_engine", renderer_timing=timing()),
-        mesh.model_copy(update={"trial": trial_document(TASK), "repairs": repairs_document(way(STORED))}),
+        mesh.model_copy(update=tried),
         variant.model_copy(update={"cell": variant.cell.model_copy(update={"variant": "a", "label": "b"})}),
     ]
     return [result.to_json() for result in made]

@@ -59,7 +59,7 @@ def _training(name: str) -> Callable[[Result], float | None]:
 
 
 def _audit(name: str) -> Callable[[Result], float | None]:
-    return lambda result: None if result.audit is None else result.audit["metrics"].get(name)
+    return lambda result: None if result.audit is None else getattr(result.audit.metrics, name)
 
 
 _OTHERS: dict[str, Metric] = {
@@ -75,7 +75,7 @@ _OTHERS: dict[str, Metric] = {
     "asset_size": Metric("lower", lambda result: None if result.asset is None else result.asset.bytes),
     "train_seconds": Metric("lower", _training("seconds")),
     "train_memory": Metric("lower", _training("peak_memory_bytes")),
-    "chamfer": Metric("lower", lambda result: None if result.chamfer is None else result.chamfer["overall"]),
+    "chamfer": Metric("lower", lambda result: None if result.chamfer is None else result.chamfer.overall),
     "vf_ratio": Metric(None, _audit("vf_ratio")),
     "mean_valence": Metric(None, _audit("mean_valence")),
     "boundary_edge_ratio": Metric(None, _audit("boundary_edge_ratio")),

@@ -6,15 +6,36 @@ import difflib
 import json
 import os
 from collections.abc import Mapping
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
 from msb.errors import AssetError, InputError, shorten
 
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0)]
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Model = TypeVar("Model", bound=BaseModel)
+
+
+class Record(BaseModel):
+    """A model that is read strictly: no unknown key, no NaN, no text for a number."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
+    )
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Self:
+        """Return the model of JSON data of our own, where lists may stand for tuples."""
+        return cls.model_validate(data, strict=False)
+
+    def to_json(self) -> bytes:
+        """Return the file's content."""
+        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
 
 
 def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD_INVALID") -> bytes:
@@ -54,14 +75,26 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
         if not isinstance(error, ValidationError):  # a date, NaN: TOML has what JSON has not
             raise InputError(code, f"it holds what it may not: {shorten(str(error))}", file=file) from None
         first: Mapping[str, Any] = error.errors(include_url=False)[0]
-        pointer = "".join(f"/{part}" for part in first["loc"]) or "/"
+        place = _place_in(data, first["loc"])
+        pointer = "".join(f"/{part}" for part in place) or "/"
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        found = "" if first["type"] == "missing" else f", found {shorten(repr(first['input']), 40)}"
+        found = "" if first["type"].startswith("missing") else f", found {shorten(repr(first['input']), 40)}"
         said = f"{first['msg'][:1].lower()}{first['msg'][1:]}"
-        if first["type"] == "extra_forbidden":
-            said, found = _unknown_key(model, first["loc"]), ""
+        if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            said, found = _unknown_key(model, place), ""
         text = f"{shorten(pointer)}: {said}{found}{more}"
         raise InputError(code, text, file=file, pointer=pointer) from None
+
+
+def _place_in(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
+    """Return pydantic's place of an error without the names of the alternatives that a type has."""
+    found: list[str | int] = []
+    for number, part in enumerate(place):
+        if isinstance(data, dict) and (part in data or number == len(place) - 1):
+            found, data = [*found, part], data.get(part)
+        elif isinstance(data, list) and isinstance(part, int):
+            found, data = [*found, part], data[part] if part < len(data) else None
+    return tuple(found)
 
 
 def _unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:

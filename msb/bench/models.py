@@ -15,11 +15,11 @@ from msb.adapters.locate import locate
 from msb.asset import Asset, is_asset, load, write_asset
 from msb.asset.manifest import MANIFEST_NAME
 from msb.base.atomic import new_file
-from msb.bench.checked import checked, read_json
+from msb.bench.checked import Record, checked, read_json
 from msb.bench.digest import describe_file, digest, list_sha256, stamp
 from msb.bench.folder import Results, check_run
 from msb.bench.protocol_tables import AUTO
-from msb.bench.records import File, Record
+from msb.bench.records import File
 from msb.errors import CheckpointError, MsbError
 from msb.scenes.datasets import stated_background
 

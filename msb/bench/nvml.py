@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from msb.base.extras import install
-from msb.bench.records import Count, Record
+from msb.bench.checked import Count, Record
 
 
 class Gpu(Record):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
+from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.machine import machine
 from msb.bench.memory import grouped
 from msb.bench.nvml import driver_memory
@@ -68,7 +69,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
     from msb.api.auditing import audit
 
     assert job.model is not None
-    return {"audit": audit(job.model.open()).to_dict()}
+    return {"audit": AuditDocument.of(audit(job.model.open()).to_dict())}
 
 
 def _to_try(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable]:
@@ -99,7 +100,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
             keep=folder,
             meshes=False,
         )
-    return {"trial": found.to_dict()}
+    return {"trial": TrialDocument.of(found.to_dict())}
 
 
 def compared_tasks(wanted: TrialTable) -> tuple[str, ...]:
@@ -124,7 +125,8 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     tasks = compared_tasks(wanted)
     with new_folder(job.folder / REPAIRS_FOLDER) as folder:
         rows = compare(asset, cameras, options, tasks=tasks, device=job.device, keep=folder)
-    return {"repairs": document(str(asset.path), f"{len(cameras)} test views", rows)}
+    found = document(str(asset.path), f"{len(cameras)} test views", rows)
+    return {"repairs": RepairDocument.of(found)}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:
@@ -140,8 +142,8 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
     world, scale = read_matrices(scene.root / "cameras.npz")
     culled = cull_dtu(vertices, faces, world, scale, _masks(scene))
     found = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
-    identity = found.pop("identity")
-    return {"chamfer": {**found, "scan": scan, "metric": identity, "mesh": source}}
+    about = {"scan": scan, "metric": found.pop("identity"), "mesh": source}
+    return {"chamfer": ChamferDocument.of({**found, **about})}
 
 
 def _mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
 from msb.bench.records import CONDITIONS, Condition
-from msb.registry import Order, Sampling  # noqa: TC001 - read by pydantic
+from msb.registry import Order, Sampling
 
 AUTO = "auto"
 REFERENCE = "reference"

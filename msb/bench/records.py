@@ -14,10 +14,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from msb._version import __version__
-from msb.bench.checked import checked, read_json
+from msb.bench.checked import Amount, Count, Name, Record, Sha256, checked, read_json
+from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 
@@ -41,22 +42,6 @@ _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 """A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by."""
 
 Status = Literal["done", "failed", "unsupported"]
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Count = Annotated[int, Field(ge=0)]
-Amount = Annotated[float, Field(ge=0)]
-Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-
-
-class Record(BaseModel):
-    """A model that is read strictly: no unknown key, no NaN, no text for a number."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, protected_namespaces=()
-    )
-
-    def to_json(self) -> bytes:
-        """Return the file's content."""
-        return self.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
 
 
 class Reason(Record):
@@ -187,7 +172,7 @@ class Quality(_Measured):
     images: tuple[ImageQuality, ...]
     metrics: tuple[dict[str, Any], ...]
     """The full identity of every metric (`msb.metrics.identity`)."""
-    missing: dict[Name, str] = {}
+    missing: dict[Name, str] = Field(default_factory=dict)
     """Metric of a package -> the reason why it has no value."""
 
     @property
@@ -294,7 +279,7 @@ class RendererInfo(Record):
     name: str
     version: str
     kind: Literal["msb", "upstream", "msb_reference", "engine"]
-    settings: dict[str, bool | int | float | str | None] = {}
+    settings: dict[str, bool | int | float | str | None] = Field(default_factory=dict)
 
 
 class Result(Record):
@@ -322,31 +307,22 @@ class Result(Record):
     quality: Quality | None = None
     timing: Timing | None = None
     memory: Memory | None = None
-    chamfer: dict[str, Any] | None = None
-    """The result of `msb.metrics.chamfer_dtu`, with its identity under "metric"; for DTU only."""
-    audit: dict[str, Any] | None = None
-    """The document of `msb-audit --json`, in the condition exported_mesh only."""
-    trial: dict[str, Any] | None = None
-    """The document of `msb trial --json`, in the same condition; pictures lie in "trial" beside it."""
-    repairs: dict[str, Any] | None = None
-    """The document of `msb repair --compare --json`, in the same condition; pictures lie in "repairs"."""
+    chamfer: ChamferDocument | None = None
+    """For DTU only."""
+    audit: AuditDocument | None = None
+    """In the condition exported_mesh only, as are `trial` and `repairs`."""
+    trial: TrialDocument | None = None
+    """Pictures lie in "trial" beside the record."""
+    repairs: RepairDocument | None = None
+    """Pictures lie in "repairs"."""
     training: Training | None = None
     trained: tuple[Name, ...] = ()  # sentences on its split, background or size, where they are others
     renderer_timing: RendererTiming | None = None
     """Of the method's own renderer, measured elsewhere; condition non_engine only."""
-    reasons: dict[Name, Reason] = {}
+    reasons: dict[Name, Reason] = Field(default_factory=dict)
     """Part ("timing", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
-    inputs: dict[Name, dict[Name, str]] = {}
+    inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
     """Part -> its inputs, name -> hash or version; one that changed is computed again."""
-
-    @field_validator("audit")
-    @classmethod
-    def _earlier_word(cls, audit: dict[str, Any] | None) -> dict[str, Any] | None:
-        """Read the verdict "good", as earlier versions wrote it, as "ok"."""
-        verdict = None if audit is None else audit.get("verdict")
-        if audit is None or not isinstance(verdict, dict) or verdict.get("level") != "good":
-            return audit
-        return {**audit, "verdict": {**verdict, "level": "ok"}}
 
 
 def read_result(path: str | os.PathLike[str]) -> Result:

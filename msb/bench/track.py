@@ -19,9 +19,8 @@ from pydantic import Field
 
 from msb._version import __version__
 from msb.base.extras import need_extra
-from msb.bench.checked import checked, read_json
+from msb.bench.checked import Amount, Count, Record, checked, read_json
 from msb.bench.nvml import Gpu, Gpus
-from msb.bench.records import Amount, Count, Record
 from msb.errors import InputError
 
 INTERVAL = 0.2

@@ -204,7 +204,7 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
         if loaded.result.audit is not None
         and loaded.result.asset is not None
         and Path(loaded.result.asset.path).exists()
-        and (which == "all" or (loaded.result.audit["counts"].get("faces") or 0) <= _MOST_FACES)
+        and (which == "all" or loaded.result.audit.counts.faces <= _MOST_FACES)
     ]
     if not audited:
         return {}
@@ -238,7 +238,7 @@ def _draw(result: Result) -> bytes:
     path = Path(result.asset.path)
     source = read_viewed_mesh(path)
     audit, analysis = audit_arrays(source.vertices, source.faces)
-    if any(result.audit["counts"].get(key) != count for key, count in vars(audit.counts).items()):
+    if result.audit.counts != audit.counts:
         raise InputError(
             "RECORD_INVALID", "it is not the mesh that was audited: it has changed since", file=path
         )

@@ -224,7 +224,7 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
                     yield weights_source(one["weights"])
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"
-    elif metric in AUDITED and result.audit is not None and result.audit.get("is_soup"):
+    elif metric in AUDITED and result.audit is not None and result.audit.is_soup:
         yield SOUP
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
         yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"

@@ -142,7 +142,7 @@ def _verdict_page(
         tried=tried_tasks(own.get("exported_mesh")),
         repairs=repairs(own.get("exported_mesh")),
         audited=audit is not None,
-        level=((audit or {}).get("verdict") or {}).get("level"),
+        level=None if audit is None else audit.verdict.level,
         video=_video(report, place, folder),
     )
 

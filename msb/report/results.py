@@ -7,14 +7,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from msb.base.files import file_sha256, is_folder
 from msb.base.paths import given_path
 from msb.bench.folder import Results
 from msb.bench.records import CONDITIONS, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
-from msb.report import repairs, trials
 
 if TYPE_CHECKING:
     from msb.bench.records import ImageQuality
@@ -143,43 +142,10 @@ def _read_folder(root: Path) -> list[Loaded]:
         raise InputError("RESULTS_EMPTY", text, file=root)
     found = []
     for path in files:
-        loaded = load(path, root)
-        Results(root).check_place(loaded.result, path)
-        found.append(loaded)
+        result = read_result(path)
+        Results(root).check_place(result, path)
+        found.append(Loaded(result, path, root))
     return found
-
-
-def load(path: Path, root: Path) -> Loaded:
-    """Return the record in the file `path` of the results folder `root`."""
-    return Loaded(_checked(read_result(path), path), path, root)
-
-
-def _checked(result: Result, path: Path) -> Result:
-    """Refuse a record whose free-form parts lack what the tables take from them."""
-    needed: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
-        ("audit", result.audit, ("metrics", "counts")),
-        ("chamfer", result.chamfer, ("overall",)),
-    )
-    for name, part, keys in needed:
-        for key in keys if part is not None else ():
-            value = part.get(key, "absent")
-            numbers = value.values() if isinstance(value, dict) else [value]
-            if (name == "audit") != isinstance(value, dict) or not all(map(_is_number, numbers)):
-                raise InputError(
-                    "RECORD_INVALID", f"/{name}/{key}: no numbers", file=path, pointer=f"/{name}/{key}"
-                )
-    for held, problem, command in (
-        (result.trial, trials.problem, "msb trial"),
-        (result.repairs, repairs.problem, "msb repair --compare"),
-    ):
-        if held is not None and (pointer := problem(held)) is not None:
-            text = f"{pointer}: it is not what {command} writes"
-            raise InputError("RECORD_INVALID", text, file=path, pointer=pointer)
-    return result
-
-
-def _is_number(value: object) -> bool:
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
 def _problems(found: Iterable[Loaded]) -> Iterator[str]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from msb.base.files import read_file
 from msb.errors import shorten
@@ -15,7 +14,8 @@ if TYPE_CHECKING:
 
 FOLDER = "trial"
 """The folder beside a record with the pictures of its trials."""
-_MARKS: Mapping[str, Literal["YES", "WITH CARE", "NO", "UNKNOWN"]] = {
+Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN"]
+_MARKS: dict[str, Mark] = {
     "works": "YES",
     "care": "WITH CARE",
     "fails": "NO",
@@ -29,7 +29,7 @@ _MOST_BYTES = 4 << 20
 class TriedTask:
     """One task: its mark, its name, what was made and what is wrong with it, and its picture."""
 
-    mark: Literal["YES", "WITH CARE", "NO", "UNKNOWN"]
+    mark: Mark
     task: str
     title: str
     why: str
@@ -40,41 +40,17 @@ class TriedTask:
         return {"mark": self.mark, "task": self.task, "why": self.why}
 
 
-def problem(document: Any) -> str | None:
-    """Return where a record's trials are not what `msb trial` writes, None if they are."""
-    trials = document.get("trials") if isinstance(document, dict) else None
-    if not isinstance(trials, list):
-        return "/trial/trials"
-    for number, one in enumerate(trials):
-        if not isinstance(one, dict) or str(one.get("outcome")) not in _MARKS:
-            return f"/trial/trials/{number}/outcome"
-        for key in ("task", "title", "says", "why", "picture"):
-            if not isinstance(one.get(key, 0), str | (type(None) if key in ("why", "picture") else str)):
-                return f"/trial/trials/{number}/{key}"
-        if not isinstance(one.get("seconds"), int | float):
-            return f"/trial/trials/{number}/seconds"
-    return None
-
-
 def tried_tasks(loaded: Loaded | None, *, pictures: bool = True) -> list[TriedTask]:
-    """Return the tasks on record; none where none was tried.
-
-    Parameters
-    ----------
-    loaded : Loaded, optional
-        The record of the exported mesh, whose trials `problem` found nothing wrong with.
-    pictures : bool
-        Whether pictures are read, which the page shows.
-    """
+    """Return the tasks in the record of an exported mesh; `pictures` are for the page."""
     if loaded is None or loaded.result.trial is None:
         return []
     found = []
-    for one in loaded.result.trial["trials"]:
-        spent = "" if one["outcome"] == "not_run" else f" ({one['seconds']:.1f} s)"
-        said = "; ".join(filter(None, (one["says"], one["why"])))
+    for trial in loaded.result.trial.trials:
+        spent = "" if trial.outcome == "not_run" else f" ({trial.seconds:.1f} s)"
+        said = "; ".join(filter(None, (trial.says, trial.why)))
         why = f"{shorten(said[:1].upper() + said[1:], 500)}{spent}."
-        picture = png_uri(loaded, FOLDER, one["picture"]) if pictures else None
-        found.append(TriedTask(_MARKS[one["outcome"]], one["task"], one["title"], why, picture))
+        picture = png_uri(loaded, FOLDER, trial.picture) if pictures else None
+        found.append(TriedTask(_MARKS[trial.outcome], trial.task, trial.title, why, picture))
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from msb.metrics.likeness import ALIKE, NEARLY
 from msb.report.collect import REFERENCE
@@ -190,13 +190,8 @@ def _structure(records: Mapping[str, Result]) -> Iterator[Statement]:
         )
         yield Statement("UNKNOWN", use, f"Not known: {reason}.")
         return
-    verdict: Any = record.audit.get("verdict")
-    if isinstance(verdict, dict) and verdict.get("level") in _LEVELS:
-        yield Statement(_LEVELS[verdict["level"]], use, f"{_capital(str(verdict.get('sentence')))}.")
-    else:
-        share = record.audit["metrics"].get("nonmanifold_vertex_ratio")
-        why = "" if share is None else f": {100 * share:.0f} % of its vertices are non-manifold"
-        yield Statement("UNKNOWN", use, f"The audit of this record holds no verdict{why}.")
+    verdict = record.audit.verdict
+    yield Statement(_LEVELS[verdict.level], use, f"{_capital(verdict.sentence)}.")
 
 
 def _trained(records: Mapping[str, Result]) -> Iterator[Statement]:

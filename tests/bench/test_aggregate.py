@@ -16,8 +16,10 @@ from msb.bench.aggregate import (
     mean_over,
     scene_groups,
 )
+from msb.bench.documents import AuditDocument, ChamferDocument
 from msb.bench.records import Memory, Training
 from tests.bench.records import asset, quality, result, timing
+from tests.report.documents import AUDIT, chamfer
 
 COUNTS = {
     # table -> means it prints for whose scenes it has rows (spec, section 2)
@@ -86,14 +88,13 @@ def test_expected_scenes_are_the_published_ones() -> None:
 
 
 def test_every_metric_is_found_in_a_record() -> None:
-    audit = {"metrics": dict.fromkeys(METRICS, 3)}
     full = result(
         timing=timing(50),
         asset=asset(size=7),
         memory=Memory(geometry=1, appearance=2, scratch=3, targets=4, uses={}, driver_bytes=9),
         training=Training(seconds=60.0, peak_memory_bytes=5, source="x"),
-        chamfer={"overall": 0.8},
-        audit=audit,
+        chamfer=ChamferDocument.of(chamfer(0.8)),
+        audit=AuditDocument.of(AUDIT),
     )
     found = {name: metric.get(full) for name, metric in METRICS.items()}
     assert None not in found.values()

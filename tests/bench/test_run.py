@@ -115,8 +115,8 @@ def test_conditions_can_be_compared_and_the_unsupported_says_why(finished: Proto
 def test_a_mesh_is_audited_as_the_audit_does(finished: ProtocolFile) -> None:
     found = cell(finished, "two_dts/exported_mesh")
     assert found.audit is not None
-    assert found.audit["schema"] == "msb.audit/1"
-    assert found.audit["topology"] == "triangle_soup"
+    assert found.audit.schema_ == "msb.audit/1"
+    assert found.audit.topology == "triangle_soup"
     assert found.quality is None
 
 
@@ -299,8 +299,9 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     assert found.exit_status == 0
     result = read_result(Results(file.results).record(found.rows[0].planned.cell))
     assert result.chamfer is not None
-    assert 0 < result.chamfer["overall"] < 5
-    assert result.chamfer["metric"]["name"] == "chamfer_dtu"
+    assert result.chamfer.overall is not None
+    assert 0 < result.chamfer.overall < 5
+    assert result.chamfer.metric["name"] == "chamfer_dtu"
     assert result.audit is not None
     worse = replace(
         file,

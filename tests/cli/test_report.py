@@ -139,7 +139,8 @@ def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: P
     audit = library.audit(library.load(demo_asset)).to_dict()
     assert audit["verdict"]["level"] == "bad"
     made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    write(tmp_path, made.model_copy(update={"asset": about, "audit": audit}))
+    made = made.model_copy(update={"asset": about})
+    write(tmp_path, made, audit=audit)
     done = msb("report", "--format", "html", tmp_path)
     assert done.status == 0
     if "VIEW_NO_GL" in done.err:
@@ -148,7 +149,7 @@ def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: P
     assert "data:image/png;base64," in page
     assert audit["verdict"]["sentence"][1:40] in page
     audit["counts"]["faces"] += 1
-    write(tmp_path, made.model_copy(update={"asset": about, "audit": audit}))
+    write(tmp_path, made, audit=audit)
     done = msb("report", "-f", "--format", "html", tmp_path)
     assert done.status == 0
     assert "it is not the mesh that was audited" in done.err

@@ -5,13 +5,10 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from msb.report.repairs import STORED
+from msb.bench.documents import STORED
 from tests.bench.test_protocol import MINIMAL
+from tests.report.documents import AUDIT, TASK, chamfer, repairs, trial, way
 from tests.report.factory import make_result
-from tests.report.test_repairs import document as repairs
-from tests.report.test_repairs import way
-from tests.report.test_trials import TASK
-from tests.report.test_trials import document as trial
 
 Bad = tuple[str, bytes, str, str]
 DIGITS = b"1" * 5000
@@ -88,8 +85,11 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "unknown key": (result(more=1), "/more: there is no such key"),
     "true for a number": (result(seconds=True), "/seconds"),
     "status": (result(status="fine"), "/status"),
-    "audit of a text": (result(audit={"counts": {"faces": "9"}, "metrics": {}}), "/audit/counts"),
-    "chamfer of a text": (result(chamfer={"overall": "0.5"}), "/chamfer/overall"),
+    "audit of a text": (
+        result(audit={**AUDIT, "counts": {**AUDIT["counts"], "faces": "9"}}),
+        "/audit/counts/faces",
+    ),
+    "chamfer of a text": (result(chamfer={**chamfer(1), "overall": "0.5"}), "/chamfer/overall"),
     "negative PSNR": (measured({"psnr": -3.0}), "/quality/images/0/psnr: -3 dB, and no PSNR is negative"),
     "PSNR that is not there": (measured({"psnr": None}), "/quality/images/0/psnr: it must be there"),
     "other mean of PSNR": (measured(psnr=99.0), "/quality/psnr: it is 99.0, and the mean of its images is"),

@@ -7,6 +7,7 @@ held to it; scenes differ by offsets that sum to zero.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 from PIL import Image, ImageFilter
 
 from msb.bench.aggregate import SCENES
+from msb.bench.documents import AuditDocument, ChamferDocument
 from msb.bench.records import (
     Cell,
     File,
@@ -32,27 +34,13 @@ from msb.bench.records import (
 from msb.registry import METHODS
 from msb.report.numbers import MEAN, Key
 from msb.report.paper import paper_numbers
+from tests.report.documents import AUDIT, chamfer
 
 METHODS_OF_PAPER = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 CONDITIONS = ("non_engine", "dedicated", "standard", "exported_mesh")
 VIEWS = ("a/0001.png", "a/0002.png", "a/0003.png")
 SIZE = (96, 64)
 METRICS: tuple[dict[str, Any], ...] = ({"name": "psnr", "data_range": 1.0}, {"name": "ssim", "window": 11})
-AUDIT: dict[str, Any] = {
-    "schema": "msb.audit/1",
-    "topology": "indexed_mesh",
-    "verdict": {
-        "level": "bad",
-        "sentence": "renders; not usable for subdivision, booleans or printing because 18 % of its "
-        "edges and 65 % of its vertices are non-manifold",
-    },
-    "counts": {"vertices": 520, "faces": 1000, "edges": 1690, "nonmanifold_vertices": 338,
-               "boundary_edges": 760, "nonmanifold_edges": 304, "components": 710_000,
-               "largest_component_faces": 700},
-    "metrics": {"vf_ratio": 0.52, "mean_valence": 6.49, "boundary_edge_ratio": 0.45,
-                "nonmanifold_edge_ratio": 0.18, "nonmanifold_vertex_ratio": 0.65, "lcc_face_ratio": 0.70,
-                "lcc_area_ratio": 0.69, "components": 710_000, "euler_characteristic": -170},
-}  # fmt: skip
 
 
 def write_results(
@@ -71,13 +59,14 @@ def write_results(
     return root
 
 
-def write(root: Path, result: Result, *, images: bool = False) -> Path:
-    """Write one record where `msb run` would, and return its file."""
+def write(root: Path, result: Result, *, images: bool = False, **parts: Any) -> Path:
+    """Write one record where `msb run` would, with some keys of its JSON replaced, and return its file."""
     folder = root.joinpath("cells", *result.cell.names)
     folder.mkdir(parents=True, exist_ok=True)
     if images and result.quality is not None:
         write_images(folder, result.quality)
-    (folder / "result.json").write_bytes(result.to_json())
+    data = {**json.loads(result.to_json()), **parts}
+    (folder / "result.json").write_text(json.dumps(data))
     return folder / "result.json"
 
 
@@ -94,7 +83,7 @@ def make_result(dataset: str, scene: str, method: str, condition: str, **changes
     )
     parts: dict[str, Any] = {"cell": cell, "status": "done", "seconds": 1.5, "asset": asset}
     if condition == "exported_mesh":
-        parts["audit"] = AUDIT
+        parts["audit"] = AuditDocument.of(AUDIT)
     else:
         parts |= _drawn(cell)
     return Result(**{**parts, **changes})
@@ -193,7 +182,7 @@ def _drawn(cell: Cell) -> dict[str, Any]:
         peak = int(_value(cell, "train_memory"))
         found["training"] = Training(seconds=minutes, peak_memory_bytes=peak, source="track.json")
         if cell.dataset == "dtu":
-            found["chamfer"] = {"overall": _value(cell, "chamfer"), "metric": {"name": "chamfer_dtu"}}
+            found["chamfer"] = ChamferDocument.of(chamfer(_value(cell, "chamfer")))
     return found
 
 

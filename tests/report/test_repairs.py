@@ -12,43 +12,15 @@ from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
 from msb.trial.repairs import Row
+from tests.report.documents import SAME, repairs, way
 from tests.report.factory import make_result, write
 
-SAME = {"psnr": None, "same": True, "why": None}
 HEADING = "What would make it usable, and what that costs"
-
-
-def way(strategy: str, /, **changes: Any) -> dict[str, Any]:
-    """Return a strategy of 100 faces that changes nothing and lets one of three tasks work."""
-    found = {
-        "strategy": strategy,
-        "plan": [] if strategy == "as stored" else strategy.split(","),
-        "peer": None,
-        "why": None,
-        "faces_kept": 100,
-        "faces_added": 0,
-        "edges_cut": 0,
-        "components": 4,
-        "verdict_before": "bad",
-        "verdict_after": "bad",
-        "looks": {"standard": SAME, "dedicated": SAME},
-        "trials": {"uv": "fails", "solid": "fails", "boolean": "care"},
-        "trials_passed_before": 1,
-        "trials_passed_after": 1,
-        "bytes": 1 << 20,
-        "seconds": 0.25,
-        "picture": None,
-    }
-    return {**found, **changes}
-
-
-def document(*ways: dict[str, Any]) -> dict[str, Any]:
-    return {"schema": "msb.repair_compare/1", "path": None, "views": "3 test views", "strategies": ways}
 
 
 def written(folder: Path, *ways: dict[str, Any]) -> Path:
     made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    return write(folder, made.model_copy(update={"repairs": document(*ways)}))
+    return write(folder, made, repairs=repairs(*ways))
 
 
 def page(folder: Path) -> str:
@@ -89,11 +61,13 @@ def test_where_no_repair_was_tried_the_page_has_the_command(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("changes", "pointer"),
     [
-        ({"strategy": "orient"}, "/repairs/strategies/0/strategy"),
+        ({"strategy": "orient"}, "/repairs/strategies"),
         ({"components": "4"}, "/repairs/strategies/0/components"),
         ({"verdict_after": "fine"}, "/repairs/strategies/0/verdict_after"),
-        ({"looks": {"standard": SAME}}, "/repairs/strategies/0/looks"),
+        ({"looks": {"standard": SAME}}, "/repairs/strategies/0/looks/dedicated"),
         ({"trials": ["uv"]}, "/repairs/strategies/0/trials"),
+        ({"cuts": 1}, "/repairs/strategies/0/cuts"),
+        ({"why": "it died"}, "/repairs/strategies/0/faces_kept"),
     ],
 )
 def test_repairs_that_are_none_are_refused(tmp_path: Path, changes: dict[str, Any], pointer: str) -> None:

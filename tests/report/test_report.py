@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from PIL import Image
 
+from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell as Place_
+from msb.bench.records import read_result
 from msb.report.build import build_report, paper_report
 from msb.report.figures import figures
 from msb.report.findings import find
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.paper import paper_numbers
-from msb.report.results import Place, load, read_results, result_set
-from tests.report.factory import AUDIT, make_result, quality, write, write_results
+from msb.report.results import Loaded, Place, read_results, result_set
+from tests.report.documents import AUDIT
+from tests.report.factory import make_result, quality, write, write_results
 from tests.report.test_writers import HOSTILE
 
 if TYPE_CHECKING:
@@ -274,11 +277,11 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
         bad = {"level": "bad", "sentence": "<b>renders</b>"}
         changes: dict[str, Any] = {"cell": cell}
         if made.audit is not None:
-            changes["audit"] = {**AUDIT, "verdict": bad}
+            changes["audit"] = AuditDocument.of({**AUDIT, "verdict": bad})
         # Its folders are of plain names, since no folder can have these.
         path = write(tmp_path, make_result("x", "y", "z", condition))
         path.write_bytes(made.model_copy(update=changes).to_json())
-        found.append(load(path, tmp_path))
+        found.append(Loaded(read_result(path), path, tmp_path))
     made_report = build_report(result_set(found))
     files = report_files(made_report)
     assert all(re.fullmatch(r"((tables|figures|images)/)?[A-Za-z0-9_.-]+", name) for name in files)

@@ -12,6 +12,7 @@ import pytest
 from msb.bench.records import File, RendererInfo
 from msb.errors import InputError, UsageError
 from msb.report.results import Place, read_results
+from tests.report.documents import AUDIT, chamfer
 from tests.report.factory import METRICS, make_result, write
 
 HERE = Place("capture", "desk", "two_dts")
@@ -42,16 +43,18 @@ def test_folders_without_results_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("part", "value", "pointer"),
     [
-        ("audit", {"counts": {}}, "/audit/metrics"),
-        ("audit", {"counts": {}, "metrics": {"vf_ratio": "0.5"}}, "/audit/metrics"),
-        ("chamfer", {"overall": True}, "/chamfer/overall"),
-        ("chamfer", {}, "/chamfer/overall"),
+        ("audit", {key: value for key, value in AUDIT.items() if key != "counts"}, "/audit/counts"),
+        ("audit", {**AUDIT, "metrics": {"vf_ratio": "0.5"}}, "/audit/metrics/vf_ratio"),
+        ("audit", {**AUDIT, "verdict": {"level": "good", "sentence": "x"}}, "/audit/verdict/level"),
+        ("audit", {**AUDIT, "counts": {**AUDIT["counts"], "face": 1}}, "/audit/counts/face: there is no"),
+        ("chamfer", {**chamfer(1), "overall": True}, "/chamfer/overall"),
+        ("chamfer", {}, "/chamfer/mean_d2s"),
     ],
 )
-def test_free_form_parts_are_held_to_what_is_taken_of_them(
+def test_documents_of_other_commands_are_whole(
     tmp_path: Path, part: str, value: dict[str, Any], pointer: str
 ) -> None:
-    write(tmp_path, make_result(*HERE, "exported_mesh", **{part: value}))
+    write(tmp_path, make_result(*HERE, "exported_mesh"), **{part: value})
     with pytest.raises(InputError, match=f"RECORD_INVALID: .*{pointer}"):
         read_results(tmp_path)
 

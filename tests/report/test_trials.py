@@ -11,27 +11,13 @@ from msb.errors import InputError
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
+from tests.report.documents import TASK, trial
 from tests.report.factory import make_result, write
-
-TASK: dict[str, Any] = {
-    "task": "uv",
-    "title": "UV unwrapping",
-    "outcome": "fails",
-    "why": "it falls into <9> charts",
-    "seconds": 1.25,
-    "says": "9 charts",
-    "picture": "uv.png",
-    "numbers": {},
-}
-
-
-def document(*tasks: dict[str, Any]) -> dict[str, Any]:
-    return {"schema": "msb.trial/1", "trials": tasks}
 
 
 def written(folder: Path, **changes: Any) -> Path:
     made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    return write(folder, made.model_copy(update={"trial": document({**TASK, **changes})}))
+    return write(folder, made, trial=trial({**TASK, **changes}))
 
 
 def page(folder: Path) -> str:

@@ -12,7 +12,7 @@ from PIL import Image
 from msb.bench.records import RendererInfo
 from msb.report.build import build_report
 from msb.report.results import Place, read_results
-from tests.report.factory import AUDIT, VIEWS, make_result, quality, write
+from tests.report.factory import VIEWS, make_result, quality, write
 
 if TYPE_CHECKING:
     from msb.report.report import Report
@@ -38,18 +38,6 @@ def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
     assert said["A plain mesh in any engine (Standard)"].why.startswith("Not supported: its colours come")
     assert said["A model with its own shaders (Dedicated)"].mark == "YES"
     assert "Real time, Standard" not in said
-
-
-def test_a_record_that_says_good_is_read_as_ok(tmp_path: Path) -> None:
-    made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    earlier = {**AUDIT, "verdict": {"level": "good", "sentence": "usable throughout"}}
-    write(tmp_path, made.model_copy(update={"audit": earlier}))
-    found = read_results(tmp_path)
-    ((loaded,),) = (list(records.values()) for records in found.places.values())
-    assert loaded.result.audit is not None
-    assert loaded.result.audit["verdict"] == {"level": "ok", "sentence": "usable throughout"}
-    (verdict,) = build_report(found, pictures=False).verdicts
-    assert verdict.statements[-1].mark == "YES"
 
 
 def test_a_training_on_the_test_views_is_noted(tmp_path: Path) -> None:

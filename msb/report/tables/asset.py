@@ -76,7 +76,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
         )
         paper = paper_row("mesh_connectivity", scene="mean")
         rows = (
-            Row(("this mesh",), tuple(_metric(metric, audit["metrics"].get(metric)) for metric in metrics)),
+            Row(("this mesh",), tuple(_metric(metric, getattr(audit.metrics, metric)) for metric in metrics)),
             Row(
                 (f"{', '.join(map(method_title, methods_in('mesh_connectivity')))}, mean in the paper",),
                 tuple(_metric(metric, paper[metric]) for metric in metrics),

@@ -1,0 +1,183 @@
+"""The parts of a record that other commands write as documents: an audit, trials, repairs, a distance.
+
+Each model has the keys of its writer's `to_dict`, in their order; where the writer has a dataclass of plain
+numbers, that is the model.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, field_validator
+
+from msb.bench.checked import Count, Record
+from msb.topology.audit import Metrics
+from msb.topology.findings import Counts
+from msb.topology.verdict import Level
+from msb.trial.task import Outcome
+
+STORED = "as stored"
+"""The strategy of the mesh itself, which comes first."""
+
+
+class AuditVerdict(Record):
+    """The verdict on a mesh, and why."""
+
+    level: Level
+    sentence: str
+
+
+class AuditDocument(Record):
+    """What `msb audit --json` writes (`msb.topology.audit.Audit.to_dict`)."""
+
+    schema_: Literal["msb.audit/1"] = Field(alias="schema")
+    path: str | None
+    method: str | None
+    topology: Literal["triangle_soup", "indexed_mesh"]
+    is_soup: bool
+    verdict: AuditVerdict
+    counts: Counts
+    metrics: Metrics
+    variants: dict[str, dict[str, int]]
+    winding_consistent: bool
+    valence_histogram: dict[str, int]
+    samples: dict[str, list[dict[str, Any]]]
+    welded: dict[str, Any] | None
+    cross_check: list[dict[str, Any]] | None
+    timings_ms: dict[str, float]
+    computed_by: str
+
+
+class TrialEntry(Record):
+    """What became of one task (`msb.trial.run.Trial`)."""
+
+    task: str
+    title: str
+    outcome: Outcome
+    why: str | None
+    seconds: float
+    numbers: dict[str, Any]
+    libraries: dict[str, str]
+    says: str
+    files: tuple[str, ...]
+    picture: str | None
+
+
+class TrialDocument(Record):
+    """What `msb trial --json` writes (`msb.trial.run.Trials.to_dict`)."""
+
+    schema_: Literal["msb.trial/1"] = Field(alias="schema")
+    path: str | None
+    trials: tuple[TrialEntry, ...]
+    mesh: dict[str, Any]
+    limits: dict[str, float | None]
+    cameras: dict[str, Any]
+
+
+class Look(Record):
+    """How a repaired asset looks on a tier, beside the original (`msb.trial.repairs.Look`)."""
+
+    psnr: float | None
+    same: bool
+    why: str | None
+
+
+class Looks(Record):
+    """Tier -> the look on it."""
+
+    standard: Look
+    dedicated: Look
+
+
+class FailedStrategy(Record):
+    """A way to repair that failed, and why."""
+
+    strategy: str
+    plan: tuple[str, ...]
+    peer: str | None
+    why: str
+
+
+class Strategy(Record):
+    """What a way to repair makes of the asset (`msb.trial.repairs.Row.to_dict`)."""
+
+    strategy: str
+    plan: tuple[str, ...]
+    peer: str | None
+    why: None
+    faces_kept: Count
+    faces_added: Count
+    edges_cut: Count
+    vertices: Count
+    components: Count
+    boundary_edge_ratio: float | None
+    nonmanifold_edges: Count
+    nonmanifold_vertices: Count
+    inconsistent_winding_edges: Count
+    verdict_before: Level
+    verdict_after: Level
+    looks: Looks
+    trials: dict[str, Outcome]
+    trials_passed_before: Count
+    trials_passed_after: Count
+    bytes: Count
+    seconds: float
+    picture: str | None
+
+
+def _kind(row: Any) -> str:
+    """Return which of the two kinds of strategies JSON data, or a model, is."""
+    why = row.get("why") if isinstance(row, dict) else getattr(row, "why", None)
+    return "made" if why is None else "failed"
+
+
+class RepairDocument(Record):
+    """What `msb repair --compare --json` writes (`msb.trial.repairs.document`)."""
+
+    schema_: Literal["msb.repair_compare/1"] = Field(alias="schema")
+    path: str | None
+    views: str
+    strategies: tuple[
+        Annotated[
+            Annotated[Strategy, Tag("made")] | Annotated[FailedStrategy, Tag("failed")], Discriminator(_kind)
+        ],
+        ...,
+    ]
+
+    @field_validator("strategies")
+    @classmethod
+    def _begin_with_the_mesh_itself(
+        cls, rows: tuple[Strategy | FailedStrategy, ...]
+    ) -> tuple[Strategy | FailedStrategy, ...]:
+        if not rows or rows[0].strategy != STORED or not isinstance(rows[0], Strategy):
+            raise ValueError(f'the first strategy must be "{STORED}"')
+        return rows
+
+    @property
+    def made(self) -> list[Strategy]:
+        """The strategies that did not fail; the first is the mesh itself."""
+        return [row for row in self.strategies if isinstance(row, Strategy)]
+
+
+class ChamferDocument(Record):
+    """What `msb.metrics.chamfer_surface` returns, with the scan, the metric and the mesh's file."""
+
+    mean_d2s: float | None
+    mean_s2d: float | None
+    overall: float | None
+    reason: str | None
+    n_down: Count
+    n_inbound: Count
+    n_grid_in: Count
+    n_in_obs: Count
+    n_stl: Count
+    n_stl_above: Count
+    n_d2s_lt_max: Count
+    n_s2d_lt_max: Count
+    n_vertices: Count
+    n_faces_nonzero: Count
+    n_sampled: Count
+    seed: Count
+    scan: Count
+    metric: dict[str, Any]
+    mesh: str
