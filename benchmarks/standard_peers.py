@@ -55,7 +55,8 @@ def msb_frame(scene: Scene) -> Frame:
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
-    return lambda: renderer.render(camera, (0.0, 0.0, 0.0)).image
+    kept = renderer.render(camera, (0.0, 0.0, 0.0))
+    return lambda: renderer.render(camera, (0.0, 0.0, 0.0), out=kept).image
 
 
 def _plain_c(scene: Scene, bands: bool, ordered: bool) -> Frame:

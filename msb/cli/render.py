@@ -171,14 +171,12 @@ def render(
         raise UsageError("USAGE", "--renderer goes with one tier, not with --tier both")
     documents = []
     for each in tiers:
-        # Of both tiers, the one has an order and a sampling, the other --supersample.
+        # With --tier both, order and sampling go to dedicated, --supersample to standard.
         own = {} if len(tiers) > 1 and each == "standard" else modes
         options = lean_options(each, renderer_name, ids=ids) | own
-        extra = {}
         if supersample > 1 and (len(tiers) == 1 or each == "standard"):
-            # The standard renderer takes it among the settings, whatever the method.
-            extra["supersample"] = supersample
-        with Renderer(asset, each, device, {**settings, **extra}, name=renderer_name, **options) as renderer:
+            options["supersample"] = supersample
+        with Renderer(asset, each, device, settings, name=renderer_name, **options) as renderer:
             rows = task.run(renderer, views, color)
             about = {"schema": SCHEMA, "path": str(path), "tier": each, "renderer": renderer.name, **own}
             where = {} if place is None else {"scene": about_scene(place, split)}

@@ -52,7 +52,7 @@ class _Blender(Engine):
 
     Parameters
     ----------
-    asset, device, settings
+    asset, device, settings, supersample
         As for `Engine`.
     source : {"ply", "glb"}
         The format that Blender imports. Its PLY importer keeps float colours; its glTF importer makes bytes
@@ -70,10 +70,11 @@ class _Blender(Engine):
         *,
         device: Any = None,
         settings: Mapping[str, Any] | None = None,
+        supersample: int = 1,
         source: Literal["ply", "glb"] = "ply",
         defaults: bool = False,
     ) -> None:
-        super().__init__(asset, device=device, settings=settings)
+        super().__init__(asset, device=device, settings=settings, supersample=supersample)
         self._check_device()
         self._turn = _GLB_UP if source == "glb" else np.eye(4)
         self._defaults = defaults

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from msb.engines.mesh import engine_mesh
 from msb.errors import UsageError, shorten
 from msb.render.frame import Frame
-from msb.render.standard.supersampling import box_filter, enlarged, split_supersample
+from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -46,18 +46,9 @@ class Engine(ABC):
         Where the engine computes; its own choice if not given. An engine ignores OpenCL devices and
         MSB_DEVICE.
     settings : mapping, optional
-        As for the standard tier: `supersample`, and `ste_threshold` where the method has it.
-
-    Raises
-    ------
-    UsageError
-        `ENGINE_MISSING`, `DEVICE_SELECTOR`, `SETTING_UNKNOWN`, `SETTING_VALUE`.
-    Unsupported
-        `UNSUPPORTED_STANDARD`.
-    AssetError
-        Values that cannot be drawn.
-    DeviceError
-        `ENGINE_FAILED`, `DEVICE_NOT_FOUND`, `DEVICE_MEMORY`.
+        Overrides of the asset's settings; `ste_threshold` hides faces where the method has it.
+    supersample : int
+        As for the standard tier.
     """
 
     name: ClassVar[str]
@@ -67,14 +58,19 @@ class Engine(ABC):
     """The `platform` and `name` of what draws, for reports."""
 
     def __init__(
-        self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None
+        self,
+        asset: Asset,
+        *,
+        device: Any = None,
+        settings: Mapping[str, Any] | None = None,
+        supersample: int = 1,
     ) -> None:
         self._kind = device_kind(device, self.name)
-        self._samples, others = split_supersample(settings or {})
+        self._samples = checked_supersample(supersample)
         missing = self.missing()
         if missing is not None:
             raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}", value=self.name)
-        self._mesh = engine_mesh(asset, others)
+        self._mesh = engine_mesh(asset, settings)
 
     @classmethod
     @abstractmethod

@@ -14,7 +14,6 @@ from msb.asset.drawable import check_drawable
 from msb.asset.look import drawn_colors, shown_faces
 from msb.asset.settings import effective_settings
 from msb.meshes import Mesh, write_mesh
-from msb.render.backend import check_supported
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -54,13 +53,12 @@ class EngineMesh:
         return float(depths.min()), float(depths.max())
 
 
-def engine_mesh(asset: Asset, settings: Mapping[str, Any]) -> EngineMesh:
+def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     """Return what an engine draws of `asset`.
 
     If colours belong to faces or corners, every face gets vertices of its own. If no face is shown, the mesh
     has one face without area, because no format for engines has a mesh without faces.
     """
-    check_supported(asset, "standard")
     values = effective_settings(asset.manifest, settings)
     check_drawable(asset, ("positions", "color", "f_dc"))
     positions = np.asarray(asset.buffers["positions"], np.float32)

@@ -30,7 +30,7 @@ class ThreeJsRenderer(Engine):
 
     Parameters
     ----------
-    asset, device, settings
+    asset, device, settings, supersample
         As for `Engine`.
     defaults : bool
         Whether three.js handles the colours of glTF by its own defaults, to see their effect; images are then
@@ -45,9 +45,10 @@ class ThreeJsRenderer(Engine):
         *,
         device: Any = None,
         settings: Mapping[str, Any] | None = None,
+        supersample: int = 1,
         defaults: bool = False,
     ) -> None:
-        super().__init__(asset, device=device, settings=settings)
+        super().__init__(asset, device=device, settings=settings, supersample=supersample)
         content = {"page.html": page(served=True), "mesh.glb": self._mesh.encoded(".glb")}
         browser = find_browser()
         assert browser is not None

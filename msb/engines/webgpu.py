@@ -70,9 +70,14 @@ class WgpuRenderer(Engine):
     tiers = ("standard", "dedicated")
 
     def __init__(
-        self, asset: Asset, *, device: Any = None, settings: Mapping[str, Any] | None = None
+        self,
+        asset: Asset,
+        *,
+        device: Any = None,
+        settings: Mapping[str, Any] | None = None,
+        supersample: int = 1,
     ) -> None:
-        super().__init__(asset, device=device, settings=settings)
+        super().__init__(asset, device=device, settings=settings, supersample=supersample)
         import wgpu
 
         self.version = self.installed()

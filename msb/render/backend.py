@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
-    "dedicated": "msb.render.dedicated:DedicatedRenderer",
+    "dedicated": "msb.render.dedicated:dedicated_renderer",
     "reference": "msb.reference.renderer:ReferenceRenderer",
 }
 """Tier -> our renderer of it."""
@@ -216,7 +216,8 @@ def check_supported(asset: Asset, tier: str) -> None:
         `UNSUPPORTED_TIER` or `UNSUPPORTED_STANDARD`, naming method, tier and reason.
     """
     if tier not in TIERS:
-        raise UsageError("USAGE", f'there is no tier "{shorten(tier, 40)}"; there are {", ".join(TIERS)}')
+        text = f'there is no tier "{shorten(str(tier), 40)}"; there are {", ".join(TIERS)}'
+        raise UsageError("USAGE", text)
     why = why_not(asset.manifest, tier)
     if why is not None:
         text = f"{asset.manifest.method} on tier {tier}: {why}"
@@ -224,40 +225,30 @@ def check_supported(asset: Asset, tier: str) -> None:
         raise Unsupported(code, text, file=asset.path)
 
 
-def check_tier(make: Factory, tier: str, name: str) -> None:
-    """Refuse a tier that a renderer does not draw for any method. Messages call the renderer `name`.
+def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
+    """Return the class that draws an asset on a tier, ours or the one that renderer `name` has for it.
 
-    Raises
-    ------
-    UsageError
-        `USAGE`.
+    This is where a tier and its options are checked: that the method has the tier, the renderer draws it, and
+    takes the options.
     """
-    drawn = getattr(make, "tiers", TIERS)
-    if tier not in drawn:
-        raise UsageError("USAGE", f"{name} draws tier {', '.join(drawn)}, not {tier}")
+    check_supported(asset, tier)
+    make = find_renderer(name or tier)
+    with blaming(name or tier):
+        drawn = getattr(make, "tiers", TIERS)
+        if tier not in drawn:
+            raise UsageError("USAGE", f"renderer {name} draws tier {', '.join(drawn)}, not {tier}")
+        if (name or tier) == "dedicated":
+            from msb.render.dedicated import pipeline_of
+
+            make = pipeline_of(asset)
+        elif hasattr(make, "of_tier"):
+            make = make.of_tier(tier)
+        _check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
+    return make
 
 
-def of_tier(make: Factory, tier: str) -> Factory:
-    """Return what draws `tier` for a renderer: the class itself, unless it names another."""
-    choose: Callable[[str], Factory] | None = getattr(make, "of_tier", None)
-    return make if choose is None else choose(tier)
-
-
-def check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name: str) -> None:
-    """Refuse options that a renderer does not take.
-
-    Parameters
-    ----------
-    make : callable
-        The class of the renderer. If it takes any keyword, nothing is checked here.
-    name : str
-        The name of the tier or renderer in the message.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_OPTION`.
-    """
+def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name: str) -> None:
+    """Refuse options that a class has no keyword for."""
     parameters = signature(make).parameters.values()
     if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters):
         return
@@ -266,9 +257,15 @@ def check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name:
         if option not in known:
             text = f'{asset.manifest.method} on {name}: there is no option "{shorten(option, 40)}"; '
             text += f"there are {', '.join(sorted(known))}" if known else "there are none"
-            if option in ("order", "sampling"):
-                text += "; the tiers dedicated and reference have it"
+            text += _ELSEWHERE.get(option, "")
             raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.path, value=option)
+
+
+_ELSEWHERE = {
+    **dict.fromkeys(("order", "sampling"), "; the tiers dedicated and reference have it"),
+    "supersample": "; the tier standard has it",
+}
+"""Option -> where it is one."""
 
 
 def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:

@@ -11,18 +11,7 @@ from msb.api.opening import as_asset
 from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
-from msb.registry import TIERS
-from msb.render.backend import (
-    Drawn,
-    blaming,
-    check_options,
-    check_supported,
-    check_tier,
-    find_renderer,
-    groups_of,
-    make_backend,
-    of_tier,
-)
+from msb.render.backend import Drawn, blaming, class_for, groups_of, make_backend
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
@@ -56,7 +45,8 @@ class Renderer:
         An entry point of group `msb.renderers`, to be used for the tier instead of ours.
     **options
         Other options of the renderer. The dedicated and the reference tier take `order` ("tile", "global",
-        "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains.
+        "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains; the standard tier
+        takes `supersample`, the samples along each side of a pixel, from 1 to 16.
 
     Raises
     ------
@@ -94,25 +84,17 @@ class Renderer:
         name: str | None = None,
         **options: Any,
     ) -> None:
-        check_type("tier", tier, str, f"one of {', '.join(TIERS)}")
-        if name is not None:
-            check_type("name", name, str, "text")
         if settings is not None:
             check_type("settings", settings, Mapping, "a mapping from names to values")
         if device is not None and not isinstance(device, str | Device) and name is None:
             text = f'device is of type {type(device).__name__}; it must be text, as "cpu", or an open device'
             raise UsageError("DEVICE_SELECTOR", text)
         asset = as_asset(asset)
-        check_supported(asset, tier)
         self.tier = tier
         self._official = asset.manifest.appearance.get("background")
         self._background = own_background(asset.manifest)
         self._by = name or tier
-        make = find_renderer(self._by)
-        with blaming(self._by):
-            check_tier(make, tier, f"renderer {name}")
-            make = of_tier(make, tier)
-            check_options(make, options, asset, f"renderer {name}" if name else f"tier {tier}")
+        make = class_for(asset, tier, name, options)
         self._backend = make_backend(make, self._by, asset, device=device, settings=settings or {}, **options)
 
     @property

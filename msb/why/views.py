@@ -82,9 +82,9 @@ class Views:
             self._plain = self._drawn(self.asset, "standard", {})
         return self._plain
 
-    def of_mesh(self, mesh: Mesh, **settings: Any) -> list[Frame]:
+    def of_mesh(self, mesh: Mesh, supersample: int = 1) -> list[Frame]:
         """Return the frames of any mesh on the standard tier."""
-        return self._drawn(asset_from_mesh(mesh), "standard", settings)
+        return self._drawn(asset_from_mesh(mesh), "standard", {}, supersample=supersample)
 
     def culled(self, mesh: Mesh) -> list[Frame]:
         """Return the frames of a mesh on the standard tier whose back faces are not drawn."""

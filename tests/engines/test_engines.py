@@ -119,7 +119,7 @@ def test_what_would_draw_is_known_before_it_does(name: str) -> None:
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_renderer_like_ours(name: str) -> None:
     asset = colored("large")
-    with msb.Renderer(asset, name=need(name), settings={"supersample": 2}) as renderer:
+    with msb.Renderer(asset, name=need(name), supersample=2) as renderer:
         assert renderer.name.startswith(f"{name} ")
         assert renderer.device_info is not None
         assert set(renderer.device_info) == {"platform", "name", "kind"}
@@ -132,7 +132,7 @@ def test_a_renderer_like_ours(name: str) -> None:
         assert drawn.span == pytest.approx(sum(drawn.stages.values()))
         assert drawn.span > 0
         assert sum(renderer.memory().values()) > 0
-        ours = msb.render(asset, TALL, background=BACKGROUND, settings={"supersample": 2})
+        ours = msb.render(asset, TALL, background=BACKGROUND, supersample=2)
         assert np.abs(frame.image - ours.image).mean() < 2 / 255
     renderer.close()
 

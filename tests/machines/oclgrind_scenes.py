@@ -16,7 +16,7 @@ import pytest
 
 from msb.cl import exclusive_scan, sort_pairs
 from msb.reference import render_reference
-from msb.render.dedicated import DedicatedRenderer
+from msb.render.dedicated import dedicated_renderer
 from msb.render.splat.pipeline import SplattingPipeline
 from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import KERNELS, WITHOUT_ATOMICS, open_styled
@@ -151,7 +151,7 @@ def test_scan_and_sort(gpu: Device, watch: Watch) -> None:
 @pytest.mark.parametrize("method", SPLATTING)
 def test_splatting(method: str, sampling: Any, gpu: Device, watch: Watch) -> None:
     asset = soup(method, random_triangles(1), degree=1)
-    renderer = DedicatedRenderer(asset, device=gpu, sampling=sampling)
+    renderer = dedicated_renderer(asset, device=gpu, sampling=sampling)
     drawn_equals_the_reference(renderer, asset, sampling=sampling)
     assert watch.findings() == []
 
@@ -177,7 +177,7 @@ def test_projection_decides_by_nothing_that_was_not_set(
     monkeypatch.setenv("OCLGRIND_UNINITIALIZED", "1")
     monkeypatch.delenv("OCLGRIND_DATA_RACES")
     with open_styled("gpu") as device:
-        renderer = DedicatedRenderer(soup(method, random_triangles(1, 40)), device=device, sampling=sampling)
+        renderer = dedicated_renderer(soup(method, random_triangles(1, 40)), device=device, sampling=sampling)
         renderer.render(front_camera(16, 12), BACKGROUND)
         renderer.close()
     decided = [r for r in watch.findings() if "Controlflow depends on uninitialized" in r.title]
@@ -186,7 +186,7 @@ def test_projection_decides_by_nothing_that_was_not_set(
 
 def test_diffsoup(device: Device, watch: Watch) -> None:
     asset = soup("diffsoup", random_triangles(1))
-    drawn_equals_the_reference(DedicatedRenderer(asset, device=device), asset)
+    drawn_equals_the_reference(dedicated_renderer(asset, device=device), asset)
     assert watch.findings() == []
 
 

@@ -20,7 +20,7 @@ from msb.asset.look import drawn_colors
 from msb.reference import ReferenceFrame, render_reference
 from msb.reference.arithmetic import sigmoid
 from msb.reference.standard import UNITS, render_standard
-from msb.render.dedicated import DedicatedRenderer
+from msb.render.dedicated import dedicated_renderer
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_filter, enlarged
 from tests.render.frames import frame_of
@@ -64,7 +64,7 @@ class Difference:
 def difference(case: Case, device: Device) -> Difference:
     """Return how far the frame that `device` draws is from the reference's."""
     standard = case.method == STANDARD
-    renderer = StandardRenderer if standard else DedicatedRenderer
+    renderer = StandardRenderer if standard else dedicated_renderer
     frame, wanted = draw(renderer, case, device), standard_twin(case) if standard else own_look(case)
     wrong = fields_apart(frame, wanted)
     explained = {name: np.zeros_like(where) for name, where in wrong.items()}

@@ -87,8 +87,9 @@ def mesh_asset(mesh: Arrays, colors: NDArray[Any] | None = None, domain: str = "
     return build_asset(buffers, {"color": domain} if colors is not None else {}, description)
 
 
-def draw(device: Device, asset: Asset, view: Camera, **settings: Any) -> Frame:
-    return frame_of(StandardRenderer, asset, device, view, BACKGROUND, settings=settings)
+def draw(device: Device, asset: Asset, view: Camera, supersample: int = 1, **settings: Any) -> Frame:
+    options = {"settings": settings, "supersample": supersample}
+    return frame_of(StandardRenderer, asset, device, view, BACKGROUND, **options)
 
 
 def twin(mesh: Arrays, colors: NDArray[Any], view: Camera, domain: str = "vertex") -> ReferenceFrame:

@@ -126,8 +126,7 @@ def test_names_of_backgrounds_are_those_of_the_command_line(asset: Asset, cpu: D
         ({"camera": None}, "USAGE", "camera is of type NoneType"),
         ({"device": 3}, "DEVICE_SELECTOR", "device is of type int"),
         ({"settings": [("gamma", 2.0)]}, "USAGE", "settings is of type list"),
-        ({"tier": 1}, "USAGE", "tier is of type int"),
-        ({"name": 1}, "USAGE", "name is of type int"),
+        ({"tier": 1}, "USAGE", 'there is no tier "1"'),
     ],
     ids=repr,
 )

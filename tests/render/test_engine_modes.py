@@ -12,7 +12,7 @@ from msb.cl import Device, open_device
 from msb.errors import Unsupported, UsageError
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
-from msb.render.dedicated import DedicatedRenderer
+from msb.render.dedicated import dedicated_renderer
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
@@ -44,7 +44,7 @@ GREEN = (0.2, 0.7, 0.4)
 
 
 def draw(asset: Asset, device: Device, camera: Camera, background: Any = GREEN, **options: Any) -> Frame:
-    return frame_of(DedicatedRenderer, asset, device, camera, background, **{"outputs": "all", **options})
+    return frame_of(dedicated_renderer, asset, device, camera, background, **{"outputs": "all", **options})
 
 
 def crossing(method: str, seed: int) -> Asset:

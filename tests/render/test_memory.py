@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from msb.errors import DeviceError
-from msb.render.dedicated import DedicatedRenderer
+from msb.render.dedicated import dedicated_renderer
 from msb.render.splat import pipeline as splatting
 from tests.cl.conftest import open_styled
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
@@ -40,7 +40,7 @@ def model(method: str, faces: int = 600) -> Asset:
 
 def draw(asset: Asset, device: Device, outputs: Any = "all") -> tuple[dict[str, int], dict[str, int]]:
     """Draw a frame, and return what the model takes of the device, and what the frame takes beside it."""
-    renderer = DedicatedRenderer(asset, device=device, outputs=outputs)
+    renderer = dedicated_renderer(asset, device=device, outputs=outputs)
     try:
         model = device.memory()
         renderer.render(CAMERA, BLACK)

@@ -13,7 +13,7 @@ import pytest
 from msb.reference import render_reference
 from msb.registry import METHODS as METHOD_TABLE
 from msb.registry import ORDERS, SAMPLINGS
-from msb.render.dedicated import DedicatedRenderer
+from msb.render.dedicated import dedicated_renderer
 from msb.scenes import Camera
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
 from tests.render import standard_scenes
@@ -45,7 +45,7 @@ def test_equals_the_reference(method: str, cpu: Device, gpu: Device) -> None:
         assert found.quality > (80 if method == STANDARD else 90), str(case)
         pixels, explained = pixels + found.pixels, explained + found.explained.get("image", 0)
         if method != STANDARD:
-            frame = draw(DedicatedRenderer, case, device)
+            frame = draw(dedicated_renderer, case, device)
             shares.append(apart(frame.image, own_look(case, np.float64).image, OFF).mean())
     assert pixels > 700
     assert explained <= 0.01 * pixels
@@ -79,7 +79,7 @@ def test_raw_buffers_at_any_scale(method: str, scale: int, cpu: Device, gpu: Dev
     asset, camera = soup(method, random_triangles(4)), front_camera(17, 17)
     wanted = render_reference(asset, camera, settings=settings).raw
     for device in (cpu, gpu):
-        renderer = DedicatedRenderer(asset, device=device, settings=settings, outputs=("raw",))
+        renderer = dedicated_renderer(asset, device=device, settings=settings, outputs=("raw",))
         found = renderer.render(camera, (0, 0, 0)).raw
         renderer.close()
         assert len(found) >= 3
@@ -118,6 +118,6 @@ def test_an_engine_keeps_the_same_faces_at_the_edge_of_a_sample(
     asset = soup(method, (triangles / 16).astype(np.float32), **window)
     wanted = render_reference(asset, camera, sampling="engine").visible
     for device in (cpu, gpu):
-        renderer = DedicatedRenderer(asset, device=device, sampling="engine")
+        renderer = dedicated_renderer(asset, device=device, sampling="engine")
         np.testing.assert_array_equal(renderer.render(camera, (0, 0, 0)).visible, wanted)
         renderer.close()

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+import msb
 from msb.asset import Asset
 from msb.asset.sh import SH_C0
 from msb.errors import AssetError, Unsupported, UsageError
-from msb.render.host_arrays import HostArrays
 from msb.render.standard.renderer import StandardRenderer
 from tests.reference.soups import random_triangles, soup
 from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, scene, twin
@@ -61,7 +61,7 @@ def test_refuses_what_has_no_static_color() -> None:
     for method in ("diffsoup", "three_dgs"):
         data = Asset(_renamed(asset, method), asset.buffers)
         with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
-            StandardRenderer(data)
+            msb.Renderer(data)
         assert raised.value.code == "UNSUPPORTED_STANDARD"
 
 
@@ -100,21 +100,27 @@ def test_refuses_indices_out_of_range(styled: Device) -> None:
     assert raised.value.code == "TRIASSET_INDEX_OUT_OF_RANGE"
 
 
-@pytest.mark.parametrize(
-    ("settings", "code"),
-    [
-        ({"supersample": 0}, "SETTING_VALUE"),
-        ({"supersample": 2.5}, "SETTING_VALUE"),
-        ({"supersample": True}, "SETTING_VALUE"),
-        ({"supersample": 99}, "SETTING_VALUE"),
-        ({"gama": 1.0}, "SETTING_UNKNOWN"),
-    ],
-)
-def test_refuses_settings(settings: dict[str, Any], code: str) -> None:
-    asset = two_dts(3)
+@pytest.mark.parametrize("samples", [0, 2.5, True, 99])
+def test_refuses_samples(samples: Any) -> None:
+    with pytest.raises(UsageError, match=f"supersample is {samples}; it must be") as raised:
+        StandardRenderer(two_dts(3), supersample=samples)
+    assert raised.value.code == "SETTING_VALUE"
+
+
+def test_refuses_settings() -> None:
     with pytest.raises(UsageError) as raised:
-        StandardRenderer(asset, settings=settings)
-    assert raised.value.code == code
+        StandardRenderer(two_dts(3), settings={"gama": 1.0})
+    assert raised.value.code == "SETTING_UNKNOWN"
+
+
+def test_samples_are_an_option_of_the_standard_tier_alone(cpu: Device) -> None:
+    """MeshSplatting's setting of that name is its own look's, and does nothing here."""
+    asset = soup("mesh_splatting", random_triangles(1, 20), welded=True)
+    plain = draw(cpu, asset, camera())
+    own = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)
+    np.testing.assert_array_equal(plain.image, own.image)
+    with pytest.raises(Unsupported, match=r"no option .supersample.*; the tier standard has it"):
+        msb.render(asset, camera(), "dedicated", device=cpu, supersample=2)
 
 
 def test_settings_of_other_tiers_do_nothing(styled: Device) -> None:
@@ -132,33 +138,12 @@ def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
     assert renderer.render_image(camera(), BACKGROUND, out) is out
     np.testing.assert_array_equal(out, frame.image)
     np.testing.assert_array_equal(renderer.render_image(camera(), BACKGROUND), frame.image)
+    frame.image[:] = frame.depth[:] = 7
+    again = renderer.render(camera(), BACKGROUND, out=frame)
+    assert again.image is frame.image
+    np.testing.assert_array_equal(again.image, out)
+    assert not (again.depth == 7).any()
     renderer.close()
-
-
-@pytest.mark.slow
-def test_frames_stay_as_they_are(styled: Device) -> None:
-    """Memory of frames that were dropped is used again, of those that are held it is not."""
-    mesh = scene("small", 6)
-    renderer = StandardRenderer(mesh_asset(mesh, random_colors(6, len(mesh[0]))), device=styled)
-    held = [renderer.render(camera(), (value, 0, 0)).image[::2] for value in (0.0, 0.5, 1.0)]
-    for _ in range(3):
-        renderer.render(camera(), (0.25, 0, 0))
-    assert [float(view[0, 0, 0]) for view in held] == [0.0, 0.5, 1.0]
-    renderer.close()
-
-
-def test_host_arrays() -> None:
-    pool = HostArrays()
-    first = pool.take((4, 3), np.float32)
-    place = first.ctypes.data
-    view = first[1:]
-    del first
-    assert pool.take((4, 3), np.float32).ctypes.data != place
-    del view
-    assert pool.take((4, 3), np.float32).ctypes.data == place
-    assert pool.take((4, 3), np.int32).dtype == np.int32
-    many = [pool.take((2,), np.float32) for _ in range(30)]
-    assert len({array.ctypes.data for array in many}) == 30
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from msb.errors import DeviceError
-from msb.render.dedicated import DedicatedRenderer
+from msb.render.dedicated import dedicated_renderer
 from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import open_styled
 from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
@@ -42,14 +42,16 @@ def draw(tier: type, method: str, device: Device) -> Frame:
 def test_blending_is_refused_where_a_group_cannot_be_a_tile(method: str, limited: Device) -> None:
     allowed = limited.record.max_work_group
     with pytest.raises(DeviceError) as caught:
-        draw(DedicatedRenderer, method, limited)
+        draw(dedicated_renderer, method, limited)
     assert (caught.value.code, caught.value.exit_status) == ("DEVICE_LIMIT", 5)
     assert f"kernel blend needs work-groups of 16 x 16 = 256, and {limited.record}" in caught.value.message
     assert f"allows {allowed} for it" in caught.value.message
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tier", "method"), [(DedicatedRenderer, "diffsoup"), (StandardRenderer, "two_dts")])
+@pytest.mark.parametrize(
+    ("tier", "method"), [(dedicated_renderer, "diffsoup"), (StandardRenderer, "two_dts")]
+)
 def test_z_buffers_draw_with_small_groups(tier: type, method: str, limited: Device, gpu: Device) -> None:
     frame, expected = draw(tier, method, limited), draw(tier, method, gpu)
     assert expected.face_id is not None

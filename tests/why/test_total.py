@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,8 +25,8 @@ LOOK = {"up": (0.0, 1.0, 0.0), "width": 48, "height": 36, "fov_y": 0.9}
 CAMERA = msb.Camera.look_at((0.5, -0.5, 3), (0, 0, 0), **LOOK)  # type: ignore[arg-type]
 
 
-def pixels(asset: msb.Asset, tier: str, settings: Mapping[str, float] | None = None) -> np.ndarray:
-    with msb.Renderer(asset, tier, settings=settings) as renderer:  # type: ignore[arg-type]
+def pixels(asset: msb.Asset, tier: str, **options: int) -> np.ndarray:
+    with msb.Renderer(asset, tier, **options) as renderer:  # type: ignore[arg-type]
         images = [renderer.render(view).image.clip(0, 1).reshape(-1, 1, 3) for view in VIEWS]
     return np.concatenate(images)
 
@@ -59,7 +58,7 @@ def test_the_total_is_that_of_the_images_of_both_renderers() -> None:
 def test_an_engine_that_supersamples_as_the_method_does_has_less_left() -> None:
     asset = msb.open(MODELS / "walled" / "mesh_splatting")
     causes = why(asset, VIEWS)
-    expected = msb.metrics.psnr(pixels(asset, "standard", {"supersample": 4}), pixels(asset, "dedicated"))
+    expected = msb.metrics.psnr(pixels(asset, "standard", supersample=4), pixels(asset, "dedicated"))
     assert causes.total.right == pytest.approx(expected, abs=1e-6)
     assert causes.total.db is not None
     assert causes.total.db < expected

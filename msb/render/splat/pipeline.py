@@ -73,7 +73,7 @@ class SplattingPipeline(OnDevice):
         its official tiles that it reaches. Neither changes a pixel; the benchmark shows what they are worth.
     """
 
-    name = "msb-splatting"
+    name = "msb-dedicated"
     version = __version__
 
     def __init__(

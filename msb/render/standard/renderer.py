@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from msb._version import __version__
 from msb.asset.drawable import check_drawable
-from msb.asset.settings import check_overrides, effective_settings
-from msb.render.backend import Drawn, check_supported
+from msb.asset.settings import effective_settings
+from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
-from msb.render.host_arrays import HostArrays
-from msb.render.standard.supersampling import box_filter, enlarged, split_supersample
+from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, make_triangles
 from msb.render.standard.view import standard_view
 
@@ -51,8 +50,9 @@ class StandardRenderer(OnDevice):
     device : str or Device, optional
         A selector as for `msb.cl.shared_device`, or an open device, which is used and left open.
     settings : mapping, optional
-        `supersample` is an integer s from 1 to 16; the image is drawn s times as large and averaged. Of the
-        method's own settings only `ste_threshold`, which hides faces, has an effect.
+        Overrides of the asset's settings, of which only `ste_threshold`, which hides faces, has an effect.
+    supersample : int
+        The image is drawn so many times as large, 1 to 16, and averaged.
     """
 
     name = "msb-standard"
@@ -64,14 +64,11 @@ class StandardRenderer(OnDevice):
         *,
         device: str | Device | None = None,
         settings: Mapping[str, Any] | None = None,
+        supersample: int = 1,
     ) -> None:
-        check_supported(asset, "standard")
-        own, others = split_supersample(settings or {})
-        self._supersample = own
-        check_overrides(asset.manifest.method, others)
+        self._supersample = checked_supersample(supersample)
+        values = effective_settings(asset.manifest, settings)
         check_drawable(asset, ("positions", "color", "f_dc"))
-        values = effective_settings(asset.manifest, others)
-        self._host = HostArrays()
         self._scope = DeviceScope(device, "standard")
         self._device, self._scratch = self._scope.device, self._scope.scratch
         with self._scope.setting_up():
@@ -92,16 +89,20 @@ class StandardRenderer(OnDevice):
             self._program = self._device.program(f"zbuffer_{self._device.style}", defines)
 
     @in_turn
-    def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+    def render(
+        self, camera: Camera, background: tuple[float, float, float], out: Frame | None = None
+    ) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
 
         With supersampling image and alpha are means over a pixel's samples; depth and face are those of its
-        nearest sample.
+        nearest sample. Without it the arrays of `out`, a frame of this size that is no longer needed, are
+        filled again: the first touch of new memory takes longer than the copy.
         """
+        reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:
             planes = self._run(camera, background, everything=True)
             with self._device.stage("read"):
-                arrays: dict[str, Any] = {name: self._read(buffer) for name, buffer in planes.items()}
+                arrays: dict[str, Any] = {name: it.read(reused.get(name)) for name, it in planes.items()}
         frame = Frame(**arrays)
         if self._supersample > 1:
             frame = box_filter(frame, self._supersample)
@@ -115,8 +116,7 @@ class StandardRenderer(OnDevice):
         out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
         """Return the image alone, (H, W, 3) float32, without supersampling; into `out` if given."""
-        image = self._run(camera, background, everything=False, samples=1)["image"]
-        return image.read(out) if out is not None else self._read(image)
+        return self._run(camera, background, everything=False, samples=1)["image"].read(out)
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
@@ -124,9 +124,6 @@ class StandardRenderer(OnDevice):
         with self._device.timing() as timing:
             self._run(camera, background, everything=True)
         return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
-
-    def _read(self, buffer: Buffer) -> NDArray[Any]:
-        return buffer.read(self._host.take(buffer.shape, buffer.dtype))
 
     def _run(
         self,

@@ -1,9 +1,8 @@
-"""Supersampling: turn many samples per pixel into pixels."""
+"""Supersampling, the option of the standard tier: many samples a pixel."""
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,22 +18,16 @@ if TYPE_CHECKING:
 MAX_SUPERSAMPLE = 16
 
 
-def split_supersample(settings: Mapping[str, Any]) -> tuple[int, dict[str, Any]]:
-    """Return the samples along each side of a pixel, and the method's own settings.
-
-    MeshSplatting has a setting of the same name for its own look; in a call the name means the standard
-    tier's.
-    """
-    others = dict(settings)
-    value = others.pop("supersample", 1)
+def checked_supersample(value: int) -> int:
+    """Return the samples along each side of a pixel, if there can be so many."""
     try:
         samples = 0 if isinstance(value, bool) else operator.index(value)
     except TypeError:
         samples = 0
     if not 1 <= samples <= MAX_SUPERSAMPLE:
-        text = f"setting supersample is {value!r:.40}; it must be a whole number from 1 to {MAX_SUPERSAMPLE}"
+        text = f"supersample is {value!r:.40}; it must be a whole number from 1 to {MAX_SUPERSAMPLE}"
         raise UsageError("SETTING_VALUE", text, value=value, limit=MAX_SUPERSAMPLE)
-    return samples, others
+    return samples
 
 
 def enlarged(camera: Camera, scale: int) -> Camera:

@@ -225,15 +225,14 @@ class TierRenderers:
             from msb.render.backend import lean_options
 
             scene = self.comparison
-            settings = dict(scene.settings)
-            if tier == "standard":  # its own, whatever the method's setting of that name
-                settings["supersample"] = scene.supersample
             if tier != REFERENCE and self._device is None:
                 self._device = shared_device(scene.device)
             device = None if tier == REFERENCE else self._device
             drawn: Any = tier
             options = lean_options(drawn, None)
-            self._renderers[tier] = Renderer(scene.asset, drawn, device, settings, **options)
+            if tier == "standard":
+                options["supersample"] = scene.supersample
+            self._renderers[tier] = Renderer(scene.asset, drawn, device, scene.settings, **options)
         return self._renderers[tier]
 
     def _where(self, tier: str) -> str:
