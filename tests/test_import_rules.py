@@ -101,7 +101,6 @@ LAZY = {
 FOREIGN: dict[str, set[str]] = {
     "scenes": {"numpy", "PIL"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
-    "meshes": {"numpy", "trimesh"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import re
 import struct
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,11 @@ from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
-from msb.meshes.writing import as_float32
+from msb.meshes.writing import ROWS_AT_A_TIME, as_float32
 
 _HEADER_BYTES = 84
-_FACE_BYTES = 50
+_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""What a binary file holds of each face, behind 80 bytes of anything and the number of faces."""
 
 _LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
 """How the lines of one face begin, in this order."""
@@ -30,21 +30,13 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file; solids follow each other, normals and attributes are ignored.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
-    Returns
-    -------
-    mesh : Mesh
-        Vertices are float32, also those of text; V = 3F and the faces are 0, 1, 2, ....
+    Vertices are float32, also those of text; V = 3F and the faces are 0, 1, 2, ....
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
-    size = _HEADER_BYTES + _FACE_BYTES * declared
+    size = _HEADER_BYTES + _FACE.itemsize * declared
     if len(data) == size:
-        return _soup(_read_binary(data, declared))
+        return _soup(np.frombuffer(data, _FACE, declared, _HEADER_BYTES)["corners"])
     like = source.looks_like()
     if like is FORMAT and b"\0" not in data:
         return _soup(_read_text(source.as_text("STL")))
@@ -61,33 +53,25 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO) -> None:
     """Write binary STL: float32 corners of every face and their normals, no colours.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Checked by the caller. Vertices no face uses are lost: the format has no vertices.
-    stream : binary file
-        Where to write.
+    Vertices no face uses are lost: the format has no vertices. Faces without area have no normal: it is 0.
     """
-    import trimesh
-
-    vertices = as_float32(mesh.vertices, "STL").astype(np.float64)
-    stream.write(trimesh.exchange.stl.export_stl(trimesh.Trimesh(vertices, mesh.faces, process=False)))
+    vertices = as_float32(mesh.vertices, "STL")
+    stream.write(struct.pack("<80xI", len(mesh.faces)))
+    for start in range(0, len(mesh.faces), ROWS_AT_A_TIME):
+        corners = vertices[mesh.faces[start : start + ROWS_AT_A_TIME]]
+        sides = np.diff(corners.astype(np.float64), axis=1)
+        normals = np.cross(sides[:, 0], sides[:, 1])
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        records = np.zeros(len(corners), _FACE)
+        records["corners"] = corners
+        np.divide(normals, length, out=records["normal"], where=length > 0, casting="same_kind")
+        stream.write(records.tobytes())
 
 
 def _soup(corners: NDArray[np.float32]) -> Mesh:
-    """Return the mesh of `corners` (3F, 3), three in a row to a face."""
-    return Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
-
-
-def _read_binary(data: bytes, faces: int) -> NDArray[np.float32]:
-    """Return the corners (3F, 3) of a binary file whose size is right."""
-    if not faces:
-        return np.zeros((0, 3), dtype=np.float32)
-    import trimesh
-
-    loaded = trimesh.exchange.stl.load_stl_binary(io.BytesIO(data))
-    corners: NDArray[Any] = loaded["vertices"]
-    return corners.astype(np.float32)
+    """Return the mesh of `corners`, three in a row to a face."""
+    rows = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
+    return Mesh(rows, np.arange(len(rows)).reshape(-1, 3))
 
 
 def _read_text(text: Source) -> NDArray[np.float32]:

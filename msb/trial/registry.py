@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
 """Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports."""
 
-_CORE = {"numpy", "trimesh"}
-"""Libraries that do tasks and are there without the extra."""
 TASKS: dict[str, Task] = {
     task.name: task for name in _MODULES for task in import_module(f"msb.trial.tasks.{name}").TASKS
 }
@@ -49,7 +47,7 @@ def able(attempts: Iterable[Attempt]) -> list[Attempt]:
 def check_libraries(tasks: Sequence[Task]) -> None:
     """Refuse tasks some of which cannot be tried, where no library of the extra is there for the others."""
     found = {task.name: {one.library for one in able(task.attempts)} for task in tasks}
-    if all(found.values()) or set().union(*found.values()) - _CORE:
+    if all(found.values()) or set().union(*found.values()) - {"numpy"}:  # which is there without the extra
         return
     rest = [name for name, libraries in found.items() if libraries]
     instead = f"{' and '.join(rest)} can be tried without it" if rest else ""

@@ -219,6 +219,7 @@ def test_pygltflib_reads_our_glb(colors: str, tmp_path: Path) -> None:
         assert np.array_equal(array(primitive.attributes.COLOR_0), mesh.vertex_colors.ravel())
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".glb", ".stl"])
 def test_trimesh_reads_ours(suffix: str) -> None:
     trimesh = pytest.importorskip("trimesh", minversion="5")

@@ -279,7 +279,7 @@ def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.
     assert all('pip install "meshsplatbench[crosscheck]"' in why for why in result.skipped.values())
 
 
-@pytest.mark.parametrize("here", [set(), {"trimesh", "networkx"}], ids=["none", "core"])
+@pytest.mark.parametrize("here", [set(), {"networkx"}], ids=["none", "bench"])
 def test_missing_extra_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, here: set[str]) -> None:
     present = find_spec
     monkeypatch.setattr(extras, "find_spec", lambda name: present(name) if name in here else None)

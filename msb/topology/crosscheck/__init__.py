@@ -29,9 +29,8 @@ Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 PATIENCE = 60.0
 """Seconds that a peer is given, and as many again for each million faces; libigl needs 12 seconds for a
 million."""
-ANYWAY = {"trimesh", "NetworkX"}
-"""Peers that may be installed without the extra: a core dependency, and a dependency of scikit-image (extra
-bench)."""
+ANYWAY = {"NetworkX"}
+"""Peers that are installed without the extra: a dependency of scikit-image (extra bench)."""
 
 
 @dataclass(frozen=True)
