@@ -205,7 +205,7 @@ def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch,
     ("tasks", "absent", "said"),
     [
         ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd trimesh",
-         "trying uv, decimate_50, decimate_25, decimate_10, subdivide, boolean, collision, solid needs the extra"),
+         "trying uv, decimate_50, decimate_25, decimate_10, subdivide, boolean, collision, solid needs"),
         ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd trimesh",
          "self_intersections can be tried without it"),
         ("uv", "xatlas", "trying uv needs the extra trial (xatlas is not installed)"),
