@@ -56,7 +56,7 @@ WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
     "NaN weights": (lambda a: msb.repair(a, "drop", weights=weights(a, np.nan)), "USAGE", "not finite"),
     "negative weights": (lambda a: msb.repair(a, "drop", weights=weights(a, -1)), "USAGE", "negative"),
     "vertices": (lambda _: msb.audit(Refuses(), [[0, 1, 2]]), "MESH_ARRAY", "RuntimeError: Can't call"),
-    "an image": (lambda _: psnr(Refuses(), np.zeros((4, 4, 3))), "METRIC_IMAGE_VALUE", "RuntimeError"),
+    "an image": (lambda _: psnr(Refuses(), np.zeros((4, 4, 3))), "METRIC_IMAGE", "RuntimeError"),
     "a background": (lambda a: msb.render(a, CAMERA, background=Refuses()), "USAGE", "background is"),
     "export settings": (lambda _: msb.export(MODEL, settings=3), "USAGE", "settings is of type int"),  # type: ignore[arg-type]
     "export method": (lambda _: msb.export(MODEL, method=3), "USAGE", 'no method "3"'),  # type: ignore[arg-type]
@@ -65,7 +65,7 @@ WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
     "lists": (lambda _: Mesh([[0, 0, 0]], [[0, 0, 0]]), "MESH_ARRAY", "vertices is of type list"),
     "swapped": (lambda _: write_cameras("c.json", [CAMERA]), "USAGE", "cameras is 'c.json'"),
     "no path": (lambda _: write_cameras([CAMERA], [CAMERA]), "USAGE", "the path is of type list"),
-    "far": (lambda _: msb.Camera.look_at((1e30, 0, 0), (0, 0, 0), **VIEW), "CAMERA_LOOK_AT", r"1e\+18"),
+    "far": (lambda _: msb.Camera.look_at((1e30, 0, 0), (0, 0, 0), **VIEW), "CAMERA_PATH", r"1e\+18"),
 }
 
 

@@ -123,7 +123,7 @@ def test_a_package_that_cannot_be_used_is_one_warning(
     if text is not None:
         (site / "msb_facets" / "__init__.py").write_text(text)
     forget()
-    with pytest.warns(PackageWarning, match=f"^METHOD_NOT_LOADED: .*{why}") as caught:
+    with pytest.warns(PackageWarning, match=f"^PACKAGE_LEFT_OUT: .*{why}") as caught:
         assert list(METHODS) == list(BUILT_IN)
     assert len(caught) == 1
     assert msb.export(TWO_DTS).manifest.method == "two_dts"
@@ -148,7 +148,7 @@ def test_a_role_that_cannot_be_loaded_is_said_to_be_the_packages(site: Path) -> 
     ):
         with pytest.raises(msb.MsbError, match=f"method facets of package msb_facets: .*{why}") as caught:
             msb.render(asset, CAMERA, tier=tier)  # type: ignore[arg-type]
-        assert (caught.value.code, caught.value.exit_status) == ("METHOD_NOT_LOADED", 2)
+        assert (caught.value.code, caught.value.exit_status) == ("PACKAGE_LEFT_OUT", 2)
 
 
 def test_a_method_without_roles_may_be_a_module(site: Path) -> None:

@@ -115,7 +115,7 @@ def read_model(
     """
     if method is not None and method not in tuple(METHODS):
         text = f'there is no method "{shorten(str(method), 40)}"; there are {", ".join(METHODS)}'
-        raise UsageError("USAGE", text, value=method)
+        raise UsageError("USAGE", text)
     place = path if isinstance(path, Place) else locate(path)
     content = Content(place)
     if method is None:
@@ -136,7 +136,7 @@ def _adapter(method: str) -> Adapter:
     found: Any = role(method, "adapter")
     if found is None:
         text = f"{METHODS[method].title} brings nothing that reads its models"
-        raise Unsupported("UNSUPPORTED_METHOD", text, value=method)
+        raise Unsupported("UNSUPPORTED_METHOD", text)
     return cast("Adapter", found)
 
 
@@ -181,7 +181,7 @@ def _recognising(content: Content, asked: Mapping[str, Adapter]) -> str | None:
             if adapter.recognises(content):
                 return name
         except UsageError as error:
-            if error.code != "METHOD_NOT_LOADED":
+            if error.code != "PACKAGE_LEFT_OUT":
                 raise
             warn(str(error))
     return None
@@ -196,7 +196,7 @@ def _refuse_other(content: Content, method: str) -> None:
         return
     if found != method:
         text = f"it holds a {found} model; --method says {method}"
-        raise CheckpointError("CHECKPOINT_METHOD", text, file=content.place.file, value=found, limit=method)
+        raise CheckpointError("CHECKPOINT_METHOD", text, file=content.place.file)
 
 
 def _hashed(model: Model, progress: Progress | None) -> list[SourceFile]:

@@ -60,7 +60,7 @@ class Content:
         """Return the dictionary that torch saved."""
         if not isinstance(self.value, dict):
             text = f"it holds a {type(self.value).__name__}; it must be a dictionary of tensors"
-            raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file)
+            raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
         return self.value
 
 

@@ -36,9 +36,9 @@ def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_OFFICIAL`: the method has no exporter.
+        `UNSUPPORTED_METHOD`: the method has no exporter.
     UsageError
-        `OFFICIAL_FORMAT`: the exporter does not write files of that suffix.
+        `NAME_UNKNOWN`: the exporter does not write files of that suffix.
     OutputError
         The place cannot be written.
     """
@@ -47,7 +47,7 @@ def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
     if suffix not in exporter.SUFFIXES:
         wanted = " or ".join(name or "a folder" for name in exporter.SUFFIXES)
         text = f"the exporter of {asset.manifest.method} writes {wanted}; OUT is {path.name}"
-        raise UsageError("OFFICIAL_FORMAT", text, file=path, value=suffix)
+        raise UsageError("NAME_UNKNOWN", text, file=path)
     exporter.write(asset, path)
 
 
@@ -57,13 +57,13 @@ def official_exporter(method: str) -> Official:
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_OFFICIAL`.
+        `UNSUPPORTED_METHOD`.
     """
     found: Any = role(method, "official")
     if found is None:
         names = ", ".join(name for name, _ in with_role("official"))
         text = f"{lookup(method).title} has no exporter of its own for such an asset; {names} have"
-        raise Unsupported("UNSUPPORTED_OFFICIAL", text, value=method)
+        raise Unsupported("UNSUPPORTED_METHOD", text)
     return cast("Official", found)
 
 

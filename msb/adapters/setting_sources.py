@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset.manifest import StoredSetting
 from msb.asset.settings import check_overrides
-from msb.errors import CheckpointError, UsageError, json_safe, shorten
+from msb.errors import CheckpointError, UsageError, shorten
 from msb.registry import METHODS
 
 if TYPE_CHECKING:
@@ -44,16 +44,16 @@ class Settings:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_VALUE_RANGE` or `CHECKPOINT_CONFIG_VALUE`: the setting cannot take the value.
+            `CHECKPOINT_LAYOUT` or `CHECKPOINT_CONFIG`: the setting cannot take the value.
         """
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
             value = f"a {type(value).__name__}"
         if problem := self._known[name].problem(value):
-            code = "CHECKPOINT_CONFIG_VALUE" if source == "config" else "CHECKPOINT_VALUE_RANGE"
+            code = "CHECKPOINT_CONFIG" if source == "config" else "CHECKPOINT_LAYOUT"
             text = f"{key or name} is {shorten(repr(value), 40)}; it {problem}"
-            raise CheckpointError(code, text, file=file, pointer=key or name, value=json_safe(value))
+            raise CheckpointError(code, text, file=file, pointer=key or name)
         self._found[name] = StoredSetting(value, source)
 
     def finish(self, degree: int | None = None) -> dict[str, StoredSetting]:
@@ -67,7 +67,7 @@ class Settings:
         wanted = self._flags.get("sh_degree")
         if isinstance(wanted, int) and degree is not None and wanted > degree:
             text = f"setting sh_degree is {wanted}; the checkpoint stores degree {degree} only"
-            raise UsageError("SETTING_VALUE", text, value=wanted, limit=degree)
+            raise UsageError("SETTING_VALUE", text)
         settings = {}
         for name, setting in self._known.items():
             default = setting.default if name != "sh_degree" else degree

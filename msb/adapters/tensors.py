@@ -47,12 +47,12 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_KEY_MISSING`.
+            `CHECKPOINT_LAYOUT`.
         """
         if key not in self._values:
             there = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
             text = f'it has no key "{key}"; it has {there}'
-            raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=self._file, pointer=key)
+            raise CheckpointError("CHECKPOINT_LAYOUT", text, file=self._file, pointer=key)
         return self._values[key]
 
     def floats(self, key: str, *shape: Axis, infinite: bool = False) -> NDArray[np.float32]:
@@ -64,8 +64,8 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_KEY_MISSING`, `CHECKPOINT_KEY_TYPE`, `CHECKPOINT_KEY_DTYPE`,
-            `CHECKPOINT_KEY_SHAPE` or `CHECKPOINT_VALUE_NONFINITE`.
+            `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT`,
+            `CHECKPOINT_LAYOUT` or `CHECKPOINT_NONFINITE`.
         """
         array = self._tensor(key, "float32", "f")
         self._check_shape(key, array.shape, shape)
@@ -84,7 +84,7 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            The errors of `floats`, and `CHECKPOINT_VALUE_INDEX` for an index that is negative or too large.
+            The errors of `floats`, and `CHECKPOINT_LAYOUT` for an index that is negative or too large.
         """
         array = self._tensor(key, "int32 or int64", "iu")
         self._check_shape(key, array.shape, shape)
@@ -92,7 +92,7 @@ class Tensors:
             at = np.argwhere((array < 0) | (array >= vertices))[0].tolist()
             found = int(array[tuple(at)])
             text = f"{key}{at} is {found}; it must be 0 to {vertices - 1}"
-            raise self.error("CHECKPOINT_VALUE_INDEX", text, f"{key}{at}", found, vertices - 1)
+            raise self.error("CHECKPOINT_LAYOUT", text, f"{key}{at}")
         return array.astype(np.uint32)
 
     def number(self, key: str) -> float:
@@ -101,7 +101,7 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_KEY_MISSING`, `CHECKPOINT_KEY_TYPE` or `CHECKPOINT_VALUE_NONFINITE`.
+            `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT` or `CHECKPOINT_NONFINITE`.
         """
         value = self.value(key)
         if isinstance(value, BFloat16Array):
@@ -112,7 +112,7 @@ class Tensors:
             raise self._wrong_type(key, value, "a number")
         if not abs(value) < 1e300:  # NaN too; an integer may be past any float
             text = f"{key} is {shorten(repr(value), 40)}; it must be a finite number"
-            raise self.error("CHECKPOINT_VALUE_NONFINITE", text, key, str(value))
+            raise self.error("CHECKPOINT_NONFINITE", text, key)
         return float(value)
 
     def integer(self, key: str, low: int, high: int) -> int:
@@ -121,12 +121,12 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_KEY_MISSING`, `CHECKPOINT_KEY_TYPE` or `CHECKPOINT_VALUE_RANGE`.
+            `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT` or `CHECKPOINT_LAYOUT`.
         """
         number = self.number(key)
         if number != int(number) or not low <= number <= high:
             text = f"{key} is {number:g}; it must be a whole number from {low} to {high}"
-            raise self.error("CHECKPOINT_VALUE_RANGE", text, key, number, high)
+            raise self.error("CHECKPOINT_LAYOUT", text, key)
         return int(number)
 
     def degree(self, key: str, coefficients: int) -> int:
@@ -135,11 +135,11 @@ class Tensors:
         Raises
         ------
         CheckpointError
-            `CHECKPOINT_KEY_SHAPE`.
+            `CHECKPOINT_LAYOUT`.
         """
         if coefficients not in SH_COEFFICIENTS:
             text = f"{key} has {coefficients} SH coefficients per channel; degree 0 to 3 has 0, 3, 8 or 15"
-            raise self.error("CHECKPOINT_KEY_SHAPE", text, key, coefficients)
+            raise self.error("CHECKPOINT_LAYOUT", text, key)
         return SH_COEFFICIENTS[coefficients]
 
     def axis(self, key: str, number: int) -> int:
@@ -151,11 +151,9 @@ class Tensors:
         """Return the length that the tensors asked for so far share under `letter`."""
         return self._lengths[letter][0]
 
-    def error(
-        self, code: str, text: str, pointer: str, value: Any = None, limit: Any = None
-    ) -> CheckpointError:
+    def error(self, code: str, text: str, pointer: str) -> CheckpointError:
         """Return the error about this file."""
-        return CheckpointError(code, text, file=self._file, pointer=pointer, value=value, limit=limit)
+        return CheckpointError(code, text, file=self._file, pointer=pointer)
 
     def _tensor(self, key: str, wanted: str, kinds: str) -> NDArray[Any]:
         value = self.value(key)
@@ -165,7 +163,7 @@ class Tensors:
             raise self._wrong_type(key, value, "a tensor")
         if value.dtype.kind not in kinds:
             text = f"{key} is {value.dtype.name}; it must be {wanted}"
-            raise self.error("CHECKPOINT_KEY_DTYPE", text, key, value.dtype.name)
+            raise self.error("CHECKPOINT_LAYOUT", text, key)
         return value
 
     def _wrong_type(self, key: str, value: Any, wanted: str) -> CheckpointError:
@@ -175,7 +173,7 @@ class Tensors:
             found = {type(None): "None", dict: "a dictionary", str: "text"}.get(
                 type(value), f"of type {type(value).__name__}"
             )
-        return self.error("CHECKPOINT_KEY_TYPE", f"{key} is {found}; it must be {wanted}", key)
+        return self.error("CHECKPOINT_LAYOUT", f"{key} is {found}; it must be {wanted}", key)
 
     def _check_shape(self, key: str, found: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
         ok = len(found) == len(wanted)
@@ -189,10 +187,10 @@ class Tensors:
             text = f"{key} has shape {list(found)}; it must be {' x '.join(map(str, wanted))}"
             where = [f"{a} = {n} as in {k}" for a, (n, k) in known.items() if k != key]
             text += f" with {', '.join(where)}" if where else ""
-            raise self.error("CHECKPOINT_KEY_SHAPE", text, key, list(found))
+            raise self.error("CHECKPOINT_LAYOUT", text, key)
         if 0 in [n for axis, n in zip(wanted, found, strict=True) if isinstance(axis, str)]:
             text = f"{key} has shape {list(found)}: the model is empty"
-            raise self.error("CHECKPOINT_KEY_SHAPE", text, key, list(found))
+            raise self.error("CHECKPOINT_LAYOUT", text, key)
 
     def _check_finite(self, key: str, array: NDArray[np.float32], *, infinite: bool) -> None:
         rows = max(1, CHUNK_ROWS * 8 // max(1, array[:1].size))
@@ -204,4 +202,4 @@ class Tensors:
                 value = part[tuple(at)]
                 at[0] += start
                 text = f"{key}{at} is {value}; it must be {'a' if infinite else 'a finite'} number"
-                raise self.error("CHECKPOINT_VALUE_NONFINITE", text, f"{key}{at}", str(value))
+                raise self.error("CHECKPOINT_NONFINITE", text, f"{key}{at}")

@@ -45,7 +45,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
             raise ValueError
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
         text = "cfg_args is not one line Namespace(name=value, ...); it was ignored"
-        return {}, (), [finding("CHECKPOINT_CONFIG_FILE", text, severity="warning", pointer="cfg_args")]
+        return {}, (), [finding("CHECKPOINT_CONFIG", text, severity="warning", pointer="cfg_args")]
     return values, (path,), [saw_test_views()] if values.get("eval") is False else []
 
 
@@ -92,8 +92,8 @@ def read_text(path: Path) -> str:
 
 
 def unusable(path: Path, why: str) -> CheckpointError:
-    """Return the error `CHECKPOINT_CONFIG_FILE`."""
-    return CheckpointError("CHECKPOINT_CONFIG_FILE", shorten(why, 200), file=path)
+    """Return the error `CHECKPOINT_CONFIG`."""
+    return CheckpointError("CHECKPOINT_CONFIG", shorten(why, 200), file=path)
 
 
 def missing(root: Path, text: str) -> Finding:

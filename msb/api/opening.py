@@ -60,9 +60,7 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     asset = load(place)
     if method not in (None, asset.manifest.method):
         text = f"it holds a {asset.manifest.method} model; {method} is asked for"
-        raise CheckpointError(
-            "CHECKPOINT_METHOD", text, file=place, value=asset.manifest.method, limit=method
-        )
+        raise CheckpointError("CHECKPOINT_METHOD", text, file=place)
     return asset
 
 

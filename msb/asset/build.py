@@ -90,10 +90,10 @@ def build_asset(
     arrays = {name: _canonical(name, buffers[name]) for name in names}
     for name, dtype in (("positions", "float32"), ("indices", "uint32")):
         if name not in arrays or arrays[name].ndim != 2 or arrays[name].shape[1] != 3:
-            raise AssetError("TRIASSET_BUFFER_REQUIRED", f"{name} must be given, n x 3")
+            raise AssetError("TRIASSET_BUFFER", f"{name} must be given, n x 3")
         if arrays[name].dtype != DTYPES[dtype]:
             text = f"buffer {name} is {arrays[name].dtype}; it must be {dtype}"
-            raise AssetError("TRIASSET_BUFFER_DTYPE", text, pointer=f"/buffers/{name}/dtype")
+            raise AssetError("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}/dtype")
     positions, indices = arrays["positions"], arrays["indices"]
     if not (len(positions) and len(indices)):
         text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset draws something"
@@ -191,7 +191,7 @@ def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
     dtype = array.dtype.newbyteorder("<")
     if dtype not in _DTYPE_NAMES:
         text = f"buffer {name} is {array.dtype}; it must be float32, uint32 or uint8"
-        raise AssetError("TRIASSET_BUFFER_DTYPE", text, pointer=f"/buffers/{name}/dtype")
+        raise AssetError("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}/dtype")
     view = np.ascontiguousarray(array, dtype).view()
     view.flags.writeable = False
     return view

@@ -40,7 +40,7 @@ def check_manifest(data: Any) -> list[Finding]:
     """
     if not isinstance(data, dict):
         text = f"the manifest is {describe(data)}; it must be an object"
-        return [finding("TRIASSET_MANIFEST_NOT_OBJECT", text, pointer="")]
+        return [finding("TRIASSET_MANIFEST", text, pointer="")]
     if stop := _check_version(data):
         return stop
     found = list(check_schema(data, manifest_schema()))
@@ -63,7 +63,7 @@ def _check_version(data: Json) -> list[Finding]:
     for key in ("format", "version"):
         if key not in data:
             text = f'the manifest lacks the required key "{key}"'
-            return [finding("TRIASSET_FIELD_MISSING", text, pointer=f"/{key}")]
+            return [finding("TRIASSET_FIELD", text, pointer=f"/{key}")]
         found += check_schema(data[key], schema[key], f"/{key}")
     if not found and _version(data)[0] != MAJOR:
         found.append(
@@ -101,7 +101,7 @@ def _check_counts(data: Json) -> Iterator[Finding]:
             )
     if data["topology"] == "triangle_soup" and vertices != 3 * faces:
         yield finding(
-            "TRIASSET_SOUP_COUNT",
+            "TRIASSET_FIELD",
             f"vertex_count is {vertices}; a soup of {faces} faces has {3 * faces}",
             pointer="/vertex_count",
             value=vertices,
@@ -114,7 +114,7 @@ def _check_bounds(data: Json) -> Iterator[Finding]:
     for axis, (a, b) in enumerate(zip(low, high, strict=True)):
         if a > b:
             yield finding(
-                "TRIASSET_BOUNDS_INVERTED",
+                "TRIASSET_FIELD",
                 f"bounds.min is {a} but bounds.max is {b} along {'xyz'[axis]}",
                 pointer=f"/bounds/min/{axis}",
                 value=a,
@@ -138,7 +138,7 @@ def _check_method(data: Json) -> Iterator[Finding]:
     kernels = dict.fromkeys(method.coverage for method in METHODS.values())
     if kernel not in kernels:
         yield finding(
-            "TRIASSET_FIELD_VALUE",
+            "TRIASSET_FIELD",
             f"/coverage/kernel is {describe(kernel)}; it must be one of {', '.join(kernels)}",
             pointer="/coverage/kernel",
             value=kernel,
@@ -154,21 +154,21 @@ def _check_settings(data: Json) -> Iterator[Finding]:
         if name not in known:
             valid = ", ".join(known) or "none"
             yield finding(
-                "TRIASSET_SETTING_UNKNOWN",
+                "TRIASSET_FIELD",
                 f'{data["method"]} has no setting "{shorten(name)}"; it has {valid}',
                 pointer=pointer,
                 value=name,
             )
         elif problem := known[name].problem(stored["value"]):
             yield finding(
-                "TRIASSET_SETTING_VALUE",
+                "TRIASSET_FIELD",
                 f"setting {name} is {describe(stored['value'])}; it {problem}",
                 pointer=f"{pointer}/value",
                 value=stored["value"],
             )
         elif name == "sh_degree" and stored["value"] > data["sh_degree"]:
             yield finding(
-                "TRIASSET_SETTING_VALUE",
+                "TRIASSET_FIELD",
                 f"setting sh_degree is {stored['value']}; the asset stores degree {data['sh_degree']} only",
                 pointer=f"{pointer}/value",
                 value=stored["value"],
@@ -182,14 +182,14 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
     count = math.prod(shape)  # Python integers: no product overflows
     if _stem(spec["file"]) in _RESERVED or ".." in spec["file"]:
         yield finding(
-            "TRIASSET_PATH_UNSAFE",
+            "TRIASSET_PATH",
             f'buffer {name} names the file "{spec["file"]}"; use "buffers/{name}.bin"',
             pointer=f"{pointer}/file",
             value=spec["file"],
         )
     if spec["offset"] % ALIGNMENT:
         yield finding(
-            "TRIASSET_BUFFER_MISALIGNED",
+            "TRIASSET_BUFFER",
             f"buffer {name} starts at byte {spec['offset']}; it must be a multiple of {ALIGNMENT}",
             pointer=f"{pointer}/offset",
             value=spec["offset"],
@@ -197,7 +197,7 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
         )
     if spec["offset"] + spec["byte_length"] > 2**63 - 1:
         yield finding(
-            "TRIASSET_BUFFER_RANGE",
+            "TRIASSET_BUFFER",
             f"buffer {name} ends at byte {spec['offset'] + spec['byte_length']}, past any file",
             pointer=f"{pointer}/offset",
         )
@@ -205,7 +205,7 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
     yield from _check_standard(name, spec)
     if count * size != spec["byte_length"]:
         yield finding(
-            "TRIASSET_BUFFER_SIZE",
+            "TRIASSET_BUFFER",
             f"buffer {name} has shape {shape} of {spec['dtype']}, {count * size} bytes, "
             f"but byte_length is {spec['byte_length']}",
             pointer=f"{pointer}/byte_length",
@@ -213,7 +213,7 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
             limit=count * size,
         )
     elif count == 0:
-        yield finding("TRIASSET_BUFFER_EMPTY", f"buffer {name} holds no values", pointer=f"{pointer}/shape")
+        yield finding("TRIASSET_BUFFER", f"buffer {name} holds no values", pointer=f"{pointer}/shape")
 
 
 def _check_domain(name: str, spec: Json, data: Json) -> Iterator[Finding]:
@@ -221,7 +221,7 @@ def _check_domain(name: str, spec: Json, data: Json) -> Iterator[Finding]:
     wanted = {"vertex": vertices, "face": faces, "corner": 3 * faces}.get(spec["domain"])
     if wanted is not None and spec["shape"][0] != wanted:
         yield finding(
-            "TRIASSET_BUFFER_DOMAIN",
+            "TRIASSET_BUFFER",
             f"buffer {name} has {spec['shape'][0]} rows; domain {spec['domain']} has {wanted}",
             pointer=f"/buffers/{name}/shape/0",
             value=spec["shape"][0],
@@ -236,14 +236,14 @@ def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
     pointer, shape = f"/buffers/{name}", spec["shape"]
     if spec["dtype"] not in dtypes:
         yield finding(
-            "TRIASSET_BUFFER_DTYPE",
+            "TRIASSET_BUFFER",
             f"buffer {name} is {spec['dtype']}; it must be {' or '.join(dtypes)}",
             pointer=f"{pointer}/dtype",
             value=spec["dtype"],
         )
     if spec["domain"] not in domains:
         yield finding(
-            "TRIASSET_BUFFER_DOMAIN",
+            "TRIASSET_BUFFER",
             f"buffer {name} has domain {spec['domain']}; it must be {' or '.join(domains)}",
             pointer=f"{pointer}/domain",
             value=spec["domain"],
@@ -254,7 +254,7 @@ def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
     if not flat and not (widths is not None and len(shape) == 2 and shape[1] in widths):
         wanted = "n" if widths is None else " or ".join(f"n x {w}" for w in widths)
         yield finding(
-            "TRIASSET_BUFFER_SHAPE",
+            "TRIASSET_BUFFER",
             f"buffer {name} has shape {shape}; it must be {wanted}",
             pointer=f"{pointer}/shape",
             value=shape,
@@ -266,14 +266,14 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
     for name in ("positions", "indices"):
         if name not in buffers:
             text = f"the manifest declares no buffer {name}"
-            yield finding("TRIASSET_BUFFER_REQUIRED", text, pointer=f"/buffers/{name}")
+            yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}")
     width = 3 * ((degree + 1) ** 2 - 1)
     if "f_rest" in buffers:
         shape = buffers["f_rest"]["shape"]
         if len(shape) != 2 or shape[1] != width:
             wanted = f"n x {width}" if degree else "absent"
             yield finding(
-                "TRIASSET_SH_WIDTH",
+                "TRIASSET_FIELD",
                 f"buffer f_rest has shape {shape}; with sh_degree {degree} it must be {wanted}",
                 pointer="/buffers/f_rest/shape",
                 value=shape,
@@ -282,7 +282,7 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
         order = data["appearance"].get("f_rest_order")
         if order not in F_REST_ORDERS:
             yield finding(
-                "TRIASSET_FIELD_MISSING" if order is None else "TRIASSET_FIELD_VALUE",
+                "TRIASSET_FIELD",
                 f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
                 + " or ".join(F_REST_ORDERS),
                 pointer="/appearance/f_rest_order",
@@ -290,7 +290,7 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
             )
     elif degree > 0:
         yield finding(
-            "TRIASSET_SH_WIDTH",
+            "TRIASSET_FIELD",
             f"sh_degree is {degree} but there is no buffer f_rest of width {width}",
             pointer="/buffers/f_rest",
             limit=width,
@@ -307,7 +307,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
         twin = folded.setdefault(file.casefold(), file)
         if twin != file:
             yield finding(
-                "TRIASSET_PATH_DUPLICATE",
+                "TRIASSET_PATH",
                 f'"{file}" and "{twin}" are one file where upper and lower case are not told apart',
                 pointer=f"/buffers/{parts[0][2]}/file",
                 value=file,
@@ -318,7 +318,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
             start = -(-end // ALIGNMENT) * ALIGNMENT
             if offset < end:
                 yield finding(
-                    "TRIASSET_BUFFER_OVERLAP",
+                    "TRIASSET_BUFFER",
                     f"buffers {before} and {name} share bytes of {file}: {name} starts at byte {offset}, "
                     f"{before} ends at {end}",
                     pointer=pointer,
@@ -327,7 +327,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
                 )
             elif offset > start:
                 yield finding(
-                    "TRIASSET_BUFFER_HOLE",
+                    "TRIASSET_DAMAGED",
                     f"bytes {end} to {offset} of {file} belong to no buffer; {name} must start at {start}",
                     pointer=pointer,
                     value=offset,

@@ -60,7 +60,7 @@ class PackedContainer:
     def _member(self, name: str) -> Member:
         if name in self._members:
             return self._members[name]
-        code = "TRIASSET_MANIFEST_MISSING" if name == MANIFEST_NAME else "TRIASSET_BUFFER_MISSING"
+        code = "TRIASSET_MANIFEST_MISSING" if name == MANIFEST_NAME else "TRIASSET_DAMAGED"
         raise AssetError(code, f"there is no {name} in it", file=self.path, pointer=name)
 
     def manifest_bytes(self) -> bytes:
@@ -91,7 +91,7 @@ class PackedContainer:
             if crc != member.crc:
                 text = f"{member.name} has CRC-32 {crc:08x}; the ZIP says {member.crc:08x}"
                 found.append(
-                    finding("TRIASSET_ZIP_CRC", text, file=member.name, pointer=f"byte {member.offset}")
+                    finding("TRIASSET_DAMAGED", text, file=member.name, pointer=f"byte {member.offset}")
                 )
         return found
 
@@ -116,7 +116,7 @@ class FolderContainer:
         if file not in self._maps:
             if file != MANIFEST_NAME and stat.S_ISLNK(_mode(self.path / "buffers")):
                 raise AssetError(
-                    "TRIASSET_PATH_LINK", "buffers is a symbolic link", file=self.path, pointer="buffers"
+                    "TRIASSET_PATH", "buffers is a symbolic link", file=self.path, pointer="buffers"
                 )
             data, status = map_member(self.path / file, file, asset=self.path)
             self._maps[file] = memoryview(data)
@@ -152,7 +152,7 @@ class FolderContainer:
         """Return a finding for each hard link; a folder has no checksums of its own."""
         return [
             finding(
-                "TRIASSET_PATH_HARDLINK",
+                "TRIASSET_PATH",
                 f"{file} has a second name outside or inside the folder",
                 severity="warning",
                 file=file,
@@ -192,7 +192,7 @@ def open_container(path: str | os.PathLike[str]) -> Container:
         tail = data[-(22 + 0xFFFF) :]
         if b"PK\x05\x06" in tail:
             text = "there is data before the first member; a packed asset starts with it"
-            raise AssetError("TRIASSET_ZIP_FOREIGN_DATA", text, file=path, pointer="byte 0")
+            raise AssetError("TRIASSET_HOSTILE", text, file=path, pointer="byte 0")
         what = "it is empty" if not data else "it does not start like a packed asset (a ZIP)"
         raise InputError(
             "FILE_NOT_RECOGNISED", f"{what}; a .triasset is a ZIP or a folder with manifest.json", file=path

@@ -42,8 +42,6 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
             f"face {face} uses vertex {indices[face, corner]}, but there are {vertices}",
             file=asset.path,
             pointer=f"indices[{face}, {corner}]",
-            value=int(indices[face, corner]),
-            limit=vertices - 1,
         )
 
 
@@ -53,19 +51,18 @@ def required_buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
     Raises
     ------
     AssetError
-        `TRIASSET_BUFFER_REQUIRED`: there is no such buffer. `TRIASSET_BUFFER_SHAPE`: its shape is not
-        `shape`.
+        `TRIASSET_BUFFER`: there is no such buffer, or its shape is not `shape`.
     """
     where: dict[str, Any] = {"file": asset.path, "pointer": f"/buffers/{name}"}
     method = asset.manifest.method
     if name not in asset.buffers:
         text = f"there is no buffer {name}; a model of {method} cannot be drawn without it"
-        raise AssetError("TRIASSET_BUFFER_REQUIRED", text, **where)
+        raise AssetError("TRIASSET_BUFFER", text, **where)
     array = asset.buffers[name]
     if array.shape != shape:
         have, want = (" x ".join(map(str, sizes)) for sizes in (array.shape, shape))
         text = f"buffer {name} is {have}; {method} has {want}"
-        raise AssetError("TRIASSET_BUFFER_SHAPE", text, value=list(array.shape), **where)
+        raise AssetError("TRIASSET_BUFFER", text, **where)
     return array
 
 
@@ -75,14 +72,12 @@ def require(asset: Asset, section: str, key: str, value: str) -> None:
     Raises
     ------
     AssetError
-        TRIASSET_FIELD_VALUE.
+        TRIASSET_FIELD.
     """
     found = getattr(asset.manifest, section).get(key)
     if found != value:
         text = f"{section}.{key} is {found!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
-        raise AssetError(
-            "TRIASSET_FIELD_VALUE", text, file=asset.path, pointer=f"/{section}/{key}", value=found
-        )
+        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer=f"/{section}/{key}")
 
 
 def _all_good(array: NDArray[Any], *, infinite: bool) -> bool:

@@ -27,17 +27,15 @@ class _Packed(Policy):
     def __init__(self, file: object) -> None:
         self.file = file
 
-    def refuse(self, code: str, message: str, at: int, *, value: Any = None, limit: Any = None) -> NoReturn:
+    def refuse(self, code: str, message: str, at: int) -> NoReturn:
         pointer = f"byte {at}"
-        raise AssetError(
-            f"TRIASSET_{code}", message, file=self.file, pointer=pointer, value=value, limit=limit
-        )
+        raise AssetError(f"TRIASSET_{code}", message, file=self.file, pointer=pointer)
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
         text = raw.decode("utf-8" if flags & UTF8 else "cp437", "replace")
         if not is_member_name(text) or text.encode() != raw:
             message = f'the member "{shorten(text)}" is neither {MANIFEST_NAME} nor buffers/NAME.bin'
-            self.refuse("ZIP_NAME", message, at, value=shorten(text))
+            self.refuse("FORM", message, at)
         return text
 
     def same_name(self, name: str) -> str:
@@ -46,20 +44,20 @@ class _Packed(Policy):
     def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
         """Refuse what some extractor would make a link, folder or device of, whatever system wrote it."""
         if extra > _MAX_EXTRA:
-            self.refuse("ZIP_DIRECTORY", f"{name} has {extra} bytes of extra data", at, limit=_MAX_EXTRA)
+            self.refuse("DAMAGED", f"{name} has {extra} bytes of extra data", at)
         kind = stat.S_IFMT(attributes >> 16)
         if kind == stat.S_IFLNK:
-            self.refuse("PATH_LINK", f"{name} is a symbolic link", at)
+            self.refuse("PATH", f"{name} is a symbolic link", at)
         if kind not in (0, stat.S_IFREG) or attributes & _DOS_FOLDER:
-            self.refuse("PATH_NOT_FILE", f"{name} is marked as a folder or device", at)
+            self.refuse("PATH", f"{name} is marked as a folder or device", at)
 
     def check_place(self, name: str, start: int, extra: int) -> None:
         if extra > _MAX_EXTRA:
             text = f"{name} has {extra} bytes of extra data"
-            self.refuse("ZIP_FOREIGN_DATA", text, start - extra, value=extra, limit=_MAX_EXTRA)
+            self.refuse("HOSTILE", text, start - extra)
         if start % ALIGNMENT:
             text = f"{name} starts at byte {start}; it must be a multiple of {ALIGNMENT}"
-            self.refuse("ZIP_MISALIGNED", text, start, value=start, limit=ALIGNMENT)
+            self.refuse("FORM", text, start)
 
 
 def parse_packed(data: Any, *, file: object) -> dict[str, Member]:

@@ -44,7 +44,7 @@ def map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | b
             os.close(descriptor)
     except (OSError, ValueError) as error:
         if is_missing(error):
-            code = "TRIASSET_MANIFEST_MISSING" if member == MANIFEST_NAME else "TRIASSET_BUFFER_MISSING"
+            code = "TRIASSET_MANIFEST_MISSING" if member == MANIFEST_NAME else "TRIASSET_DAMAGED"
             raise AssetError(code, f"there is no {member} in it", file=asset, pointer=member) from error
         text = f"{member} cannot be read: {system_reason(error)}"
         raise AssetError("TRIASSET_FILE_UNREADABLE", text, file=asset, pointer=member) from error
@@ -64,7 +64,7 @@ def _open(path: Path, member: str) -> int:
 
 def _refuse_special(status: os.stat_result, asset: object, member: str) -> None:
     if stat.S_ISLNK(status.st_mode):
-        raise AssetError("TRIASSET_PATH_LINK", f"{member} is a symbolic link", file=asset, pointer=member)
+        raise AssetError("TRIASSET_PATH", f"{member} is a symbolic link", file=asset, pointer=member)
     if kind := special_kind(status):
         text = f"{member} is {kind}; it must be a regular file"
-        raise AssetError("TRIASSET_PATH_NOT_FILE", text, file=asset, pointer=member)
+        raise AssetError("TRIASSET_PATH", text, file=asset, pointer=member)

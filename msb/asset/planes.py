@@ -35,4 +35,4 @@ def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any
     text = f"settings z_near {near:g} and z_far {far:g} are no range of depths: z_near must be below z_far, "
     text += f"and {mvp.dtype} must tell them from 0 and infinity: z_far / z_near must be below about "
     text += f"{1 / np.finfo(mvp.dtype).eps:.0e}"
-    raise UsageError("SETTING_VALUE", text, value=[near, far])
+    raise UsageError("SETTING_VALUE", text)

@@ -18,7 +18,7 @@ from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
-_NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_ZIP_NAME")
+_NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM")
 """Codes of errors in files and folders that are no asset, such as a ZIP that torch saved."""
 
 
@@ -73,10 +73,16 @@ def check_files(manifest: Manifest, container: Container) -> list[Finding]:
             found.append(finding(error.code, error.message, pointer=_pointer(manifest, file), file=file))
             continue
         if size != wanted:
-            code = "TRIASSET_BUFFER_TRUNCATED" if size < wanted else "TRIASSET_BUFFER_TOO_LONG"
             text = f"{file} has {size} bytes; the manifest declares {wanted}"
             found.append(
-                finding(code, text, pointer=_pointer(manifest, file), file=file, value=size, limit=wanted)
+                finding(
+                    "TRIASSET_DAMAGED",
+                    text,
+                    pointer=_pointer(manifest, file),
+                    file=file,
+                    value=size,
+                    limit=wanted,
+                )
             )
     return found + container.undeclared(set(declared))
 

@@ -59,7 +59,7 @@ def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Find
     here = pointer or "the manifest"
     if not _has_type(value, schema.get("type")):
         yield finding(
-            code if code in _TYPE_IS_VALUE else "TRIASSET_FIELD_TYPE",
+            code or "TRIASSET_FIELD",
             f"{here} is {describe(value)}; it must be {_type_names(schema['type'])}",
             pointer=pointer,
             value=value,
@@ -67,7 +67,7 @@ def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Find
         return
     for problem in _scalar_problems(value, schema):
         yield finding(
-            code or "TRIASSET_FIELD_VALUE",
+            code or "TRIASSET_FIELD",
             f"{here} is {describe(value)}; it must {problem}",
             pointer=pointer,
             value=value,
@@ -79,18 +79,6 @@ def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Find
             yield from check_schema(item, schema["items"], f"{pointer}/{index}")
 
 
-# For these the wrong type is as good a violation as a wrong value: the code says more than FIELD_TYPE would.
-_TYPE_IS_VALUE = frozenset(
-    {
-        "TRIASSET_FORMAT_UNKNOWN",
-        "TRIASSET_VERSION_MALFORMED",
-        "TRIASSET_METHOD_UNKNOWN",
-        "TRIASSET_SH_DEGREE",
-        "TRIASSET_CHECKSUM_MALFORMED",
-    }
-)
-
-
 def _check_object(value: dict[str, Any], schema: Schema, pointer: str) -> Iterator[Finding]:
     properties: dict[str, Schema] = schema.get("properties", {})
     others: Schema | None = schema.get("additionalProperties")
@@ -98,7 +86,7 @@ def _check_object(value: dict[str, Any], schema: Schema, pointer: str) -> Iterat
     for key in schema.get("required", ()):
         if key not in value:
             yield finding(
-                "TRIASSET_FIELD_MISSING",
+                "TRIASSET_FIELD",
                 f'{pointer or "the manifest"} lacks the required key "{key}"',
                 pointer=f"{pointer}/{key}",
             )

@@ -27,7 +27,7 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
     degree = overrides.get("sh_degree")
     if isinstance(degree, int) and degree > manifest.sh_degree:
         text = f"setting sh_degree is {degree}; the asset stores degree {manifest.sh_degree} only"
-        raise UsageError("SETTING_VALUE", text, value=degree, limit=manifest.sh_degree)
+        raise UsageError("SETTING_VALUE", text)
     values = {name: setting.default for name, setting in method.settings.items()}
     if "sh_degree" in values:
         values["sh_degree"] = manifest.sh_degree
@@ -51,10 +51,10 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
             near = difflib.get_close_matches(str(name), known, 1)
             text = f'{method} has no setting "{shorten(str(name), 40)}"; it has {valid}'
             text += f"; did you mean {near[0]}?" if near else ""
-            raise UsageError("SETTING_UNKNOWN", text, value=str(name))
+            raise UsageError("SETTING_UNKNOWN", text)
         if problem := known[name].problem(value):
             text = f"setting {name} is {shorten(repr(value), 40)}; it {problem}"
-            raise UsageError("SETTING_VALUE", text, value=value)
+            raise UsageError("SETTING_VALUE", text)
     return dict(overrides)
 
 
@@ -63,7 +63,7 @@ def check_modes(order: str, sampling: str) -> None:
     for what, value, known in (("order", order, ORDERS), ("sampling", sampling, SAMPLINGS)):
         if value not in known:
             text = f'there is no {what} "{shorten(str(value), 40)}"; there are {", ".join(known)}'
-            raise UsageError("USAGE", text, value=value)
+            raise UsageError("USAGE", text)
 
 
 def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, SettingValue]:

@@ -58,7 +58,7 @@ class _Parser:
         text = self.decode(data)
         if (depth := json_nesting(text)) > MAX_DEPTH:
             message = f"nests {depth} levels; {MAX_DEPTH} are allowed"
-            self.refuse("TRIASSET_MANIFEST_TOO_DEEP", message, value=depth, limit=MAX_DEPTH)
+            self.refuse("TRIASSET_MANIFEST", message)
         try:
             value = json.loads(
                 text,
@@ -69,54 +69,54 @@ class _Parser:
             )
         except json.JSONDecodeError as error:
             self.refuse(
-                "TRIASSET_MANIFEST_SYNTAX",
+                "TRIASSET_MANIFEST",
                 f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
                 pointer=f"byte {len(text[: error.pos].encode())}",
             )
         if has_lone_surrogate(value):
             message = "escapes half of a surrogate pair, which is no character"
-            self.refuse("TRIASSET_MANIFEST_ENCODING", message)
+            self.refuse("TRIASSET_MANIFEST", message)
         return value
 
     def decode(self, data: bytes) -> str:
         if not data:
-            self.refuse("TRIASSET_MANIFEST_EMPTY", "is empty; it must hold one JSON document")
+            self.refuse("TRIASSET_MANIFEST", "is empty; it must hold one JSON document")
         if len(data) > self.max_bytes:
             message = f"has more than {self.max_bytes} bytes"
-            self.refuse("TRIASSET_MANIFEST_TOO_LARGE", message, value=len(data), limit=self.max_bytes)
+            self.refuse("TRIASSET_MANIFEST", message)
         if data.startswith(b"\xef\xbb\xbf"):
             message = "starts with a byte-order mark; it must be plain UTF-8"
-            self.refuse("TRIASSET_MANIFEST_ENCODING", message, pointer="byte 0")
+            self.refuse("TRIASSET_MANIFEST", message, pointer="byte 0")
         try:
             return data.decode("utf-8")
         except UnicodeDecodeError as error:
             at = error.start
             message = f"is not UTF-8: byte {at} is 0x{data[at]:02x}"
-            self.refuse("TRIASSET_MANIFEST_ENCODING", message, pointer=f"byte {at}")
+            self.refuse("TRIASSET_MANIFEST", message, pointer=f"byte {at}")
 
     def unique(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key, value in pairs:
             if key in result:
                 message = f'names the key "{shorten(key)}" twice'
-                self.refuse("TRIASSET_MANIFEST_DUPLICATE_KEY", message, value=key)
+                self.refuse("TRIASSET_MANIFEST", message)
             result[key] = value
         return result
 
     def no_constant(self, name: str) -> NoReturn:
-        self.refuse("TRIASSET_MANIFEST_NONFINITE", f"holds {name}; JSON numbers are finite", value=name)
+        self.refuse("TRIASSET_MANIFEST", f"holds {name}; JSON numbers are finite")
 
     def finite(self, text: str) -> float:
         number = float(text)
         if abs(number) == float("inf"):
             message = f"holds {shorten(text)}, which overflows"
-            self.refuse("TRIASSET_MANIFEST_NONFINITE", message, value=shorten(text))
+            self.refuse("TRIASSET_MANIFEST", message)
         return number
 
     def bounded_integer(self, text: str) -> int:
         if (digits := len(text.lstrip("-"))) > MAX_DIGITS:
             message = f"holds an integer of {digits} digits; {MAX_DIGITS} are allowed"
-            self.refuse("TRIASSET_MANIFEST_INTEGER", message, value=shorten(text, 30), limit=MAX_DIGITS)
+            self.refuse("TRIASSET_MANIFEST", message)
         return int(text)
 
 

@@ -57,10 +57,8 @@ class Policy:
     """Sizes and checksum may stand behind the data, and a local header repeat the central ZIP64 record, as
     torch writes both."""
 
-    def refuse(
-        self, code: str, message: str, at: int, *, value: Any = None, limit: Any = None
-    ) -> NoReturn:  # pragma: no cover
-        """Raise the error about byte `at`. `code` is without the prefix of the kind: ZIP_NAME."""
+    def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
+        """Raise the error about byte `at`. `code` is without the prefix of the kind: FORM."""
         raise NotImplementedError
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
@@ -74,7 +72,7 @@ class Policy:
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
         """Refuse a member that is not stored."""
         text = f"{shorten(name)} is compressed (method {method}); it must be stored"
-        self.refuse("ZIP_COMPRESSED", text, at)
+        self.refuse("FORM", text, at)
 
     def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
         """Check the length of a central header's extra field, and its external attributes."""
@@ -107,10 +105,10 @@ class _Parser:
     def record(self, layout: struct.Struct, at: int, signature: bytes, what: str) -> tuple[Any, ...]:
         """Return the fields of the record at byte `at`, its signature checked and left out."""
         if at < 0 or at + layout.size > self.size:
-            self.refuse("ZIP_DIRECTORY", f"{what} at byte {at} does not fit into the file", at)
+            self.refuse("DAMAGED", f"{what} at byte {at} does not fit into the file", at)
         found, *fields = layout.unpack_from(self.data, at)
         if found != signature:
-            self.refuse("ZIP_DIRECTORY", f"there is no {what} at byte {at}", at)
+            self.refuse("DAMAGED", f"there is no {what} at byte {at}", at)
         return tuple(fields)
 
     def members(self) -> dict[str, Member]:
@@ -118,7 +116,7 @@ class _Parser:
         most = self.policy.max_members
         if count > most:
             text = f"the archive has {count} members; there may be {most}"
-            self.refuse("ZIP_TOO_MANY_MEMBERS", text, start, value=count, limit=most)
+            self.refuse("FORM", text, start)
         found: list[Member] = []
         position = start
         for _ in range(count):
@@ -126,7 +124,7 @@ class _Parser:
             found.append(member)
         if position != end:
             text = f"the central directory ends at byte {position}, its size says {end}"
-            self.refuse("ZIP_DIRECTORY", text, position)
+            self.refuse("DAMAGED", text, position)
         self.check_names(found)
         found.sort(key=lambda member: member.header)
         self.check_tiling(found, start)
@@ -140,26 +138,24 @@ class _Parser:
             found = self.part(first, self.size).rfind(b"PK\x05\x06")
             after = first + found + END.size
             if found >= 0 and after <= self.size:
-                self.refuse("ZIP_FOREIGN_DATA", "there is data after the end of the archive", after)
-            self.refuse(
-                "ZIP_TRUNCATED", "the archive's end record is missing: the file is cut off", max(0, at)
-            )
+                self.refuse("HOSTILE", "there is data after the end of the archive", after)
+            self.refuse("DAMAGED", "the archive's end record is missing: the file is cut off", max(0, at))
         disk, first_disk, here, count, length, start, comment = self.record(
             END, at, b"PK\x05\x06", "end record"
         )
         if comment:
-            self.refuse("ZIP_FOREIGN_DATA", f"the end record announces {comment} more bytes", at)
+            self.refuse("HOSTILE", f"the end record announces {comment} more bytes", at)
         end = at
         locator = at - LOCATOR.size
         if locator >= 0 and self.part(locator, locator + 4) == b"PK\x06\x07":
             here, count, length, start, end = self.end64(locator, (here, count, length, start))
         elif FULL16 in (here, count) or FULL32 in (length, start):
-            self.refuse("ZIP_ZIP64", "the end record needs a ZIP64 record that is missing", at)
+            self.refuse("HOSTILE", "the end record needs a ZIP64 record that is missing", at)
         if disk or first_disk or here != count:
-            self.refuse("ZIP_DIRECTORY", "the archive is split over several files", at)
+            self.refuse("DAMAGED", "the archive is split over several files", at)
         if start + length != end:
             # A prefix (say, of a self-extracting program) shifts the directory from where it says it is.
-            code = "ZIP_FOREIGN_DATA" if start + length < end else "ZIP_DIRECTORY"
+            code = "HOSTILE" if start + length < end else "DAMAGED"
             text = f"the central directory should end at byte {end}, but ends at {start + length}"
             self.refuse(code, text, at)
         return count, start, end
@@ -167,16 +163,16 @@ class _Parser:
     def end64(self, locator: int, plain: tuple[int, int, int, int]) -> tuple[int, int, int, int, int]:
         _, at, disks = self.record(LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
         if at != locator - END64.size or disks != 1:
-            self.refuse("ZIP_ZIP64", "the ZIP64 locator does not point just before itself", locator)
+            self.refuse("HOSTILE", "the ZIP64 locator does not point just before itself", locator)
         size, *_, disk, first_disk, here, count, length, start = self.record(
             END64, at, b"PK\x06\x06", "ZIP64 end record"
         )
         if size != END64.size - 12 or disk or first_disk:
-            self.refuse("ZIP_ZIP64", "the ZIP64 end record is not well formed", at)
+            self.refuse("HOSTILE", "the ZIP64 end record is not well formed", at)
         wide = (here, count, length, start)
         for short, full, saturated in zip(plain, wide, (FULL16, FULL16, FULL32, FULL32), strict=True):
             if short not in (full, saturated):
-                self.refuse("ZIP_ZIP64", f"the end records contradict each other: {short} and {full}", at)
+                self.refuse("HOSTILE", f"the end records contradict each other: {short} and {full}", at)
         return here, count, length, start, at
 
     def central_entry(self, at: int, end: int) -> tuple[Member, int]:
@@ -188,20 +184,20 @@ class _Parser:
         after = extra + n_extra + n_comment
         if after > end:
             text = f"the central header at byte {at} runs over the directory's end"
-            self.refuse("ZIP_DIRECTORY", text, at)
+            self.refuse("DAMAGED", text, at)
         raw = self.part(at + CENTRAL.size, extra)
         name = self.policy.name(raw, flags, at)
         shown = shorten(name)
         if n_comment or disk:
-            self.refuse("ZIP_DIRECTORY", f"{shown} has a comment or is in another file", at)
+            self.refuse("DAMAGED", f"{shown} has a comment or is in another file", at)
         if flags & ENCRYPTED:
-            self.refuse("ZIP_ENCRYPTED", f"{shown} is encrypted", at)
+            self.refuse("FORM", f"{shown} is encrypted", at)
         if method != 0:
             self.policy.compressed(name, method, at)
         self.policy.check_entry(name, n_extra, attributes, at)
         size, packed, header = self.sizes64(extra, n_extra, (size, packed, header), shown)
         if packed != size:
-            self.refuse("ZIP_HEADER_MISMATCH", f"{shown}: a stored member has one size, not two", at)
+            self.refuse("HOSTILE", f"{shown}: a stored member has one size, not two", at)
         start = self.local_entry(name, raw, flags, (crc, size, header))
         data_end = start + size
         if flags & DESCRIPTOR:
@@ -217,12 +213,12 @@ class _Parser:
         extra = header + LOCAL.size + n_name
         start: int = extra + n_extra
         if start + size > self.size:
-            self.refuse("ZIP_DIRECTORY", f"{shown} runs over the end of the file", header)
+            self.refuse("DAMAGED", f"{shown} runs over the end of the file", header)
         if (flags | local_flags) & DESCRIPTOR and not self.policy.descriptors:
             text = f"{shown} keeps its sizes behind its data, not before"
-            self.refuse("ZIP_HEADER_MISMATCH", text, header)
+            self.refuse("HOSTILE", text, header)
         if self.part(header + LOCAL.size, extra) != raw or (local_flags, method) != (flags, 0):
-            self.refuse("ZIP_HEADER_MISMATCH", f"{shown}: local and central header disagree", header)
+            self.refuse("HOSTILE", f"{shown}: local and central header disagree", header)
         if self.policy.descriptors:
             local_size, packed = self.repeated_sizes64(
                 extra, n_extra, (local_size, packed), central, flags, shown
@@ -232,7 +228,7 @@ class _Parser:
         plain = (local_crc, packed, local_size)
         if plain != (crc, size, size) and not (flags & DESCRIPTOR and plain == (0, 0, 0)):
             text = f"{shown}: local and central header disagree on its size or checksum"
-            self.refuse("ZIP_HEADER_MISMATCH", text, header)
+            self.refuse("HOSTILE", text, header)
         self.policy.check_place(name, start, n_extra)
         return start
 
@@ -254,7 +250,7 @@ class _Parser:
         wide = self.zip64(at, length, shown)
         sizes = [(size, size), (size, 0)] if flags & DESCRIPTOR else [(size, size)]
         if wide is not None and wide not in (*sizes, *((*pair, header) for pair in sizes), (header,)):
-            self.refuse("ZIP_ZIP64", f"{shown}: its local ZIP64 record contradicts the directory", at)
+            self.refuse("HOSTILE", f"{shown}: its local ZIP64 record contradicts the directory", at)
         if wide is not None and wide[:2] == (size, size):
             return (size if short[0] == FULL32 else short[0]), (size if short[1] == FULL32 else short[1])
         return short
@@ -266,7 +262,7 @@ class _Parser:
             if at + layout.size <= self.size and layout.unpack_from(self.data, at) == wanted:
                 return layout.size
         text = f"{shown}: what stands behind its data is not its size and checksum"
-        return self.refuse("ZIP_HEADER_MISMATCH", text, at)
+        return self.refuse("HOSTILE", text, at)
 
     def sizes64(self, at: int, length: int, short: tuple[int, int, int], shown: str) -> tuple[int, int, int]:
         """Return size, packed size and header offset, read from the ZIP64 record where they do not fit.
@@ -277,7 +273,7 @@ class _Parser:
         wide = self.zip64(at, length, shown)
         if len(wide or ()) != wanted or (wide is not None and not wanted):
             text = f"{shown} has a ZIP64 record of {len(wide or ())} numbers where {wanted} are needed"
-            self.refuse("ZIP_ZIP64", text, at)
+            self.refuse("HOSTILE", text, at)
         values = iter(wide or ())
         size, packed, header = (next(values) if value == FULL32 else value for value in short)
         return size, packed, header
@@ -289,13 +285,13 @@ class _Parser:
         while at + 4 <= end:
             kind, size = struct.unpack_from("<2H", self.data, at)
             if at + 4 + size > end:
-                self.refuse("ZIP_DIRECTORY", f"{shown}: an extra record runs over its field", at)
+                self.refuse("DAMAGED", f"{shown}: an extra record runs over its field", at)
             if kind == _EXTRA_NAME:
-                self.refuse("ZIP_NAME", f"{shown} has a second name in its extra field", at)
+                self.refuse("FORM", f"{shown} has a second name in its extra field", at)
             if kind == EXTRA_ZIP64:
                 if wide is not None or size not in (0, 8, 16, 24):
                     text = f"{shown} has two ZIP64 records, or one of {size} bytes"
-                    self.refuse("ZIP_ZIP64", text, at)
+                    self.refuse("HOSTILE", text, at)
                 wide = struct.unpack_from(f"<{size // 8}Q", self.data, at + 4)
             at += 4 + size
         return wide
@@ -308,7 +304,7 @@ class _Parser:
                 seen[key] = member.name
                 continue
             twin = seen[key]
-            code = "ZIP_DUPLICATE_MEMBER" if twin == member.name else "PATH_DUPLICATE"
+            code = "HOSTILE" if twin == member.name else "PATH"
             text = f"{shorten(member.name)} and {shorten(twin)} are the same name"
             self.refuse(code, text, member.header)
 
@@ -318,11 +314,11 @@ class _Parser:
         for member in members:
             if member.header < position:
                 text = f"{shorten(member.name)} overlaps the member before it"
-                self.refuse("ZIP_DIRECTORY", text, position)
+                self.refuse("DAMAGED", text, position)
             if member.header > position:
                 text = f"bytes {position} to {member.header} belong to no member"
-                self.refuse("ZIP_FOREIGN_DATA", text, position)
+                self.refuse("HOSTILE", text, position)
             position = member.end
         if position != directory:
             text = f"bytes {position} to {directory} belong to no member"
-            self.refuse("ZIP_FOREIGN_DATA", text, position)
+            self.refuse("HOSTILE", text, position)

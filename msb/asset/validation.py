@@ -98,7 +98,7 @@ def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
         digest = hashlib.sha256(as_bytes(asset.buffers[name])).hexdigest()
         if digest != spec.sha256:
             yield finding(
-                "TRIASSET_CHECKSUM_MISMATCH",
+                "TRIASSET_DAMAGED",
                 f"buffer {name} has SHA-256 {digest[:16]}...; the manifest says {spec.sha256[:16]}...",
                 pointer=f"/buffers/{name}/sha256",
                 value=digest,
@@ -144,7 +144,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
         stated = np.array(getattr(manifest.bounds, key))
         if np.abs(stated - measured).max() > slack:
             yield finding(
-                "TRIASSET_BOUNDS_MISMATCH",
+                "TRIASSET_BOUNDS",
                 f"bounds.{key} is {stated.tolist()}; the positions have {measured.tolist()}",
                 pointer=f"/bounds/{key}",
                 value=stated.tolist(),
@@ -160,7 +160,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
     count, first = _count(positions, outside)
     if count:
         yield finding(
-            "TRIASSET_SPHERE_MISMATCH",
+            "TRIASSET_BOUNDS",
             f"{count} vertices lie outside the bounding sphere, the first is {first}",
             pointer="/bounding_sphere",
             value=count,
@@ -169,7 +169,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
     enough = sphere.radius + math.dist(manifest.bounding_sphere.center, sphere.center)
     if radius > 2 * enough + slack:
         yield finding(
-            "TRIASSET_SPHERE_MISMATCH",
+            "TRIASSET_BOUNDS",
             f"the bounding sphere has radius {radius:g}, but {enough:g} holds all vertices",
             severity="warning",
             pointer="/bounding_sphere/radius",
@@ -179,7 +179,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
     largest = max(abs(value) for value in (*bounds.min, *bounds.max))
     if largest > MAGNITUDE_LIMIT:
         yield finding(
-            "TRIASSET_VALUE_MAGNITUDE",
+            "TRIASSET_VALUE_RANGE",
             f"a coordinate is {largest:g}; above {MAGNITUDE_LIMIT:g} areas overflow float32",
             severity="warning",
             pointer="positions",
@@ -207,7 +207,7 @@ def _check_indices(asset: Asset) -> Iterator[Finding]:
             if wrong.any():
                 at = 3 * start + int(np.argmax(wrong))
                 yield finding(
-                    "TRIASSET_SOUP_INDICES",
+                    "TRIASSET_VALUE_RANGE",
                     f"index {at} of the soup is {indices.reshape(-1)[at]}; it must be {at}",
                     pointer=f"indices[{at // 3}, {at % 3}]",
                     value=int(indices.reshape(-1)[at]),

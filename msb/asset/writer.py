@@ -79,13 +79,13 @@ def _refuse_unreadable(asset: Asset, path: object) -> None:
     size = len(asset.manifest.to_bytes())
     if size > MAX_BYTES:
         text = f"the manifest takes {size} bytes as written; {MAX_BYTES} are allowed"
-        raise AssetError("TRIASSET_MANIFEST_TOO_LARGE", text, file=path, value=size, limit=MAX_BYTES)
+        raise AssetError("TRIASSET_MANIFEST", text, file=path)
     for name, spec in asset.manifest.buffers.items():
         array = asset.buffers.get(name)
         if array is None or (array.shape, array.dtype) != (spec.shape, DTYPES[spec.dtype]):
             found = "missing" if array is None else f"{array.dtype} {list(array.shape)}"
             text = f"buffer {name} is {found}; the manifest declares {spec.dtype} {list(spec.shape)}"
-            raise AssetError("TRIASSET_BUFFER_SHAPE", text, file=path, pointer=f"/buffers/{name}/shape")
+            raise AssetError("TRIASSET_BUFFER", text, file=path, pointer=f"/buffers/{name}/shape")
 
 
 def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:

@@ -113,8 +113,7 @@ def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputEr
     file = Path(str(error.file))
     if not file.is_relative_to(temporary):
         return error
-    where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
-    return OutputError(error.code, error.message, file=target / file.relative_to(temporary), **where)
+    return error.at(target / file.relative_to(temporary))
 
 
 def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: bool = False) -> None:

@@ -36,4 +36,4 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
         are = "is" if len(absent) == 1 else "are"
         found = f"{', '.join(absent)} {are} not installed"
         text = f"{what} needs the extra {extra} ({found}): {install(extra)}"
-        raise UsageError("EXTRA_MISSING", f"{text}; {instead}" if instead else text, value=extra)
+        raise UsageError("EXTRA_MISSING", f"{text}; {instead}" if instead else text)

@@ -68,7 +68,7 @@ def installed(
             found[entry.name] = accept(entry.name, entry.value), entry.value
         except PackageError as error:
             where = whose(kind, entry.name, entry.value or getattr(entry.dist, "name", ""))
-            warn(f"{kind.upper()}_NOT_LOADED: {where} is left out: {error}")
+            warn(f"PACKAGE_LEFT_OUT: {where} is left out: {error}")
     return found
 
 
@@ -87,7 +87,7 @@ def _own_entries(package: Distribution, kind: str, group: str) -> Iterator[Entry
         with contextlib.suppress(Exception):
             if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
                 text = f"{kind}s of package {package.name} are left out: its entry_points.txt cannot be read"
-                warn(f"{kind.upper()}_NOT_LOADED: {text}: {shorten(str(error), 200)}")
+                warn(f"PACKAGE_LEFT_OUT: {text}: {shorten(str(error), 200)}")
 
 
 def whose(kind: str, name: str, value: str) -> str:

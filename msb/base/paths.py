@@ -79,5 +79,5 @@ class SpelledFiles:
                 f"{len(found)} files in it are called {shorten(found[0], 60)} in different Unicode normal "
                 "forms; leave one of them"
             )
-            raise InputError("FILE_NAMES_ALIKE", text, file=folder, value=found)
+            raise InputError("FILE_UNREADABLE", text, file=folder)
         return found[0]

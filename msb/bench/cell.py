@@ -71,7 +71,7 @@ def compute(job: Job) -> Done:
             record |= found
             record["inputs"][part] = dict(inputs)
         except Exception as error:  # even a bug of ours costs no more than one part of one cell
-            if isinstance(error, MsbError) and error.code == "RUN_WORKER_PATHS":
+            if isinstance(error, MsbError) and error.code == "RUN_SCHEDULER":
                 raise
             record["reasons"][part] = reason_of(error)
     record["seconds"] += time.perf_counter() - start

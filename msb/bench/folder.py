@@ -60,7 +60,7 @@ class Results:
         # A file system, or an archive of it, may have another form of the same name.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
             text = f"it is of {'/'.join(result.cell.names)}, and does not lie there"
-            raise InputError("RECORD_MISPLACED", text, file=path)
+            raise InputError("RECORD_INVALID", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
         """Return the folder of the photographs as they are compared."""
@@ -115,7 +115,7 @@ def check_names(*paths: Path | None) -> None:
             str(path).encode()
         except UnicodeEncodeError:
             text = "its name is not UTF-8, so no record could hold it; rename it or work in another folder"
-            raise UsageError("RUN_PATH_NAME", text, file=path) from None
+            raise UsageError("USAGE", text, file=path) from None
 
 
 def check_run(root: Path, run: str) -> None:
@@ -125,7 +125,7 @@ def check_run(root: Path, run: str) -> None:
             f"worker {platform.node()} does not see this run's results there; all machines of a cluster "
             "need results, scenes and models under the same paths"
         )
-        raise UsageError("RUN_WORKER_PATHS", text, file=root)
+        raise UsageError("RUN_SCHEDULER", text, file=root)
 
 
 def _holder(root: Path) -> str:

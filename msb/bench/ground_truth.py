@@ -36,7 +36,7 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_IMAGE_FILE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask does not have
+        METRIC_IMAGE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask does not have
         the size of its photograph.
 
     Notes

@@ -201,7 +201,7 @@ def read_training(job: Job) -> dict[str, Any]:
     track = read_track(job.training)
     if track.exit_status:
         text = f"the training ended with status {track.exit_status}; what it cost is no cost of a model"
-        raise InputError("TRAINING_FAILED", text, file=job.training, value=track.exit_status)
+        raise InputError("TRAINING_FAILED", text, file=job.training)
     found = Training(
         seconds=track.seconds, peak_memory_bytes=track.peak_gpu_memory_bytes, source=str(job.training)
     )

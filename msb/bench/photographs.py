@@ -170,5 +170,5 @@ def checked_scene(at: SceneAt, views: Views) -> Scene:
     scene = at.read()
     if digest([_numbers(camera) for camera in scene.test]) != views.cameras:
         text = "its cameras are not those the run was planned with: changed since, or another folder here"
-        raise UsageError("RUN_WORKER_PATHS", text, file=at.path)
+        raise UsageError("RUN_SCHEDULER", text, file=at.path)
     return scene

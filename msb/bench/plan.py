@@ -242,8 +242,7 @@ class Planner:
             return Reason(code="UNSUPPORTED_OPTION", message=why)
         if tier is None or tier not in reasons:
             return None
-        code = "UNSUPPORTED_STANDARD" if cell.condition == "standard" else "UNSUPPORTED_TIER"
-        return Reason(code=code, message=f"{cell.method} on tier {tier}: {reasons[tier]}")
+        return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {reasons[tier]}")
 
     def _variant(self, cell: Cell) -> VariantTable | None:
         """Return the protocol's variant that the cell is of, None where it is of none."""

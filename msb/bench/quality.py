@@ -47,7 +47,7 @@ def measure_quality(job: Job) -> dict[str, Any]:
         text = (
             f"the metrics where this is computed are {here}, and not those of the run; install its packages"
         )
-        raise UsageError("METRIC_NOT_LOADED", text)
+        raise UsageError("PACKAGE_LEFT_OUT", text)
     rows: list[ImageQuality] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):

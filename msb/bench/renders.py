@@ -93,7 +93,7 @@ def _check_names(folder: Path, found: set[str], wanted: set[str]) -> None:
                 f"{shown}{more} {verb} {what}; there must be one image for each of the {len(wanted)} "
                 "test views, called as its photograph, or 00000, 00001, ... in their order"
             )
-            raise MetricError("METRIC_IMAGE_NAMES", text, file=folder, value=sorted(names))
+            raise MetricError("METRIC_IMAGE_NAMES", text, file=folder)
 
 
 def _check_sums(path: Path, hashes: dict[str, str]) -> None:
@@ -112,4 +112,4 @@ def _check_sums(path: Path, hashes: dict[str, str]) -> None:
         name = normal_form(file)
         if said.get(name.removeprefix("./"), said.get(f"./{name}")) != sha256:
             what = "has another hash in it" if name in said or f"./{name}" in said else "is not in it"
-            raise InputError("RENDERS_CHANGED", f"{name} {what}", file=path, value=name)
+            raise InputError("RENDERS_CHANGED", f"{name} {what}", file=path)

@@ -338,7 +338,7 @@ class _Run:
         numbers = {id(task): number for number, task in enumerate(tasks)}
         with self.watch.stage(stage) as step:
             for task, answer in run_all(self.workers, function, tasks, alone=alone):
-                if isinstance(answer, MsbError) and answer.code == "RUN_WORKER_PATHS":
+                if isinstance(answer, MsbError) and answer.code == "RUN_SCHEDULER":
                     raise answer
                 done = answer if isinstance(answer, Done) else None
                 failed = isinstance(answer, Exception) or (done is not None and done.status == "failed")

@@ -290,7 +290,7 @@ class Memory:
             f"{_mib(nbytes)} MiB for {use} do not fit: {record.selector} has {_mib(record.global_memory)} "
             f"MiB, {_mib(held)} of them in use, and takes at most {_mib(record.max_allocation)} at once"
         )
-        return DeviceError("DEVICE_MEMORY", text, value=nbytes, limit=self._limit())
+        return DeviceError("DEVICE_MEMORY", text)
 
 
 def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:

@@ -169,7 +169,7 @@ def _none_builds(meant: Sequence[tuple[DeviceRecord, Any]]) -> DeviceError:
         f"{record} does not build kernels: {why}" for (record, _), why in zip(meant, reasons, strict=True)
     )
     advice = _advice(*meant[0], reasons[0])
-    return DeviceError("DEVICE_BUILD", f"{text}. {advice}", value=reasons[0])
+    return DeviceError("DEVICE_BUILD", f"{text}. {advice}")
 
 
 def _advice(record: DeviceRecord, handle: Any, why: str) -> str:

@@ -104,7 +104,7 @@ class Kernel:
 
     Arguments are `Buffer`, `LocalMemory`, NumPy scalars (the kernel's type exactly: ``np.uint32(n)``) or,
     for vector types, NumPy arrays of as many elements. Anything else is a TypeError. Larger work-groups than
-    the device allows are a DeviceError `DEVICE_LIMIT`, and so are larger ones than the platform allows for
+    the device allows are a DeviceError `DEVICE_COMMAND`, and so are larger ones than the platform allows for
     the kernel, if it refuses to launch them.
 
     Attributes
@@ -162,11 +162,9 @@ class Kernel:
         needed = math.prod(local)
         size = f"{' x '.join(map(str, local))} = {needed}" if len(local) > 1 else f"{needed}"
         return DeviceError(
-            "DEVICE_LIMIT",
+            "DEVICE_COMMAND",
             f"kernel {self.name} needs work-groups of {size}, and {self._queue.record} allows {most} for it: "
             "take another device (msb devices lists them; a CPU allows thousands)",
-            value=needed,
-            limit=most,
         )
 
 
@@ -218,12 +216,10 @@ def _build_error(file: str, record: DeviceRecord, log: str, found: re.Match[str]
     """Return the error that says file, line and text of the first complaint `found` in the log."""
     if found:
         line, said = f"line {found['line']}", shorten(found["text"], 200)
-        error = DeviceError(
-            "DEVICE_BUILD", f"{line}: {said} (on {record})", file=found["file"], pointer=line, value=said
-        )
+        error = DeviceError("DEVICE_BUILD", f"{line}: {said} (on {record})", file=found["file"], pointer=line)
     else:
         said = shorten(_first_complaint(log), 200)
-        error = DeviceError("DEVICE_BUILD", f"{said} (on {record})", file=file, value=said)
+        error = DeviceError("DEVICE_BUILD", f"{said} (on {record})", file=file)
     error.add_note(log)
     return error
 

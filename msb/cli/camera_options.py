@@ -94,7 +94,7 @@ def _find(cameras: list[Camera], name: str) -> Camera:
     found = found or [camera for camera, known in named if _stem(known) == wanted]
     if len(found) > 1:
         names = ", ".join(str(camera.name) for camera in found[:4])
-        raise UsageError("CAMERA_UNKNOWN", f'"{shorten(name, 40)}" is several cameras: {names}', value=name)
+        raise UsageError("NAME_UNKNOWN", f'"{shorten(name, 40)}" is several cameras: {names}')
     if found:
         return found[0]
     if re.fullmatch(r"\d{1,9}", name) and int(name) < len(cameras):
@@ -102,7 +102,7 @@ def _find(cameras: list[Camera], name: str) -> Camera:
     names = ", ".join(shorten(str(camera.name), 30) for camera in cameras[:4])
     text = f'there is no camera "{shorten(name, 40)}"; there are {len(cameras)}: {names}'
     text += ", ..." if len(cameras) > 4 else ""
-    raise UsageError("CAMERA_UNKNOWN", text, value=name)
+    raise UsageError("NAME_UNKNOWN", text)
 
 
 def _stem(name: str) -> str:

@@ -88,11 +88,11 @@ class Gate:
         condition = f"gate{of}: {self.key} {self.sign} {self.limit:g}"
         if value is None:
             text = f"{self.key} does not exist for this mesh (a ratio over nothing), {condition}"
-            return GateFailed("GATE_FAILED", text, file=path, limit=self.limit)
+            return GateFailed("GATE_FAILED", text, file=path)
         if not _OPERATORS[self.sign](value, self.limit):
             return None
         text = f"{self.key} is {value:g}, {condition}"
-        return GateFailed("GATE_FAILED", text, file=path, value=value, limit=self.limit)
+        return GateFailed("GATE_FAILED", text, file=path)
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class VerdictGate:
         if verdict.level not in _FAILING[self.level]:
             return None
         text = f"verdict is {verdict.word} ({verdict.reason}), gate: {' or '.join(_FAILING[self.level])}"
-        return GateFailed("GATE_FAILED", text, file=path, value=verdict.level, limit=self.level)
+        return GateFailed("GATE_FAILED", text, file=path)
 
 
 def parse_gate(text: str) -> Gate:

@@ -189,7 +189,7 @@ def _make(
 def _table(made: Report, label: str) -> Table:
     if label not in made.tables:
         labels = ", ".join(made.tables)
-        raise UsageError("TABLE_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
+        raise UsageError("NAME_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
     return made.tables[label]
 
 

@@ -259,9 +259,7 @@ class _Run:
     def failures(self, found: Trials, path: Path) -> list[GateFailed]:
         """Return the gates of --fail-on that failed."""
         return [
-            GateFailed(
-                "GATE_FAILED", f"{one.task} {_SAID[one.outcome]}: {one.why}", file=path, value=one.outcome
-            )
+            GateFailed("GATE_FAILED", f"{one.task} {_SAID[one.outcome]}: {one.why}", file=path)
             for one in found.trials
             if one.task in self.gated and one.outcome in _SAID
         ]

@@ -126,7 +126,7 @@ def _explain(name: str, output: Output) -> None:
     code = name.upper()
     if code not in CODES:
         near = ", ".join(difflib.get_close_matches(code, CODES, 3, 0.4)) or "docs/errors.md lists all"
-        raise UsageError("EXPLAIN_UNKNOWN", f'there is no code "{name}"; did you mean {near}?')
+        raise UsageError("NAME_UNKNOWN", f'there is no code "{name}"; did you mean {near}?')
     entry = CODES[code]
     status = EXIT_STATUS[entry.kind]
     output.write_json(

@@ -171,13 +171,13 @@ def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
         state.active = next((kind for kind in model.layers if kind in state.visible), state.active)
     if options.colors is not None:
         if options.colors == "own" and model.colors is None:
-            raise UsageError("VIEW_ELEMENT", "--colors own: the mesh has no colours of its own")
+            raise UsageError("NAME_UNKNOWN", "--colors own: the mesh has no colours of its own")
         state.coloring = options.colors
     if options.component is not None:
         count = len(model.sizes)
         if options.component >= count:
             text = f"--component {options.component + 1}: there are {count}"
-            raise UsageError("VIEW_ELEMENT", text, value=options.component + 1, limit=count)
+            raise UsageError("NAME_UNKNOWN", text)
         state.isolate(options.component)
     if options.at is not None and options.vertex is not None:
         raise UsageError("USAGE", "--at and --vertex exclude each other")
@@ -187,7 +187,7 @@ def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
         count = len(model.points)
         if options.vertex >= count:
             text = f"--vertex {options.vertex}: the last vertex is {count - 1}"
-            raise UsageError("VIEW_ELEMENT", text, value=options.vertex, limit=count - 1)
+            raise UsageError("NAME_UNKNOWN", text)
         state.choose_vertex(options.vertex)
     return state
 

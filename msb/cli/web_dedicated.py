@@ -119,7 +119,7 @@ def verify_page(path: Path, output: Output, bar: float | None, *, device: str | 
     _tell(output, path, len(data), scene, found, limit)
     if found.worst is not None and found.worst < limit:
         text = f"its worst view has {found.worst:.1f} dB, the bar is {limit:g} dB"
-        raise GateFailed("WEB_UNFAITHFUL", text, file=path, value=found.worst, limit=limit)
+        raise GateFailed("GATE_FAILED", text, file=path)
 
 
 def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:

@@ -241,10 +241,10 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
     aspect = (1.0, ratio) if ratio >= 1 else (1 / ratio, 1.0)
     if min(width, height) < _MIN_SIDE or max(width, height) > _MAX_SIDE:
         text = f"Blender draws images of {_MIN_SIDE} to {_MAX_SIDE} pixels each way, not {width} x {height}"
-        raise Unsupported("UNSUPPORTED_CAMERA", text, value=[width, height])
+        raise Unsupported("UNSUPPORTED_CAMERA", text)
     if max(aspect) > _MAX_ASPECT:
         text = f"fx / fy is {ratio:g}; Blender's pixels are at most {_MAX_ASPECT:g} times as long as wide"
-        raise Unsupported("UNSUPPORTED_CAMERA", text, value=ratio, limit=_MAX_ASPECT)
+        raise Unsupported("UNSUPPORTED_CAMERA", text)
     sensor = max(_SENSOR, 2 * width / camera.fx)
     return {
         "size": [width, height],

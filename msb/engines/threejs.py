@@ -119,7 +119,7 @@ class ThreeJsRenderer(Engine):
         if max(camera.width, camera.height) > side:
             size = f"{camera.width} x {camera.height}"
             text = f"{self.device_info['name']} draws at most {side} pixels each way, not {size}"
-            raise DeviceError("DEVICE_MEMORY", text, limit=side)
+            raise DeviceError("DEVICE_MEMORY", text)
         task = {"view": camera_data(camera), "background": list(background), "read": read}
         task["canvas"] = read and self._defaults
         head, body = self._page.ask(task)

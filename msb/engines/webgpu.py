@@ -101,7 +101,7 @@ class WgpuRenderer(Engine):
         needed = max(self._mesh.positions.nbytes, self._mesh.indices.nbytes, 16 * len(self._mesh.colors))
         if needed > limit:
             text = f"{about['device']} takes buffers of {limit} bytes, this mesh needs one of {needed}"
-            raise DeviceError("DEVICE_MEMORY", text, value=needed, limit=limit)
+            raise DeviceError("DEVICE_MEMORY", text)
         with self._told("opening the device"):
             self._device = adapter.request_device_sync(
                 required_features=features,
@@ -221,7 +221,7 @@ class WgpuRenderer(Engine):
         if max(width, height) > self._side:
             size = f"{width} x {height}"
             text = f"{self.device_info['name']} draws at most {self._side} pixels each way, not {size}"
-            raise DeviceError("DEVICE_MEMORY", text, value=[width, height], limit=self._side)
+            raise DeviceError("DEVICE_MEMORY", text)
         self._size = None
         usage = self._gpu.TextureUsage
         formats = {"image": IMAGE_FORMAT, "depth": DEPTH_FORMAT}

@@ -65,12 +65,12 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_STANDARD` if the method has no static colour.
+        `UNSUPPORTED_TIER` if the method has no static colour.
     """
     why = why_not(asset.manifest, "standard")
     if why is not None:
         text = f"{asset.manifest.method} on tier standard: {why}"
-        raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     vertices, up = asset.buffers["positions"], written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
     colors = colors_of(asset)

@@ -67,12 +67,12 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     source = Source(name, data)
     chosen = _known(name, Path(name).suffix)
     if not data:
-        raise source.error("MESH_FILE_HEADER", "the file is empty")
+        raise source.error("MESH_FILE_INVALID", "the file is empty")
     try:
         return chosen.read(source)
     except MemoryError:
         message = f"this machine has not enough memory for a file of {len(data)} bytes"
-        raise source.error("MESH_FILE_TOO_LARGE", message, value=len(data)) from None
+        raise source.error("MESH_FILE_TOO_LARGE", message) from None
 
 
 def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix: str) -> None:
@@ -92,7 +92,7 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     InputError
         FILE_NOT_RECOGNISED: no such format, or one that is only read.
     OutputError
-        OUTPUT_COORDINATES: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT: the
+        OUTPUT_FORMAT_LIMIT: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT: the
         format cannot hold this mesh. OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open file
         are not translated.
     MeshError
@@ -102,7 +102,7 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     chosen = _known(str(name), suffix)
     if chosen.write is None:
         message = f"{chosen.title} is only read; {' '.join(written_suffixes())} are written"
-        raise InputError("FILE_NOT_RECOGNISED", message, file=str(name), value=suffix)
+        raise InputError("FILE_NOT_RECOGNISED", message, file=str(name))
     check_writable(mesh)
     if not isinstance(target, str | os.PathLike):
         chosen.write(mesh, target)
@@ -120,5 +120,5 @@ def _known(name: str, suffix: str) -> Format:
     found = FORMATS.get(suffix.lower())
     if found is None:
         message = f"'{suffix}' is not the suffix of a mesh file; {' '.join(MESH_SUFFIXES)} are read"
-        raise InputError("FILE_NOT_RECOGNISED", message, file=name, value=suffix)
+        raise InputError("FILE_NOT_RECOGNISED", message, file=name)
     return found

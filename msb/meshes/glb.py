@@ -100,7 +100,7 @@ def read(source: Source) -> Mesh:
     _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
     if not any(primitives.values()) and document.root.get("meshes"):
         text = "the scene shows no mesh with triangles, although the file has meshes"
-        raise source.error("MESH_FILE_HEADER", text)
+        raise source.error("MESH_FILE_INVALID", text)
     parts = {mesh: [_read_part(each) for each in primitives[mesh]] for mesh in primitives}
     joined = _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
     return replace(joined, left_out=left_out(document, [mesh for mesh, _ in placed]), up=FORMAT.up)
@@ -197,7 +197,7 @@ def _refuse_extensions(document: Document) -> None:
     for name in document.array(document.root, "extensionsRequired", ""):
         if not str(name).startswith(_HARMLESS):
             text = f"the file requires extension {shorten(str(name))}, which is not read; export without it"
-            raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text, value=name)
+            raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
 def _primitives(document: Document, mesh: int) -> list[_Primitive]:
@@ -207,7 +207,7 @@ def _primitives(document: Document, mesh: int) -> list[_Primitive]:
     for number, entry in enumerate(document.array(owner, "primitives", pointer)):
         where = f"{pointer}/primitives/{number}"
         if not isinstance(entry, dict):
-            raise document.error("MESH_FILE_HEADER", where, "a primitive is an object")
+            raise document.error("MESH_FILE_INVALID", where, "a primitive is an object")
         if document.integer(entry, "mode", where, default=_TRIANGLES, below=_MODES) >= _TRIANGLES:
             found.append(_primitive(document, entry, where))
     return found
@@ -222,7 +222,7 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> _Prim
     only_packed = "bufferView" not in document.entry("accessors", number)[0]
     if only_packed and packed in document.object(entry, "extensions", pointer):
         text = f"its arrays exist only compressed ({packed}), which is not read; export without it"
-        raise document.error("MESH_FILE_UNSUPPORTED", pointer, text, value=packed)
+        raise document.error("MESH_FILE_UNSUPPORTED", pointer, text)
     positions = accessor(document, number, kinds="VEC3", components="i1 u1 i2 u2 f4")
     indices = colors = None
     if "indices" in entry:
@@ -233,12 +233,12 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> _Prim
         colors = accessor(document, number, kinds="VEC3 VEC4", components="u1 u2 f4")
         if colors.count != positions.count:
             text = f"there are {colors.count} colours for {positions.count} vertices"
-            raise document.error("MESH_FILE_HEADER", f"{where}/COLOR_0", text)
+            raise document.error("MESH_FILE_INVALID", f"{where}/COLOR_0", text)
     mode = document.integer(entry, "mode", pointer, default=_TRIANGLES)
     made = _Primitive(pointer, mode, positions, indices, colors)
     if mode == _TRIANGLES and made.corners % 3:
         text = f"{made.corners} corners are no whole number of triangles"
-        raise document.error("MESH_FILE_FACE", pointer, text, value=made.corners)
+        raise document.error("MESH_FILE_INVALID", pointer, text)
     return made
 
 
@@ -249,7 +249,7 @@ def _check_total(document: Document, total: int) -> None:
         text = (
             f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"
         )
-        raise document.source.error("MESH_FILE_TOO_LARGE", text, value=total, limit=limit)
+        raise document.source.error("MESH_FILE_TOO_LARGE", text)
 
 
 def _read_part(primitive: _Primitive) -> _Part:

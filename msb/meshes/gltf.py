@@ -65,7 +65,7 @@ class Document:
         value = owner.get(key, default)
         if type(value) is not int or not 0 <= value < below:
             text = f"'{key}' is {shorten(str(value))}, not an integer from 0 to {below - 1}"
-            raise self.error("MESH_FILE_HEADER", f"{pointer}/{key}", text, value=value)
+            raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", text)
         return value
 
     def numbers(
@@ -76,21 +76,21 @@ class Document:
         ok = isinstance(value, list | tuple) and len(value) == len(default)
         if not ok or not all(type(each) in (int, float) and _is_finite(each) for each in value):
             text = f"'{key}' is not an array of {len(default)} finite numbers"
-            raise self.error("MESH_FILE_NUMBER", f"{pointer}/{key}", text)
+            raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", text)
         return np.array(value, dtype=np.float64)
 
     def array(self, owner: dict[str, Any], key: str, pointer: str) -> list[Any]:
         """Return the JSON array `owner[key]`; absent is empty."""
         value = owner.get(key, [])
         if not isinstance(value, list):
-            raise self.error("MESH_FILE_HEADER", f"{pointer}/{key}", f"'{key}' is not an array")
+            raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", f"'{key}' is not an array")
         return value
 
     def object(self, owner: dict[str, Any], key: str, pointer: str) -> dict[str, Any]:
         """Return the JSON object `owner[key]`; absent is empty."""
         value = owner.get(key, {})
         if not isinstance(value, dict):
-            raise self.error("MESH_FILE_HEADER", f"{pointer}/{key}", f"'{key}' is not an object")
+            raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", f"'{key}' is not an object")
         return value
 
     def entry(self, table: str, index: int) -> tuple[dict[str, Any], str]:
@@ -99,7 +99,7 @@ class Document:
         entries = self.array(self.root, table, "")
         if index >= len(entries) or not isinstance(entries[index], dict):
             text = f"there is no such object; '{table}' has {len(entries)} entries"
-            raise self.error("MESH_FILE_HEADER", pointer, text, value=index, limit=len(entries))
+            raise self.error("MESH_FILE_INVALID", pointer, text)
         return entries[index], pointer
 
 
@@ -134,7 +134,7 @@ class Accessor:
             places = self.sparse[0].read()[:, 0].astype(np.int64)
             if places.size and places.max() >= self.count:
                 text = f"a sparse index is {places.max()}, but the accessor has {self.count} elements"
-                raise self.document.error("MESH_FILE_INDEX", f"{self.pointer}/sparse", text)
+                raise self.document.error("MESH_FILE_INVALID", f"{self.pointer}/sparse", text)
             values[places] = self.sparse[1].read()
         return values
 
@@ -149,16 +149,16 @@ def open_document(source: Source) -> Document:
     _, version, length = HEADER.unpack_from(data)
     if version != 2:
         text = f"version {version} is not read; 2 is"
-        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer="byte 4", value=version)
+        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer="byte 4")
     if length > len(data):
         text = f"the header says {length} bytes, the file has {len(data)}"
-        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 8", value=len(data), limit=length)
+        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 8")
     if length < len(data):
         text = f"{len(data) - length} bytes follow the {length} bytes the header announces"
-        raise source.error("MESH_FILE_TRAILING", text, pointer=f"byte {length}", limit=length)
+        raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {length}")
     chunks = _chunks(source)
     if not chunks or chunks[0][0] != b"JSON":
-        raise source.error("MESH_FILE_HEADER", "the first chunk is not JSON", pointer="byte 16")
+        raise source.error("MESH_FILE_INVALID", "the first chunk is not JSON", pointer="byte 16")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else memoryview(b"")
     return Document(source, _parse_json(source, bytes(chunks[0][1])), binary)
 
@@ -181,7 +181,7 @@ def accessor(document: Document, index: int, *, kinds: str, components: str) -> 
     kind = entry.get("type")
     if not isinstance(kind, str) or kind not in kinds.split():
         text = f"'type' is {shorten(str(kind))}; {kinds.replace(' ', ' or ')} is right here"
-        raise document.error("MESH_FILE_HEADER", f"{pointer}/type", text)
+        raise document.error("MESH_FILE_INVALID", f"{pointer}/type", text)
     width = WIDTHS[kind]
     count = document.integer(entry, "count", pointer)
     dtype = _component(document, entry, pointer, components)
@@ -191,7 +191,7 @@ def accessor(document: Document, index: int, *, kinds: str, components: str) -> 
         start, stride = _placed(document, entry, pointer, count, dtype.itemsize * width)
     elif not sparse:
         text = "the accessor has no 'bufferView', so it has no values"
-        raise document.error("MESH_FILE_HEADER", pointer, text)
+        raise document.error("MESH_FILE_INVALID", pointer, text)
     normalized = entry.get("normalized") is True
     plain = Accessor(document, pointer, count, width, dtype, normalized, start, stride)
     if not sparse:
@@ -222,7 +222,7 @@ def _component(document: Document, owner: dict[str, Any], pointer: str, allowed:
     if name[1:] not in allowed.split():
         right = ", ".join(str(key) for key, each in COMPONENTS.items() if each[1:] in allowed.split())
         text = f"'componentType' {number} is not allowed here; one of {right} is"
-        raise document.error("MESH_FILE_HEADER", f"{pointer}/componentType", text, value=number)
+        raise document.error("MESH_FILE_INVALID", f"{pointer}/componentType", text)
     return np.dtype(name)
 
 
@@ -237,20 +237,20 @@ def _placed(
         raise document.error("MESH_FILE_UNSUPPORTED", f"{buffer_pointer}/uri", text)
     if buffer_pointer != "/buffers/0":
         text = "only the first buffer can lie in the binary chunk, and this one names no other place"
-        raise document.error("MESH_FILE_HEADER", buffer_pointer, text)
+        raise document.error("MESH_FILE_INVALID", buffer_pointer, text)
     view_start = document.integer(view, "byteOffset", view_pointer, default=0)
     view_size = document.integer(view, "byteLength", view_pointer)
     if view_start + view_size > len(document.binary):
         text = f"it ends at byte {view_start + view_size} of a binary chunk of {len(document.binary)} bytes"
-        raise document.error("MESH_FILE_TRUNCATED", view_pointer, text, limit=len(document.binary))
+        raise document.error("MESH_FILE_TRUNCATED", view_pointer, text)
     stride = document.integer(view, "byteStride", view_pointer, default=size)
     if stride < size:
         text = f"'byteStride' is {stride}, less than the {size} bytes of an element"
-        raise document.error("MESH_FILE_HEADER", f"{view_pointer}/byteStride", text, value=stride)
+        raise document.error("MESH_FILE_INVALID", f"{view_pointer}/byteStride", text)
     start = document.integer(owner, "byteOffset", pointer, default=0)
     if count and start + stride * (count - 1) + size > view_size:
         text = f"{count} elements of {size} bytes do not fit the {view_size} bytes of {view_pointer}"
-        raise document.error("MESH_FILE_TRUNCATED", pointer, text, value=count)
+        raise document.error("MESH_FILE_TRUNCATED", pointer, text)
     return view_start + start, stride
 
 
@@ -266,7 +266,7 @@ def _chunks(source: Source) -> list[tuple[bytes, memoryview]]:
         begin = at + CHUNK.size
         if begin + size > len(source.data):
             text = f"a chunk declares {size} bytes, but {len(source.data) - begin} are left"
-            raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {at}", value=size)
+            raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {at}")
         chunks.append((kind, memoryview(source.data)[begin : begin + size]))
         at = begin + size
     return chunks
@@ -276,18 +276,18 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
     """Return the JSON object in `text`."""
     if len(text) > MAX_JSON_BYTES:
         message = f"the JSON has {len(text)} bytes, more than {MAX_JSON_BYTES}"
-        raise source.error("MESH_FILE_TOO_LARGE", message, value=len(text), limit=MAX_JSON_BYTES)
+        raise source.error("MESH_FILE_TOO_LARGE", message)
     depth = _nesting(text)
     if depth > MAX_JSON_DEPTH:
         message = f"the JSON nests {depth} deep, more than {MAX_JSON_DEPTH}"
-        raise source.error("MESH_FILE_TOO_LARGE", message, value=depth, limit=MAX_JSON_DEPTH)
+        raise source.error("MESH_FILE_TOO_LARGE", message)
     try:
         root = json.loads(text.decode("utf-8"), parse_constant=_refuse_constant)
     except ValueError as error:
         message = f"the JSON cannot be read: {shorten(str(error))}"
-        raise source.error("MESH_FILE_HEADER", message) from None
+        raise source.error("MESH_FILE_INVALID", message) from None
     if not isinstance(root, dict):
-        raise source.error("MESH_FILE_HEADER", "the JSON is not an object")
+        raise source.error("MESH_FILE_INVALID", "the JSON is not an object")
     return root
 
 

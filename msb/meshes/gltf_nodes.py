@@ -45,14 +45,14 @@ def _world_transforms(document: Document) -> dict[int, NDArray[np.float64]]:
             node, pointer = document.entry("nodes", index)
             if index in worlds:
                 text = "the node is reached twice; nodes form trees, without cycles and with one parent each"
-                raise document.error("MESH_FILE_HEADER", pointer, text, value=index)
+                raise document.error("MESH_FILE_INVALID", pointer, text)
             local = _local_transform(document, node, pointer)
             with np.errstate(over="ignore", invalid="ignore"):
                 worlds[index] = parent if local is IDENTITY else parent @ local
             waiting.append((_node_numbers(document, node, "children", pointer), worlds[index]))
     if nodes is not None and len(worlds) < nodes:
         text = "some nodes are reached from no root; nodes form trees, without cycles"
-        raise document.error("MESH_FILE_HEADER", "/nodes", text)
+        raise document.error("MESH_FILE_INVALID", "/nodes", text)
     return worlds
 
 
@@ -61,7 +61,7 @@ def _roots(document: Document) -> tuple[list[int], int | None]:
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
         text = f"there are {count} nodes, more than {MAX_NODES}"
-        raise document.error("MESH_FILE_TOO_LARGE", "/nodes", text, value=count, limit=MAX_NODES)
+        raise document.error("MESH_FILE_TOO_LARGE", "/nodes", text)
     if document.array(document.root, "scenes", ""):
         number = document.integer(document.root, "scene", "", default=0)
         scene, pointer = document.entry("scenes", number)
@@ -78,7 +78,7 @@ def _node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: 
     for number in numbers:
         if type(number) is not int or not 0 <= number < count:
             text = f"'{shorten(str(number))}' is not the number of one of the {count} nodes"
-            raise document.error("MESH_FILE_HEADER", f"{pointer}/{key}", text)
+            raise document.error("MESH_FILE_INVALID", f"{pointer}/{key}", text)
     return numbers
 
 
@@ -100,7 +100,7 @@ def _local_transform(document: Document, node: dict[str, Any], pointer: str) -> 
         )
         if not np.isfinite(rotation).all():
             text = "'rotation' is no rotation; a quaternion of length 1 is right"
-            raise document.error("MESH_FILE_NUMBER", f"{pointer}/rotation", text)
+            raise document.error("MESH_FILE_INVALID", f"{pointer}/rotation", text)
         transform = np.eye(4)
         transform[:3, :3] = rotation * document.numbers(node, "scale", pointer, (1, 1, 1))
     transform[:3, 3] = document.numbers(node, "translation", pointer, (0, 0, 0))

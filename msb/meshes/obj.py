@@ -106,7 +106,7 @@ def _refuse_unsupported(words: Words) -> None:
         if lines.size:
             name = keyword.decode()
             text = f"'{name}' is not read; only polygons ('f' lines) in this one file are"
-            raise words.line_error("MESH_FILE_UNSUPPORTED", int(lines[0]), text, value=name)
+            raise words.line_error("MESH_FILE_UNSUPPORTED", int(lines[0]), text)
 
 
 def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
@@ -116,7 +116,7 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     if wrong.size:
         line = int(np.flatnonzero(is_vertex)[wrong[0]])
         text = f"'v' has {widths[wrong[0]]} numbers; x y z, x y z w, x y z r g b or x y z r g b a is right"
-        raise words.line_error("MESH_FILE_NUMBER", line, text, value=int(widths[wrong[0]]))
+        raise words.line_error("MESH_FILE_INVALID", line, text)
     values = words.numbers(words.arguments(is_vertex))
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
@@ -135,7 +135,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
     bad = first_not_whole(values)
     if bad is not None:
         text = f"index {values[bad]!s} is not a whole number of at most 2**53"
-        raise words.line_error("MESH_FILE_NUMBER", _line_of(is_face, counts, bad), text)
+        raise words.line_error("MESH_FILE_INVALID", _line_of(is_face, counts, bad), text)
     index = values.astype(np.int64)
     corners = index - 1
     if (index < 0).any():
@@ -146,7 +146,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
         value = int(index[wrong[0]])
         text = f"index {value} is not allowed: indices begin with 1, or with -1 for the vertex just above"
         line = _line_of(is_face, counts, int(wrong[0]))
-        raise words.line_error("MESH_FILE_INDEX", line, text, value=value)
+        raise words.line_error("MESH_FILE_INVALID", line, text)
     parts.corners.append(corners)
     parts.counts.append(counts)
 

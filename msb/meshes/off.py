@@ -57,7 +57,7 @@ def read(source: Source) -> Mesh:
         dialect of Triangle-Splatting's exporter). Face colours are kept where every face has as many.
     """
     if _BINARY.match(source.data):
-        raise source.error("MESH_FILE_UNSUPPORTED", "OFF BINARY is not read; save it as text", value="BINARY")
+        raise source.error("MESH_FILE_UNSUPPORTED", "OFF BINARY is not read; save it as text")
     text = source.as_text("OFF")
     header = _read_header(text)
     room = len(text.data) - header.body + 1
@@ -68,9 +68,9 @@ def read(source: Source) -> Mesh:
     rows, wanted = len(table.byte), header.vertices + header.faces
     if rows < wanted:
         missing = f"it declares {header.vertices} vertices and {header.faces} faces, but has {rows} lines"
-        raise source.error("MESH_FILE_TRUNCATED", missing, value=rows, limit=wanted)
+        raise source.error("MESH_FILE_TRUNCATED", missing)
     if rows > wanted:
-        raise table.row_error("MESH_FILE_TRAILING", wanted, "there is more after the last face")
+        raise table.row_error("MESH_FILE_INVALID", wanted, "there is more after the last face")
     vertices, vertex_colors = _vertices(table, header)
     faces, polygon, face_colors = _faces(table, header)
     found = wrong_polygon(faces, polygon, header.vertices)
@@ -128,7 +128,7 @@ def _read_header(text: Source) -> _Header:
     if counts is None:
         shown = shorten(words.decode("latin-1"))
         message = f"the counts are '{shown}'; 'VERTICES FACES EDGES', none negative, is right"
-        raise text.line_error("MESH_FILE_HEADER", end - 1, message, value=shown)
+        raise text.line_error("MESH_FILE_INVALID", end - 1, message)
     return _Header(prefixes, int(counts[1]), int(counts[2]), end)
 
 
@@ -141,7 +141,7 @@ def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
     if prefixes & {"4", "n"}:
         name = keyword[1].decode("ascii") + "OFF"
         message = f"{name} has vertices of other than three dimensions; only three are read"
-        raise text.error("MESH_FILE_UNSUPPORTED", message, value=name)
+        raise text.error("MESH_FILE_UNSUPPORTED", message)
     return prefixes, keyword[2].strip()
 
 
@@ -158,7 +158,7 @@ def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArr
         found = int(widths[wrong[0]])
         right = " or ".join(str(count) for count in allowed)
         message = f"a vertex has {found} numbers; {right}, the same for all vertices, is right here"
-        raise table.row_error("MESH_FILE_NUMBER", int(wrong[0]), message, value=found)
+        raise table.row_error("MESH_FILE_INVALID", int(wrong[0]), message)
     vertices = table.values[begin[:, None] + np.arange(3)]
     if width == plain:
         return vertices, None
@@ -178,7 +178,7 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np
             f"face {face} announces {counts[face]} corners; {counts[face] + extra[face]} numbers follow."
         )
         message += " The corners, then 0, 1, 3 or 4 numbers of a colour, is right"
-        raise table.row_error("MESH_FILE_FACE", header.vertices + face, message)
+        raise table.row_error("MESH_FILE_INVALID", header.vertices + face, message)
     corners = table.integers(np.repeat(begin + 1, counts) + steps(counts), "an index")
     faces, polygon = fan_triangulate(corners, counts)
     drawn = counts >= 3

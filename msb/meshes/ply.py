@@ -139,18 +139,18 @@ def _check_elements(source: Source, header: Header) -> None:
     strips = elements.get("tristrips")
     if strips is not None and strips.count:
         text = "element 'tristrips' (triangle strips) is not read; save triangles instead"
-        raise source.error("MESH_FILE_UNSUPPORTED", text, value="tristrips")
+        raise source.error("MESH_FILE_UNSUPPORTED", text)
     if "vertex" not in elements:
-        raise source.error("MESH_FILE_HEADER", "the header has no element 'vertex'")
+        raise source.error("MESH_FILE_INVALID", "the header has no element 'vertex'")
     for axis in "xyz":
         found = elements["vertex"].find(axis)
         if found is None or found.count_type:
             text = f"element 'vertex' has no property '{axis}' that is one number"
-            raise source.error("MESH_FILE_HEADER", text)
+            raise source.error("MESH_FILE_INVALID", text)
     face = elements.get("face")
     if face is not None and face.count and not _index_name(face):
         text = "element 'face' has no list of integers 'vertex_indices' or 'vertex_index'"
-        raise source.error("MESH_FILE_HEADER", text)
+        raise source.error("MESH_FILE_INVALID", text)
 
 
 def _index_name(face: Element) -> str:

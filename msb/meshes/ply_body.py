@@ -39,7 +39,7 @@ class Body(Protocol):
         """Return the rows of the element that comes next."""
 
     def finish(self) -> None:
-        """Raise MESH_FILE_TRAILING if anything follows the last element."""
+        """Raise MESH_FILE_INVALID if anything follows the last element."""
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
         """Return the values (N,) of a property that is one number: float64, or the type in the file."""
@@ -87,7 +87,7 @@ class _BinaryBody:
         left = len(self._source.data) - self._at
         if self._source.data[self._at :].strip():
             text = f"{left} bytes follow the last declared row"
-            raise self._source.error("MESH_FILE_TRAILING", text, pointer=f"byte {self._at}", value=left)
+            raise self._source.error("MESH_FILE_INVALID", text, pointer=f"byte {self._at}")
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
         wanted, place = self._find(rows, name)
@@ -166,7 +166,7 @@ class _BinaryBody:
                 length = count.unpack_from(data, at)[0]
                 if length < 0:
                     text = f"row {row} of {element} has a list of {length} values"
-                    raise self._source.error("MESH_FILE_FACE", text, pointer=f"byte {at}", value=length)
+                    raise self._source.error("MESH_FILE_INVALID", text, pointer=f"byte {at}")
                 at += count.size + length * width
             at += tail
             if at > len(data):
@@ -176,7 +176,7 @@ class _BinaryBody:
 
     def _short(self, element: Element, row: int) -> MeshFileError:
         text = f"the file ends within row {row} of the {element.count} rows of {element}"
-        return self._source.error("MESH_FILE_TRUNCATED", text, value=row, limit=element.count)
+        return self._source.error("MESH_FILE_TRUNCATED", text)
 
 
 class _TextBody:
@@ -189,12 +189,12 @@ class _TextBody:
         room = len(source.data) - header.body + 1
         if rows * len("0\n") > room:
             text = f"the header declares {rows} rows, more than the {room} bytes after it can hold"
-            raise source.error("MESH_FILE_TRUNCATED", text, value=rows)
+            raise source.error("MESH_FILE_TRUNCATED", text)
         self._table: Table = read_table(source.as_text("PLY"), header.body)
         if len(self._table.byte) < rows:
             found = len(self._table.byte)
             text = f"the header declares {rows} rows, but {found} lines follow it"
-            raise source.error("MESH_FILE_TRUNCATED", text, value=found, limit=rows)
+            raise source.error("MESH_FILE_TRUNCATED", text)
 
     def next_rows(self, element: Element) -> Rows:
         if not element.properties:
@@ -210,14 +210,13 @@ class _TextBody:
             row = int(wrong[0])
             found = int(np.diff(self._table.row[first + row : first + row + 2])[0])
             text = f"row {row} of {element} has {found} numbers, not those of its properties"
-            code = "MESH_FILE_FACE" if element.name == "face" else "MESH_FILE_NUMBER"
-            raise self._table.row_error(code, first + row, text, value=found)
+            raise self._table.row_error("MESH_FILE_INVALID", first + row, text)
         return rows
 
     def finish(self) -> None:
         if len(self._table.byte) > self._lines:
             text = "there is more after the last declared row"
-            raise self._table.row_error("MESH_FILE_TRAILING", self._lines, text)
+            raise self._table.row_error("MESH_FILE_INVALID", self._lines, text)
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
         return self._table.values[self._find(rows, name)]

@@ -110,18 +110,18 @@ def read_header(source: Source) -> Header:
                 elements[-1].properties.append(_read_property(source, where, rest))
             case _:
                 text = f"'{shorten(line)}' is not a header line, or stands in the wrong place"
-                raise source.error("MESH_FILE_HEADER", text, pointer=where)
+                raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if order is None:
         text = "the header has no line 'format ascii 1.0' or 'format binary_little_endian 1.0'"
-        raise source.error("MESH_FILE_HEADER", text)
+        raise source.error("MESH_FILE_INVALID", text)
     twice = _first_repeated([element.name for element in elements])
     if twice is not None:
-        raise source.error("MESH_FILE_HEADER", f"{Element(twice, 0)} is declared twice", value=twice)
+        raise source.error("MESH_FILE_INVALID", f"{Element(twice, 0)} is declared twice")
     for element in elements:
         twice = _first_repeated([each.name for each in element.properties])
         if twice is not None:
             text = f"property '{shorten(twice)}' of {element} is declared twice"
-            raise source.error("MESH_FILE_HEADER", text, value=twice)
+            raise source.error("MESH_FILE_INVALID", text)
     return Header(order, elements, body)
 
 
@@ -136,7 +136,7 @@ def _split_lines(source: Source) -> tuple[list[str], int]:
     found = last.search(head)
     if found is None and len(data) > MAX_HEADER_BYTES:
         text = f"'end_header' does not come within {MAX_HEADER_BYTES} bytes"
-        raise source.error("MESH_FILE_TOO_LARGE", text, limit=MAX_HEADER_BYTES)
+        raise source.error("MESH_FILE_TOO_LARGE", text)
     if found is None:
         raise source.error("MESH_FILE_TRUNCATED", "the file ends before 'end_header'")
     text = head[3 : found.start()].decode("latin-1")
@@ -146,17 +146,17 @@ def _split_lines(source: Source) -> tuple[list[str], int]:
 def _read_format(source: Source, where: str, name: str, version: str) -> str:
     if name not in FORMATS:
         text = f"format '{shorten(name)}' is unknown; {', '.join(FORMATS)} are read"
-        raise source.error("MESH_FILE_HEADER", text, pointer=where, value=name)
+        raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if version != "1.0":
         text = f"version '{shorten(version)}' is not read; only 1.0 exists"
-        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=where, value=version)
+        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=where)
     return FORMATS[name]
 
 
 def _read_element(source: Source, where: str, name: str, count: str) -> Element:
     if not _COUNT.fullmatch(count):
         text = f"element '{shorten(name)}' has the count '{shorten(count)}', not a whole number"
-        raise source.error("MESH_FILE_HEADER", text, pointer=where, value=count)
+        raise source.error("MESH_FILE_INVALID", text, pointer=where)
     return Element(name, int(count))
 
 
@@ -169,14 +169,14 @@ def _read_property(source: Source, where: str, words: list[str]) -> Property:
             names = [kind]
         case _:
             text = "'property TYPE NAME' or 'property list TYPE TYPE NAME' is right"
-            raise source.error("MESH_FILE_HEADER", text, pointer=where)
+            raise source.error("MESH_FILE_INVALID", text, pointer=where)
     for each in names:
         if each not in TYPES:
             text = f"'{shorten(each)}' is not a type; {', '.join(TYPES)} are"
-            raise source.error("MESH_FILE_HEADER", text, pointer=where, value=each)
+            raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if len(names) == 2 and TYPES[names[0]].startswith("f"):
         text = f"the count of list '{shorten(name)}' is {names[0]}; an integer type is right"
-        raise source.error("MESH_FILE_HEADER", text, pointer=where, value=names[0])
+        raise source.error("MESH_FILE_INVALID", text, pointer=where)
     return Property(name, TYPES[names[-1]], TYPES[names[0]] if len(names) == 2 else "")
 
 

@@ -63,7 +63,7 @@ def read_ply_table(path: Path) -> PlyTable:
     rows = [element for element in header.elements if element.count]
     if len(rows) != 1 or rows[0].name != "vertex" or any(each.count_type for each in rows[0].properties):
         raise source.error(
-            "MESH_FILE_HEADER", "it is no table: only element 'vertex' may have rows, of numbers"
+            "MESH_FILE_INVALID", "it is no table: only element 'vertex' may have rows, of numbers"
         )
     element = rows[0]
     names = tuple(each.name for each in element.properties)
@@ -79,7 +79,7 @@ def read_ply_table(path: Path) -> PlyTable:
         raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {header.body}")
     if bytes(data[header.body + wanted :][:4096]).strip() or found - wanted > 4096:
         text = f"{found - wanted} bytes follow the last declared row"
-        raise source.error("MESH_FILE_TRAILING", text, pointer=f"byte {header.body + wanted}")
+        raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {header.body + wanted}")
     table = np.frombuffer(data, row, element.count, header.body)
     return PlyTable(element.count, names, {name: table[f"{i}"] for i, name in enumerate(names)})
 
@@ -88,5 +88,5 @@ def _open(path: Path) -> tuple[memoryview, Header, Source]:
     data = memoryview(map_file(Path(path)))
     source = Source(str(path), bytes(data[: MAX_HEADER_BYTES + 1]))
     if not data:
-        raise MeshFileError("MESH_FILE_HEADER", "the file is empty", file=path)
+        raise MeshFileError("MESH_FILE_INVALID", "the file is empty", file=path)
     return data, read_header(source), source

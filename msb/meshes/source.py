@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from msb.errors import MeshFileError
 from msb.meshes.formats import FORMATS
@@ -33,18 +33,14 @@ class Source:
     data: bytes
     lines: bytes | None = None
 
-    def error(
-        self, code: str, message: str, *, pointer: str | None = None, value: Any = None, limit: Any = None
-    ) -> MeshFileError:
+    def error(self, code: str, message: str, *, pointer: str | None = None) -> MeshFileError:
         """Return the error about this file; a `pointer` opens the message."""
         text = message if pointer is None else f"{pointer}: {message}"
-        return MeshFileError(code, text, file=self.path, pointer=pointer, value=value, limit=limit)
+        return MeshFileError(code, text, file=self.path, pointer=pointer)
 
-    def line_error(
-        self, code: str, byte: int, message: str, *, value: Any = None, limit: Any = None
-    ) -> MeshFileError:
+    def line_error(self, code: str, byte: int, message: str) -> MeshFileError:
         """Return the error about the line that holds byte number `byte`."""
-        return self.error(code, message, pointer=self.line(byte), value=value, limit=limit)
+        return self.error(code, message, pointer=self.line(byte))
 
     def line(self, byte: int) -> str:
         """Return "line N" for the line that holds byte number `byte`."""
@@ -76,7 +72,7 @@ class Source:
         other = self.looks_like()
         if other is not None and other.title != name:
             why = f"the content begins like {other.title}; rename the file to {other.suffixes[0]}"
-        return self.error("MESH_FILE_HEADER", f"this is not {name}: {why}")
+        return self.error("MESH_FILE_INVALID", f"this is not {name}: {why}")
 
     def as_text(self, name: str) -> Source:
         """Return the file, text of format `name`, with line feeds for line ends and no byte order mark.

@@ -45,9 +45,9 @@ def read(source: Source) -> Mesh:
         raise source.not_a("STL", text)
     if len(data) < size:
         text = f"it declares {declared} faces, which take {size} bytes; it has {len(data)} bytes"
-        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 80", value=len(data), limit=size)
+        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 80")
     text = f"it declares {declared} faces, which end at byte {size}; it has {len(data)} bytes"
-    raise source.error("MESH_FILE_TRAILING", text, pointer="byte 80", value=len(data), limit=size)
+    raise source.error("MESH_FILE_INVALID", text, pointer="byte 80")
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
@@ -101,7 +101,7 @@ def _vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.float64]
     if wrong.size:
         found = int(words.count[wrong[0]]) - 1
         text = f"'vertex' has {found} numbers; three are right"
-        raise words.line_error("MESH_FILE_NUMBER", int(wrong[0]), text, value=found)
+        raise words.line_error("MESH_FILE_INVALID", int(wrong[0]), text)
     return words.numbers(words.arguments(is_vertex)).reshape(-1, 3)
 
 
@@ -117,7 +117,7 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
         keyword = _LINES[int(np.count_nonzero(~between[:line])) % len(_LINES)].decode()
         message = f"a line that begins with '{keyword}' is right here; a face is the lines "
         message += ", ".join(each.decode() for each in _LINES)
-        raise text.line_error("MESH_FILE_FACE", int(places[line]), message)
+        raise text.line_error("MESH_FILE_INVALID", int(places[line]), message)
     if codes[-1] != _CODES[b"endsolid"]:
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
 

@@ -115,8 +115,8 @@ class Words:
             if not _NUMBER.fullmatch(word):
                 shown = shorten(word.decode("latin-1"))
                 text = f"'{shown}' is not a number"
-                return self.source.line_error("MESH_FILE_NUMBER", self.base + first, text, value=shown)
-        return self.source.error("MESH_FILE_NUMBER", "a word is not a number")
+                return self.source.line_error("MESH_FILE_INVALID", self.base + first, text)
+        return self.source.error("MESH_FILE_INVALID", "a word is not a number")
 
 
 def word_blocks(source: Source, start: int = 0, *, comments: bool = False) -> Iterator[Words]:
@@ -174,7 +174,7 @@ class Table:
         if bad is not None:
             row = int(np.searchsorted(self.row, places.ravel()[bad], side="right")) - 1
             text = f"{what} is {values.ravel()[bad]!s}, not a whole number of at most 2**53"
-            raise self.row_error("MESH_FILE_NUMBER", row, text)
+            raise self.row_error("MESH_FILE_INVALID", row, text)
         return values.astype(np.int64)
 
 

@@ -35,7 +35,7 @@ def check_indices(mesh: Mesh) -> None:
         face = int(np.argmax(wrong))
         row = mesh.faces[face].tolist()
         text = mesh.wrong_face or f"face {face} is {row}; there are {len(mesh.vertices)} vertices"
-        raise MeshError("MESH_INDEX_OUT_OF_RANGE", text, pointer=f"faces[{face}]", value=row)
+        raise MeshError("MESH_INDEX_OUT_OF_RANGE", text, pointer=f"faces[{face}]")
 
 
 def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
@@ -66,9 +66,9 @@ def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
 
 
 def _require_finite(vertices: NDArray[Any], problem: str) -> None:
-    """Raise OUTPUT_COORDINATES for the first row of `vertices` (V, 3) that is not finite."""
+    """Raise OUTPUT_FORMAT_LIMIT for the first row of `vertices` (V, 3) that is not finite."""
     wrong = ~np.isfinite(vertices).all(axis=1)
     if wrong.any():
         vertex = int(np.argmax(wrong))
         text = f"vertex {vertex} {problem}"
-        raise OutputError("OUTPUT_COORDINATES", text, pointer=f"vertices[{vertex}]")
+        raise OutputError("OUTPUT_FORMAT_LIMIT", text, pointer=f"vertices[{vertex}]")

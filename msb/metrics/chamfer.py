@@ -66,7 +66,7 @@ def chamfer_dtu(
     MeshFileError
         A file is no valid mesh of its format.
     MetricError
-        METRIC_MESH, METRIC_MESH_SCALE, METRIC_DTU_FILE or METRIC_ARGUMENT.
+        METRIC_MESH, METRIC_MESH, METRIC_DTU or METRIC_ARGUMENT.
 
     Notes
     -----
@@ -198,8 +198,7 @@ def _generator(seed: int) -> np.random.Generator:
 
 
 def _about(error: MsbError, path: object) -> MetricError:
-    where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
-    return MetricError(error.code, error.message, file=path, **where)
+    return MetricError(error.code, error.message, file=path, pointer=error.pointer)
 
 
 CHAMFER = Definition(

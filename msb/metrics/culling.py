@@ -125,7 +125,7 @@ def _matrix(matrix: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def _mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
-    found = unmasked(mask, f"mask {view}", "METRIC_DTU_VIEWS")
+    found = unmasked(mask, f"mask {view}", "METRIC_DTU")
     if found.ndim == 3 and found.shape[2]:
         found = found[..., 0]
     if found.ndim != 2 or min(found.shape) < 2:
@@ -134,4 +134,4 @@ def _mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
 
 
 def _bad(message: str) -> MetricError:
-    return MetricError("METRIC_DTU_VIEWS", message)
+    return MetricError("METRIC_DTU", message)

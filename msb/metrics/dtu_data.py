@@ -61,7 +61,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     """
     if isinstance(scan, bool) or not isinstance(scan, int | np.integer) or not 1 <= scan <= MAX_SCAN:
         text = f"the scan is {shorten(str(scan), 20)}; it must be a whole number from 1 to {MAX_SCAN}"
-        raise MetricError("METRIC_ARGUMENT", text, limit=MAX_SCAN)
+        raise MetricError("METRIC_ARGUMENT", text)
     folder = given_path(dataset_dir)
     if not is_folder(folder):
         text = "there is no such folder; it must hold Points/stl and ObsMask"
@@ -114,4 +114,4 @@ def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
 
 
 def _bad(path: Path, message: str) -> MetricError:
-    return MetricError("METRIC_DTU_FILE", message, file=path)
+    return MetricError("METRIC_DTU", message, file=path)

@@ -66,13 +66,13 @@ def _undecodable(path: Path, error: Exception) -> MetricError:
 
 
 def _bad(path: Path, message: str) -> MetricError:
-    return MetricError("METRIC_IMAGE_FILE", message, file=path)
+    return MetricError("METRIC_IMAGE", message, file=path)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
         text = f"it is {width} x {height} pixels; a side may have {MAX_SIDE}, the image {MAX_PIXELS}"
-        raise MetricError("METRIC_IMAGE_FILE", text, file=path, value=(width, height), limit=MAX_PIXELS)
+        raise MetricError("METRIC_IMAGE", text, file=path)
 
 
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:

@@ -41,7 +41,7 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Raises
     ------
     MetricError
-        METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
+        METRIC_IMAGE, METRIC_IMAGE, METRIC_IMAGE or METRIC_SIZES_DIFFER.
 
     Notes
     -----
@@ -96,7 +96,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     UsageError
         EXTRA_MISSING: scikit-image is not installed.
     MetricError
-        METRIC_IMAGE_SHAPE, METRIC_IMAGE_DTYPE, METRIC_IMAGE_VALUE or METRIC_SIZES_DIFFER.
+        METRIC_IMAGE, METRIC_IMAGE, METRIC_IMAGE or METRIC_SIZES_DIFFER.
 
     Notes
     -----
@@ -158,30 +158,30 @@ def image_pair(
     if a.shape != b.shape:
         sizes = [f"{image.shape[1]} x {image.shape[0]}" for image in (a, b)]
         text = f"pred has {sizes[0]} pixels and gt {sizes[1]}; they must be equal"
-        raise MetricError("METRIC_SIZES_DIFFER", text, value=a.shape, limit=b.shape)
+        raise MetricError("METRIC_SIZES_DIFFER", text)
     return _unit(a, quantize), _unit(b, quantize)
 
 
 def _checked(image: ArrayLike, name: str) -> NDArray[Any]:
-    array = unmasked(image, name, "METRIC_IMAGE_VALUE")
+    array = unmasked(image, name, "METRIC_IMAGE")
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"
         text = f"{name} is {shape}; it must be height x width x 3"
-        raise MetricError("METRIC_IMAGE_SHAPE", text, value=array.shape)
+        raise MetricError("METRIC_IMAGE", text)
     if array.dtype == np.uint8:
         return array
     if array.dtype.kind != "f":
         text = f"{name} holds {array.dtype}; it must be uint8, or floating point in [0, 1]"
-        raise MetricError("METRIC_IMAGE_DTYPE", text, value=str(array.dtype))
+        raise MetricError("METRIC_IMAGE", text)
     finite = np.isfinite(array)
     if not finite.all():
         y, x, channel = (int(i) for i in np.argwhere(~finite)[0])
         text = f"{name}[{y}, {x}, {channel}] is {array[y, x, channel]}; every value must be a finite number"
-        raise MetricError("METRIC_IMAGE_VALUE", text, pointer=f"{name}[{y}, {x}, {channel}]")
+        raise MetricError("METRIC_IMAGE", text, pointer=f"{name}[{y}, {x}, {channel}]")
     # A few bright pixels are the renderer's affair and are clamped; this many are bytes not divided by 255.
     if 2 * np.count_nonzero(array > 2) > array.size:
         text = f"most values of {name} are above 2, the largest is {array.max():g}; floats must be in [0, 1]"
-        raise MetricError("METRIC_IMAGE_VALUE", text, value=float(array.max()), limit=1.0)
+        raise MetricError("METRIC_IMAGE", text)
     return array
 
 

@@ -59,11 +59,11 @@ def pair_images(
     missing = sorted(set(found) - set(wanted))
     if missing:
         text = f"{_listed(missing, pred)} not there; names must be the same but for the suffix"
-        raise MetricError("METRIC_IMAGE_NAMES", text, file=gt, value=missing)
+        raise MetricError("METRIC_IMAGE_NAMES", text, file=gt)
     extra = sorted(set(wanted) - set(found))
     if extra and not subset:
         text = f"{_listed(extra, gt)} not there; --subset compares those there are"
-        raise MetricError("METRIC_IMAGE_NAMES", text, file=pred, value=extra)
+        raise MetricError("METRIC_IMAGE_NAMES", text, file=pred)
     return [ImagePair(name, found[name], wanted[name]) for name in sorted(found)]
 
 
@@ -91,7 +91,7 @@ def images_below(folder: Path) -> dict[str, Path]:
                 alike = normal_form(found[name].name) == normal_form(path.name)
                 how = "in different Unicode normal forms" if alike else "but for the suffix"
                 text = f"{found[name].name} and {path.name} have the same name, {how}; leave one of them"
-                raise MetricError("METRIC_IMAGE_NAMES", text, file=path.parent, value=name)
+                raise MetricError("METRIC_IMAGE_NAMES", text, file=path.parent)
             found[name] = path
     if not found:
         text = f"there is no image in it; suffixes are {', '.join(IMAGE_SUFFIXES)}"

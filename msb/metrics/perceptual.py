@@ -67,7 +67,7 @@ def lpips_vgg(
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_VGG_WEIGHTS, METRIC_LPIPS_HEADS, METRIC_IMAGE_TOO_SMALL, and those of `psnr`.
+        METRIC_WEIGHTS, METRIC_WEIGHTS, METRIC_IMAGE, and those of `psnr`.
 
     Notes
     -----
@@ -140,7 +140,7 @@ class LpipsVgg:
         a, b = image_pair(pred, gt, quantize=quantize)
         if min(a.shape[:2]) < MIN_SIDE:
             text = f"the images are {a.shape[1]} x {a.shape[0]}; LPIPS needs {MIN_SIDE} pixels a side"
-            raise MetricError("METRIC_IMAGE_TOO_SMALL", text, value=min(a.shape[:2]), limit=MIN_SIDE)
+            raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
             # One image after the other through each layer: two sets of features are alive, not ten.

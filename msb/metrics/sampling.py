@@ -97,7 +97,7 @@ def _too_many(points: float, spacing: float) -> MetricError:
         f"sampling it every {spacing:g} would take about {points:.3g} points; {MAX_SAMPLES:.3g} are allowed;"
         " it must be culled and in millimetres"
     )
-    return MetricError("METRIC_MESH_SCALE", text, value=points, limit=MAX_SAMPLES)
+    return MetricError("METRIC_MESH", text)
 
 
 def _grid_points(

@@ -105,7 +105,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
         raise
     except Exception as error:  # readers raise all kinds of things about foreign files
         text = f"it cannot be read: {library_reason(error)}"
-        raise MetricError("METRIC_VGG_WEIGHTS", text, file=place) from error
+        raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()
     for key in wanted:
         digest.update(key.encode() + b"\0" + weights[key].astype("<f4").tobytes())
@@ -136,25 +136,25 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         heads = [found[f"lin{k}.model.1.weight"].numpy() for k in range(5)]
     except Exception as error:
         text = f"it cannot be read: {library_reason(error)}"
-        raise MetricError("METRIC_LPIPS_HEADS", text, file=place) from error
+        raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     for head, channels, total in zip(heads, TAPS.values(), _HEAD_SUMS, strict=True):
         if head.shape != (1, channels, 1, 1) or abs(float(head.sum()) - total) > 1e-3:
             text = f"a layer of shape {head.shape} adds up to {head.sum():.4f}; version 0.1 has {total}"
-            raise MetricError("METRIC_LPIPS_HEADS", text, file=place)
+            raise MetricError("METRIC_WEIGHTS", text, file=place)
     return [head.reshape(-1).astype(np.float32) for head in heads], file_sha256(place)
 
 
 def _tensor(path: Path, found: Weights, key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
     if key not in found:
         text = f"it holds no {key}; it must be a state dict of torchvision's VGG16"
-        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+        raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
     array = np.asarray(found[key])
     if array.shape != shape or array.dtype.kind != "f":
         text = f"{key} is {array.dtype} of shape {array.shape}; it must be floats of shape {shape}"
-        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+        raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
     if not np.isfinite(array).all():
         text = f"{key} holds NaN or infinity"
-        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+        raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
     return np.ascontiguousarray(array, np.float32)
 
 
@@ -164,7 +164,7 @@ def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
     found = torch.load(path, map_location="cpu", weights_only=True)
     if not isinstance(found, dict):
         text = f"it holds a {type(found).__name__}; it must be a state dict of torchvision's VGG16"
-        raise MetricError("METRIC_VGG_WEIGHTS", text, file=path)
+        raise MetricError("METRIC_WEIGHTS", text, file=path)
     return {key: found[key].detach().float().numpy() for key in wanted if torch.is_tensor(found.get(key))}
 
 
@@ -176,7 +176,7 @@ def _read_npz(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
             most = 8 * math.prod(shape) + _MAX_HEAD
             if key in archive and archive.zip.getinfo(f"{key}.npy").file_size > most:
                 text = f"{key} is too long; it must be floats of shape {shape}"
-                raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+                raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
         return {key: archive[key] for key in wanted if key in archive}
 
 
@@ -188,10 +188,10 @@ def _read_safetensors(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights
     data = np.memmap(path, np.uint8, mode="r")
     length = int(data[:8].view("<u8")[0])
     if length > min(_MAX_JSON, len(data) - 8):
-        raise MetricError("METRIC_VGG_WEIGHTS", "its header is longer than the file or 1 MiB", file=path)
+        raise MetricError("METRIC_WEIGHTS", "its header is longer than the file or 1 MiB", file=path)
     text = data[8 : 8 + length].tobytes().decode()
     if json_nesting(text) > _MAX_DEPTH:
-        raise MetricError("METRIC_VGG_WEIGHTS", f"its header nests deeper than {_MAX_DEPTH}", file=path)
+        raise MetricError("METRIC_WEIGHTS", f"its header nests deeper than {_MAX_DEPTH}", file=path)
     header = json.loads(text)
     body, found = data[8 + length :], {}
     for key, shape in wanted.items():
@@ -201,6 +201,6 @@ def _read_safetensors(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights
         begin, end = entry["data_offsets"]
         if entry["dtype"] != "F32" or end - begin != 4 * np.prod(shape) or not 0 <= begin <= end <= len(body):
             text = f"{key} is {shorten(str(entry))}; it must be F32 of shape {shape}"
-            raise MetricError("METRIC_VGG_WEIGHTS", text, file=path, pointer=key)
+            raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
         found[key] = np.array(body[begin:end]).view("<f4").reshape(entry["shape"])
     return found

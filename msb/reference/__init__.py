@@ -64,8 +64,8 @@ def render_reference(
         SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order, sampling or dtype, or an argument of
         another type.
     AssetError
-        TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER_REQUIRED,
-        TRIASSET_BUFFER_SHAPE or TRIASSET_FIELD_VALUE: the buffers cannot be drawn.
+        TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER,
+        TRIASSET_BUFFER or TRIASSET_FIELD: the buffers cannot be drawn.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def render_reference(
     if own is None:
         reason = lookup(method).unsupported.get("reference", "there is no reference renderer of it")
         text = f"{method} has no reference tier: {reason}"
-        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path, value="reference")
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     real = precision(dtype)
     values = effective_settings(asset.manifest, settings)
     check_modes(order, sampling)

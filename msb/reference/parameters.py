@@ -23,9 +23,7 @@ def number(asset: Asset, section: str, key: str) -> float:
     found = getattr(asset.manifest, section).get(key)
     if isinstance(found, bool) or not isinstance(found, int | float):
         text = f"{section}.{key} is {found!r:.40}; it must be a number"
-        raise AssetError(
-            "TRIASSET_FIELD_VALUE", text, file=asset.path, pointer=f"/{section}/{key}", value=found
-        )
+        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer=f"/{section}/{key}")
     return found
 
 

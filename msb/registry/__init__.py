@@ -133,7 +133,7 @@ def role(name: str, what: Role) -> Any:
     Raises
     ------
     UsageError
-        `METHOD_NOT_LOADED`: a package's module cannot be loaded. Its functions raise it where they fail.
+        `PACKAGE_LEFT_OUT`: a package's module cannot be loaded. Its functions raise it where they fail.
     """
     if name not in METHODS:
         return None
@@ -177,7 +177,7 @@ def _blaming(method: str, doing: str) -> Iterator[None]:
         yield
     except PackageError as error:
         text = f"{whose('method', method, package_of(method))}: {doing}{error}"
-        raise UsageError("METHOD_NOT_LOADED", text) from error.__cause__
+        raise UsageError("PACKAGE_LEFT_OUT", text) from error.__cause__
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:

@@ -29,7 +29,7 @@ def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
     for name in names:
         if name not in EXTRAS:
             text = f'there is no output "{shorten(str(name), 40)}"; there are {", ".join(EXTRAS)}, and "all"'
-            raise UsageError("USAGE", text, value=str(name))
+            raise UsageError("USAGE", text)
     return frozenset(names)
 
 

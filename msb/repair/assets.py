@@ -121,9 +121,9 @@ def repair(
     UsageError
         `USAGE`, `EXTRA_MISSING`.
     MeshError
-        `MESH_NONFINITE`, naming the vertex; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`, `WELD_TOO_WIDE`.
+        `MESH_NONFINITE`, naming the vertex; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`, `WELD_DISTANCE`.
     Unsupported
-        `UNSUPPORTED_REPAIR`: a buffer cannot be carried through a step; `UNSUPPORTED_STANDARD`: a soup
+        `UNSUPPORTED_REPAIR`: a buffer cannot be carried through a step; `UNSUPPORTED_TIER`: a soup
         without static colours cannot be welded; `PEER_FAILED`.
     AssetError
         `TRIASSET_EMPTY`: nothing was left.
@@ -223,7 +223,7 @@ def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     why = why_not(asset.manifest, "standard")
     if why is not None:
         text = f"weld turns a soup into a mesh of static colours; {asset.manifest.method}: {why}"
-        raise Unsupported("UNSUPPORTED_STANDARD", text)
+        raise Unsupported("UNSUPPORTED_TIER", text)
     buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
     domains: dict[str, Any] = {}
     if (colors := colors_of(asset)) is not None:

@@ -27,7 +27,7 @@ def seen_pixels(
     why = why_not(asset.manifest, "standard")
     if why is not None:
         text = f"faces are weighted by what the standard tier shows; {asset.manifest.method}: {why}"
-        raise Unsupported("UNSUPPORTED_STANDARD", text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     pixels = np.zeros(asset.manifest.face_count)
     with Renderer(asset, tier="standard", device=device) as renderer:
         for camera in cameras:

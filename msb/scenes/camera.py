@@ -62,8 +62,8 @@ class Camera:
     Raises
     ------
     SceneError
-        CAMERA_SIZE, CAMERA_FOCAL, CAMERA_PRINCIPAL_POINT, CAMERA_MATRIX, CAMERA_ROTATION, CAMERA_NAME or
-        CAMERA_SPLIT.
+        CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID or
+        CAMERA_INVALID.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class Camera:
         if self.split is not None:
             check_split(self.split)
         if not 0 < self.unit < math.inf:
-            raise SceneError("CAMERA_FIELD_VALUE", f"unit is {self.unit}; it must be a positive length")
+            raise SceneError("CAMERA_FILE", f"unit is {self.unit}; it must be a positive length")
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
@@ -128,13 +128,13 @@ class Camera:
         Raises
         ------
         SceneError
-            CAMERA_FOCAL: an angle is out of range, or none is given; and those of `Camera`.
+            CAMERA_INVALID: an angle is out of range, or none is given; and those of `Camera`.
         """
         width, height = check_size((width, height))
         fx = focal_from_fov(fov_x, width, "fov_x") if fov_x is not None else None
         fy = focal_from_fov(fov_y, height, "fov_y") if fov_y is not None else None
         if fov_x is None and fov_y is None:
-            raise SceneError("CAMERA_FOCAL", "neither fov_x nor fov_y is given; one is needed")
+            raise SceneError("CAMERA_INVALID", "neither fov_x nor fov_y is given; one is needed")
         focals = [focal for focal in (fx, fy) if focal is not None]
         pose = cast("NDArray[np.float64]", world_to_camera)  # converted and checked like every camera's
         return cls(width, height, focals[0], focals[-1], width / 2, height / 2, pose, name)
@@ -166,7 +166,7 @@ class Camera:
         Raises
         ------
         SceneError
-            CAMERA_LOOK_AT: `eye` is `target`, or `up` lies along the view; and those of `from_fov`.
+            CAMERA_PATH: `eye` is `target`, or `up` lies along the view; and those of `from_fov`.
         """
         return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
 
@@ -228,7 +228,7 @@ class Camera:
         Raises
         ------
         SceneError
-            CAMERA_SIZE.
+            CAMERA_INVALID.
         """
         width, height = check_size((width, height))
         if (width, height) == (self.width, self.height):
@@ -254,11 +254,11 @@ class Camera:
         Raises
         ------
         SceneError
-            CAMERA_SIZE: the factor is not positive, or the result is too large.
+            CAMERA_INVALID: the factor is not positive, or the result is too large.
         """
         if not 0 < factor <= MAX_SIDE:
             text = f"the scale factor is {factor}; it must be positive and at most {MAX_SIDE}"
-            raise SceneError("CAMERA_SIZE", text, value=factor, limit=MAX_SIDE)
+            raise SceneError("CAMERA_INVALID", text)
         sides = (max(1, math.floor(side * factor + 0.5)) for side in (self.width, self.height))
         return self.resized(*sides)
 

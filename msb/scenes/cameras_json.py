@@ -31,7 +31,7 @@ def read(root: Node) -> list[Camera]:
         identity = node.get("id")
         number = index if identity is None else identity.whole()
         if number in seen:
-            raise (identity or node).error("CAMERA_DUPLICATE", f"camera id {number} occurs twice")
+            raise (identity or node).error("CAMERA_FILE", f"camera id {number} occurs twice")
         seen.add(number)
         name = node["img_name"].text()
         cameras.append(_camera(node, name if names[name] == 1 else f"{name}-{number}"))

@@ -29,11 +29,11 @@ MAX_NAME = 1024
 def check_size(size: object) -> tuple[int, int]:
     """Return `size`, a pair, as integers (width, height) if an image can have that size."""
     if not isinstance(size, tuple | list) or len(size) != 2:
-        raise SceneError("CAMERA_SIZE", f"the size is {_shown(size)}; it must be width and height")
+        raise SceneError("CAMERA_INVALID", f"the size is {_shown(size)}; it must be width and height")
     sides = _side("width", size[0]), _side("height", size[1])
     if sides[0] * sides[1] > MAX_PIXELS:
         text = f"{sides[0]} x {sides[1]} are {sides[0] * sides[1]} pixels; {MAX_PIXELS} are allowed"
-        raise SceneError("CAMERA_SIZE", text, value=sides[0] * sides[1], limit=MAX_PIXELS)
+        raise SceneError("CAMERA_INVALID", text)
     return sides
 
 
@@ -44,7 +44,7 @@ def _side(what: str, value: object) -> int:
         side = 0
     if isinstance(value, bool | np.bool_) or not 1 <= side <= MAX_SIDE:
         text = f"{what} is {_shown(value)}; it must be a whole number of pixels from 1 to {MAX_SIDE}"
-        raise SceneError("CAMERA_SIZE", text, limit=MAX_SIDE)
+        raise SceneError("CAMERA_INVALID", text)
     return side
 
 
@@ -53,7 +53,7 @@ def check_focal(what: str, value: object) -> float:
     focal = _number(value)
     if not MIN_FOCAL <= focal <= MAX_FOCAL:
         text = f"{what} is {_shown(value)}; it must be a number of pixels from {MIN_FOCAL:g} to {MAX_FOCAL:g}"
-        raise SceneError("CAMERA_FOCAL", text, value=focal, limit=MAX_FOCAL)
+        raise SceneError("CAMERA_INVALID", text)
     return focal
 
 
@@ -62,7 +62,7 @@ def check_principal(what: str, value: object) -> float:
     place = _number(value)
     if not abs(place) <= MAX_FOCAL:
         text = f"{what} is {_shown(value)}; it must be a finite number of pixels, at most {MAX_FOCAL:g}"
-        raise SceneError("CAMERA_PRINCIPAL_POINT", text, value=place, limit=MAX_FOCAL)
+        raise SceneError("CAMERA_INVALID", text)
     return place
 
 
@@ -70,7 +70,7 @@ def focal_from_fov(angle: float, side: int, what: str) -> float:
     """Return the focal length in pixels that shows `side` pixels in the full `angle` (radians)."""
     if not 0 < _number(angle) < math.pi:
         text = f"{what} is {_shown(angle)}; it must be an angle in radians between 0 and pi"
-        raise SceneError("CAMERA_FOCAL", text, value=_number(angle))
+        raise SceneError("CAMERA_INVALID", text)
     return side / (2 * math.tan(angle / 2))
 
 
@@ -89,14 +89,14 @@ def check_name(name: object) -> None:
         text = f"the name {_shown(name)} has an empty part, '.' or '..'; it must go straight down"
     else:
         return
-    raise SceneError("CAMERA_NAME", text)
+    raise SceneError("CAMERA_INVALID", text)
 
 
 def check_split(split: object) -> None:
     """Check that `split` is one of `SPLITS`."""
     if split not in SPLITS:
         text = f"split is {_shown(split)}; it must be {', '.join(SPLITS)} or None"
-        raise SceneError("CAMERA_SPLIT", text)
+        raise SceneError("CAMERA_INVALID", text)
 
 
 def _number(value: object) -> float:

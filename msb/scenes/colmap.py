@@ -56,7 +56,7 @@ def read_model(folder: Path) -> list[Camera]:
     for lens in form.read_lenses(lens_file):
         if lens.number in lenses:
             text = f"camera id {lens.number} occurs twice"
-            raise lens_file.error("COLMAP_DUPLICATE_ID", text, pointer=lens.pointer, value=lens.number)
+            raise lens_file.error("COLMAP_INVALID", text, pointer=lens.pointer)
         lenses[lens.number] = lens
     photographs = _image_folder(folder)
     images = None if photographs is None else SpelledFiles(photographs)
@@ -65,10 +65,10 @@ def read_model(folder: Path) -> list[Camera]:
     for shot in form.read_shots(shot_file):
         if shot.number in seen:
             text = f"image id {shot.number} occurs twice"
-            raise shot_file.error("COLMAP_DUPLICATE_ID", text, pointer=shot.pointer, value=shot.number)
+            raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
         if len(cameras) == MAX_CAMERAS:
             text = f"there are more than {MAX_CAMERAS} images; give a part of the model"
-            raise shot_file.error("CAMERA_TOO_MANY", text, pointer=shot.pointer, limit=MAX_CAMERAS)
+            raise shot_file.error("CAMERA_FILE", text, pointer=shot.pointer)
         seen.add(shot.number)
         cameras.append(_camera(shot, shot_file, lenses, lens_file, images))
     return cameras
@@ -95,7 +95,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        COLMAP_FILE_MISSING, COLMAP_TRUNCATED, COLMAP_TRAILING, COLMAP_LINE, COLMAP_NUMBER or COLMAP_POINT.
+        COLMAP_FILE_MISSING, COLMAP_INVALID, COLMAP_INVALID, COLMAP_INVALID, COLMAP_INVALID or COLMAP_INVALID.
 
     Notes
     -----
@@ -136,13 +136,13 @@ def _camera(
     lens = lenses.get(shot.lens)
     if lens is None:
         text = f"{what} names camera id {shot.lens}, which {lens_file.path.name} does not have"
-        raise shot_file.error("COLMAP_CAMERA_ID", text, pointer=shot.pointer, value=shot.lens)
+        raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
     with lens_file.locating(lens.pointer, f"camera id {lens.number}"):
         intrinsics = lens.pinhole()
     if not MIN_QUATERNION < math.hypot(*shot.quaternion) < math.inf:
         shown = " ".join(f"{value:g}" for value in shot.quaternion)
         text = f"{what} has the quaternion {shown}; it must be finite and not zero"
-        raise shot_file.error("COLMAP_QUATERNION", text, pointer=shot.pointer)
+        raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
@@ -155,4 +155,4 @@ def _name(shot: Shot, source: Source) -> str:
         return shot.name.decode("utf-8")
     except UnicodeDecodeError:
         text = f"the name of image id {shot.number} is not UTF-8"
-        raise source.error("CAMERA_NAME", text, pointer=shot.pointer) from None
+        raise source.error("CAMERA_INVALID", text, pointer=shot.pointer) from None

@@ -46,7 +46,7 @@ class _Cursor:
         if count * least > self.size - self.at:
             left = self.size - self.at
             text = f"{count} {what} of at least {least} bytes each are declared; {left} bytes follow"
-            raise self.source.error("COLMAP_TRUNCATED", text, pointer="byte 0", value=count)
+            raise self.source.error("COLMAP_INVALID", text, pointer="byte 0")
         return int(count)
 
     def take(self, layout: struct.Struct, what: str) -> tuple[Any, ...]:
@@ -58,14 +58,14 @@ class _Cursor:
         start = self.at
         if size > self.size - start:
             text = f"the file ends within {what}, {size - (self.size - start)} bytes too early"
-            raise self.source.error("COLMAP_TRUNCATED", text, pointer=self.pointer)
+            raise self.source.error("COLMAP_INVALID", text, pointer=self.pointer)
         self.at += size
         return start
 
     def finish(self) -> None:
         if self.at < self.size:
             text = f"{self.size - self.at} bytes follow the last declared record"
-            raise self.source.error("COLMAP_TRAILING", text, pointer=self.pointer)
+            raise self.source.error("COLMAP_INVALID", text, pointer=self.pointer)
 
 
 def read_lenses(source: Source) -> Iterator[Lens]:
@@ -91,7 +91,7 @@ def read_shots(source: Source) -> Iterator[Shot]:
         end = source.data.find(b"\0", cursor.at)
         if end < 0:
             text = f"the name of {what} does not end"
-            raise source.error("COLMAP_TRUNCATED", text, pointer=cursor.pointer)
+            raise source.error("COLMAP_INVALID", text, pointer=cursor.pointer)
         name = bytes(source.data[cursor.at : end])
         cursor.skip(len(name) + 1, what)
         (points,) = cursor.take(_COUNT, what)
@@ -125,7 +125,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
         rgb[part] = rows[:, 24:]
     for row in np.flatnonzero(~np.isfinite(xyz).all(axis=1))[:1].tolist():
         text = f"point {row} is at {' '.join(map(str, xyz[row].tolist()))}; coordinates are finite"
-        raise source.error("COLMAP_POINT", text, pointer=f"byte {starts[row]}")
+        raise source.error("COLMAP_INVALID", text, pointer=f"byte {starts[row]}")
     return xyz, rgb
 
 
@@ -142,7 +142,7 @@ def _starts_of_points(cursor: _Cursor, count: int) -> array[int]:
             at = size + 1
         if at > size:
             text = f"the file ends within point {index} of {count}"
-            raise cursor.source.error("COLMAP_TRUNCATED", text, pointer=f"byte {starts[index]}")
+            raise cursor.source.error("COLMAP_INVALID", text, pointer=f"byte {starts[index]}")
     cursor.at = at
     cursor.finish()
     return starts

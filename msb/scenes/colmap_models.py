@@ -51,7 +51,7 @@ def model_parameters(name: str | None, given: str) -> int:
     if name not in MODELS:
         known = ", ".join(f"{number} {name}" for number, name in sorted(MODEL_NAMES.items())[:2])
         text = f"the camera model is {shorten(given, 40)}; undistorted images have {known}"
-        raise SceneError("COLMAP_MODEL", text, value=shorten(given, 40))
+        raise SceneError("CAMERA_DISTORTED", text)
     return MODELS[name].parameters
 
 
@@ -86,11 +86,11 @@ class Lens:
         distortion = self.parameters[model.focals + 2 :]
         if model.fisheye:
             text = f"the camera model is {self.model}, a fisheye lens; undistort the images"
-            raise SceneError("CAMERA_DISTORTED", text, value=self.model)
+            raise SceneError("CAMERA_DISTORTED", text)
         if any(value != 0 for value in distortion):
             shown = ", ".join(f"{value:g}" for value in distortion)
             text = f"the camera model is {self.model} with distortion {shown}; undistort the images"
-            raise SceneError("CAMERA_DISTORTED", text, value=self.model)
+            raise SceneError("CAMERA_DISTORTED", text)
         width, height = check_size((self.width, self.height))
         fx = check_focal("the focal length", self.parameters[0])
         fy = check_focal("the focal length", self.parameters[model.focals - 1])

@@ -109,7 +109,7 @@ def _gather(
     for row in np.flatnonzero(~good)[:1].tolist():
         shown = " ".join(f"{value:g}" for value in rows[row])
         text = f"the point is {shown}; it must be three finite coordinates and three colours 0 to 255"
-        raise source.error("COLMAP_POINT", text, pointer=f"line {places[row]}")
+        raise source.error("COLMAP_INVALID", text, pointer=f"line {places[row]}")
     xyz.append(table[:, :3].copy())
     rgb.append(colors.astype(np.uint8))
     rows.clear()
@@ -145,7 +145,7 @@ class _Line:
         return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
 
     def refuse(self, message: str) -> NoReturn:
-        raise self.source.error("COLMAP_LINE", message, pointer=self.pointer)
+        raise self.source.error("COLMAP_INVALID", message, pointer=self.pointer)
 
     def integer(self, word: bytes) -> int:
         if not _INTEGER.fullmatch(word):
@@ -166,7 +166,7 @@ class _Line:
 
     def _bad_number(self, text: bytes, wanted: str) -> NoReturn:
         shown = shorten(text.decode("latin-1"), 60)
-        raise self.source.error("COLMAP_NUMBER", f"'{shown}' is not {wanted}", pointer=self.pointer)
+        raise self.source.error("COLMAP_INVALID", f"'{shown}' is not {wanted}", pointer=self.pointer)
 
 
 def _records(source: Source) -> Iterator[_Line]:
@@ -185,7 +185,7 @@ def _lines(source: Source) -> Iterator[tuple[int, bytes]]:
         if end - at > _BLOCK + MAX_LINE:
             index += data[at : at + _BLOCK].count(b"\n") + 1
             text = f"the line has more than the {MAX_LINE} bytes that are allowed"
-            raise source.error("COLMAP_LINE", text, pointer=f"line {index}", limit=MAX_LINE)
+            raise source.error("COLMAP_INVALID", text, pointer=f"line {index}")
         for index, line in enumerate(data[at:end].split(b"\n"), index + 1):  # noqa: B020 - goes on counting
             yield index, line
         at = end + 1

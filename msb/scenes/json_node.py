@@ -29,10 +29,7 @@ def read_json(source: Source) -> Node:
     try:
         value = parse_strict_json(data, file=source.path, name="the file", max_bytes=MAX_BYTES)
     except AssetError as error:
-        # The parser is the manifest's; only the codes say so.
-        code = error.code.replace("TRIASSET_MANIFEST_", "CAMERA_JSON_")
-        where = {"pointer": error.pointer, "value": error.value, "limit": error.limit}
-        raise SceneError(code, error.message, file=source.path, **where) from None
+        raise SceneError("CAMERA_FILE", error.message, file=source.path, pointer=error.pointer) from None
     return Node(source, value, "")
 
 
@@ -40,7 +37,7 @@ def read_json(source: Source) -> Node:
 class Node:
     """A JSON value and its place.
 
-    Every method that asks for a kind of value raises `SceneError` CAMERA_FIELD_TYPE if it is another.
+    Every method that asks for a kind of value raises `SceneError` CAMERA_FILE if it is another.
 
     Parameters
     ----------
@@ -55,10 +52,10 @@ class Node:
     value: Any
     pointer: str
 
-    def error(self, code: str, message: str, *, limit: Any = None) -> SceneError:
+    def error(self, code: str, message: str) -> SceneError:
         """Return the error about this value."""
         text = message if self.pointer else f"the document {message.removeprefix('it ')}"
-        return self.source.error(code, text, pointer=self.pointer, limit=limit)
+        return self.source.error(code, text, pointer=self.pointer)
 
     def shown(self) -> str:
         """Return this value for a message: its text if short, else its kind."""
@@ -66,7 +63,7 @@ class Node:
 
     def wrong_type(self, wanted: str) -> SceneError:
         """Return the error that this value is not `wanted`."""
-        return self.error("CAMERA_FIELD_TYPE", f"it is {self.shown()}; it must be {wanted}")
+        return self.error("CAMERA_FILE", f"it is {self.shown()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:
         """Return the member `key` of this object, or None if it has none."""
@@ -80,7 +77,7 @@ class Node:
         """Return the member `key` of this object."""
         member = self.get(key)
         if member is None:
-            raise self.error("CAMERA_FIELD_MISSING", f'it lacks the key "{key}"')
+            raise self.error("CAMERA_FILE", f'it lacks the key "{key}"')
         return member
 
     def items(self) -> Iterator[Node]:
@@ -97,7 +94,7 @@ class Node:
         for key in self.value:
             if key not in keys:
                 text = f'it has the unknown key "{escape(key)}"; known are {", ".join(keys)}'
-                raise self.error("CAMERA_FIELD_UNKNOWN", text)
+                raise self.error("CAMERA_FILE", text)
 
     def text(self) -> str:
         """Return this string."""

@@ -59,18 +59,18 @@ def turntable(
     Raises
     ------
     SceneError
-        CAMERA_PATH: the radius, the count or the elevation is out of range. CAMERA_LOOK_AT: `center` or `up`
+        CAMERA_PATH: the radius, the count or the elevation is out of range. CAMERA_PATH: `center` or `up`
         is no vector, or `up` is zero. And those of `Camera`.
     """
     middle, axis = vector3("center", center), vector3("up", up)
     length = math.hypot(*axis)
     if not length > 0:
-        raise SceneError("CAMERA_LOOK_AT", "up is zero; it must be a direction")
+        raise SceneError("CAMERA_PATH", "up is zero; it must be a direction")
     if not 0 < radius <= MAX_COORDINATE:
-        raise SceneError("CAMERA_PATH", f"the radius is {radius}; it must be positive", value=radius)
+        raise SceneError("CAMERA_PATH", f"the radius is {radius}; it must be positive")
     if not abs(elevation) < math.pi / 2:
         text = f"the elevation is {elevation}; it must lie between -pi/2 and pi/2, straight above and below"
-        raise SceneError("CAMERA_PATH", text, value=elevation)
+        raise SceneError("CAMERA_PATH", text)
     axis = axis / length
     start = np.eye(3)[np.argmin(np.round(np.abs(axis), 6))]
     start = start - axis * (start @ axis)
@@ -124,7 +124,7 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
     """
     if len(cameras) < 2:
         text = f"{len(cameras)} camera(s) are given; a flight needs at least 2"
-        raise SceneError("CAMERA_PATH", text, value=len(cameras), limit=2)
+        raise SceneError("CAMERA_PATH", text)
     keys = [camera.resized(cameras[0].width, cameras[0].height) for camera in cameras]
     centers = np.stack([key.center for key in keys])
     turns = _aligned(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
@@ -153,7 +153,7 @@ def _frames(count: object) -> int:
         frames = 0
     if not 1 <= frames <= MAX_FRAMES:
         text = f"the count is {shorten(repr(count))}; it must be a whole number from 1 to {MAX_FRAMES}"
-        raise SceneError("CAMERA_PATH", text, limit=MAX_FRAMES)
+        raise SceneError("CAMERA_PATH", text)
     return frames
 
 

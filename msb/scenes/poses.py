@@ -37,10 +37,10 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     if (pose[3] != (0, 0, 0, 1)).any():
         row = " ".join(f"{entry:g}" for entry in pose[3])
         text = f"{what} has the last row {row}; it must be 0 0 0 1: the translation is a column"
-        raise SceneError("CAMERA_MATRIX", text, pointer="[3]")
+        raise SceneError("CAMERA_INVALID", text, pointer="[3]")
     if (far := float(np.abs(pose[:3, 3]).max())) > MAX_COORDINATE:
         text = f"{what} translates by {far:g}; more than {MAX_COORDINATE:g} is not rendered"
-        raise SceneError("CAMERA_MATRIX", text, value=far, limit=MAX_COORDINATE)
+        raise SceneError("CAMERA_INVALID", text)
     rotation = pose[:3, :3]
     small = float(np.abs(rotation).max()) < 2  # else the products may overflow
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max()) if small else math.inf
@@ -50,10 +50,10 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
             f"the rotation of {what} is not orthonormal: R R^T differs from the identity {by}; "
             f"{MAX_ROTATION_ERROR:g} is allowed"
         )
-        raise SceneError("CAMERA_ROTATION", text, value=error, limit=MAX_ROTATION_ERROR)
+        raise SceneError("CAMERA_INVALID", text)
     if np.linalg.det(rotation) < 0:
         text = f"the rotation of {what} has determinant -1, a mirror image; it must be +1"
-        raise SceneError("CAMERA_ROTATION", text, value=-1, limit=1)
+        raise SceneError("CAMERA_INVALID", text)
     return pose
 
 
@@ -63,14 +63,14 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
         given: NDArray[Any] = np.asarray(matrix)
     except Exception:  # rows of different lengths; an array of another library that refuses
         text = f"{what} is no array, or has rows of different lengths; it must be 4 x 4 numbers"
-        raise SceneError("CAMERA_MATRIX", text) from None
+        raise SceneError("CAMERA_INVALID", text) from None
     if given.shape != (4, 4) or given.dtype.kind not in "fiu":
         text = f"{what} is an array of {given.dtype} of shape {given.shape}; it must be 4 x 4 numbers"
-        raise SceneError("CAMERA_MATRIX", shorten(text, 200))
+        raise SceneError("CAMERA_INVALID", shorten(text, 200))
     pose = given.astype(np.float64) + 0.0  # the sum turns -0.0 into 0.0, so that equal poses have equal bytes
     for row, column in np.argwhere(~np.isfinite(pose)).tolist():
         text = f"{what}[{row}, {column}] is {pose[row, column]}; it must be finite"
-        raise SceneError("CAMERA_MATRIX", text, pointer=f"[{row}, {column}]", value=float(pose[row, column]))
+        raise SceneError("CAMERA_INVALID", text, pointer=f"[{row}, {column}]")
     return pose
 
 
@@ -128,12 +128,12 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
     forward = _unit(aim - position)
     if forward is None:
         text = "eye and target are the same point; the camera must look somewhere"
-        raise SceneError("CAMERA_LOOK_AT", text)
+        raise SceneError("CAMERA_PATH", text)
     across = _unit(upward)
     right = None if across is None else _unit(np.cross(forward, across), least=1e-6)
     if right is None:
         text = "up is zero or along the line from eye to target; it must point to the side of it"
-        raise SceneError("CAMERA_LOOK_AT", text)
+        raise SceneError("CAMERA_PATH", text)
     pose = np.eye(4)
     pose[:3, :3] = right, np.cross(forward, right), forward
     pose[:3, 3] = -pose[:3, :3] @ position
@@ -148,7 +148,7 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
         vector = np.zeros(0)
     if vector.shape != (3,) or not (np.abs(vector) <= MAX_COORDINATE).all():
         text = f"{name} is {shorten(repr(value))}; it must be three numbers up to {MAX_COORDINATE:g}"
-        raise SceneError("CAMERA_LOOK_AT", text)
+        raise SceneError("CAMERA_PATH", text)
     return vector
 
 

@@ -36,7 +36,7 @@ def check_set(cameras: Sequence[Camera], source: Source) -> None:
         name = normal_form(camera.name)
         if name in seen:
             text = f"cameras {seen[name]} and {index} are both called '{shorten(camera.name)}'"
-            raise source.error("CAMERA_DUPLICATE", text, value=camera.name)
+            raise source.error("CAMERA_FILE", text)
         seen[name] = index
 
 

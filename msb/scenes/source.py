@@ -7,7 +7,6 @@ import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from msb.base.files import map_file
 from msb.errors import SceneError
@@ -33,12 +32,10 @@ class Source:
         """Map the regular file at `path`; a pipe or device is never opened."""
         return cls(path, map_file(path))
 
-    def error(
-        self, code: str, message: str, *, pointer: str | None = None, value: Any = None, limit: Any = None
-    ) -> SceneError:
+    def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
         """Return the error about this file; a `pointer` opens the message."""
         text = f"{pointer}: {message}" if pointer else message
-        return SceneError(code, text, file=self.path, pointer=pointer, value=value, limit=limit)
+        return SceneError(code, text, file=self.path, pointer=pointer)
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
@@ -52,5 +49,5 @@ class Source:
             if error.file is not None:
                 raise
             message = f"{what}: {error.message}" if what else error.message
-            found = self.error(error.code, message, pointer=pointer, value=error.value, limit=error.limit)
+            found = self.error(error.code, message, pointer=pointer)
             raise found from None

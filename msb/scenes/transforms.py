@@ -66,7 +66,7 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
         fx, fy = focal("x", width), focal("y", height)
         if fx is None:
             text = "it lacks the focal length, and so does the document: fl_x or camera_angle_x (radians)"
-            raise frame.error("CAMERA_FIELD_MISSING", text)
+            raise frame.error("CAMERA_FILE", text)
         cx, cy = number("cx"), number("cy")
         return Camera(
             width,

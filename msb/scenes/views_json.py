@@ -52,7 +52,7 @@ def read(root: Node) -> Views:
     """Return the document's content; an unknown key is an error, so that no misspelt key is ignored."""
     schema = root["schema"]
     if schema.value != SCHEMA:
-        raise schema.error("CAMERA_FIELD_VALUE", f'it is {schema.shown()}; it must be "{SCHEMA}"')
+        raise schema.error("CAMERA_FILE", f'it is {schema.shown()}; it must be "{SCHEMA}"')
     root.only("schema", "background", "cameras")
     background = root.get("background")
     cameras = [_camera(node) for node in root["cameras"].items()]
@@ -62,7 +62,7 @@ def read(root: Node) -> Views:
 def _color(node: Node) -> tuple[float, float, float]:
     red, green, blue = node.array(3).tolist()
     if not all(0 <= value <= 1 for value in (red, green, blue)):
-        raise node.error("CAMERA_FIELD_VALUE", f"it is {node.shown()}; red, green and blue lie in 0 to 1")
+        raise node.error("CAMERA_FILE", f"it is {node.shown()}; red, green and blue lie in 0 to 1")
     return red, green, blue
 
 
@@ -107,7 +107,7 @@ def write_cameras(
     Raises
     ------
     SceneError
-        CAMERA_NONE, CAMERA_DUPLICATE or CAMERA_FIELD_VALUE (the background).
+        CAMERA_NONE, CAMERA_FILE or CAMERA_FILE (the background).
     OutputError
         OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large to be read again.
     UsageError
@@ -120,12 +120,12 @@ def write_cameras(
         head["background"] = [float(value) for value in background]
         if len(head["background"]) != 3 or not all(0 <= value <= 1 for value in head["background"]):
             text = f"the background is {background}; it must be red, green and blue from 0 to 1"
-            raise SceneError("CAMERA_FIELD_VALUE", text, file=path)
+            raise SceneError("CAMERA_FILE", text, file=path)
     lines = ",\n  ".join(json.dumps(_entry(camera)) for camera in cameras)
     content = f'{json.dumps(head)[:-1]}, "cameras": [\n  {lines}\n]}}\n'.encode("ascii")
     if len(content) > MAX_BYTES:
         text = f"{len(cameras)} cameras take {len(content)} bytes; a views.json holds {MAX_BYTES}"
-        raise OutputError("OUTPUT_FORMAT_LIMIT", text, file=path, value=len(content), limit=MAX_BYTES)
+        raise OutputError("OUTPUT_FORMAT_LIMIT", text, file=path)
     with new_file(path) as stream:
         stream.write(content)
 

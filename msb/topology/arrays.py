@@ -37,7 +37,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     for array, name, limit in ((points, "vertices", MAX_VERTICES), (triangles, "faces", MAX_FACES)):
         if len(array) > limit:
             text = f"there are {len(array)} {name}; at most {limit} are supported"
-            raise MeshError("MESH_TOO_LARGE", text, value=len(array), limit=limit)
+            raise MeshError("MESH_ARRAY", text)
     if triangles.size:
         _check_range(triangles, len(points))
     if triangles.dtype == np.uint32 and len(points) < 2**31:  # as assets have them; the top bit is free
@@ -60,7 +60,7 @@ def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:
         text = f"{name} has shape {array.shape}; it must be (n, 3)"
-        raise MeshError("MESH_ARRAY", text, value=array.shape)
+        raise MeshError("MESH_ARRAY", text)
     if array.dtype.kind not in kinds:
         wanted = "real numbers" if "f" in kinds else "integers"
         raise MeshError("MESH_ARRAY", f"{name} has dtype {array.dtype}; it must hold {wanted}")
@@ -79,6 +79,4 @@ def _check_range(faces: NDArray[Any], vertex_count: int) -> None:
         if vertex_count
         else f"face {row} is {tuple(map(int, faces[row]))}, but there are no vertices",
         pointer=f"faces[{row}]",
-        value=bad,
-        limit=vertex_count - 1,
     )

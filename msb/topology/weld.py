@@ -135,11 +135,9 @@ def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:
         raise MeshError(
-            "WELD_TOO_WIDE",
+            "WELD_DISTANCE",
             f"a weld distance of {distance:g} joins {pairs} pairs of vertices, which would collapse the "
             f"mesh; at most {MAX_PAIRS} are joined, so choose a shorter distance",
-            value=distance,
-            limit=MAX_PAIRS,
         )
     near = tree.query_pairs(reach, output_type="ndarray")
     _, merged = label_components(len(points), near[:, 0], near[:, 1])

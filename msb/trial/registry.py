@@ -34,7 +34,7 @@ def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
         own = {key: task for key, task in TASKS.items() if key == name or _has_word(key, name)}
         if not own:
             text = f'there is no task "{shorten(name, 40)}"; there are {", ".join(TASKS)}'
-            raise UsageError("USAGE", text, value=name)
+            raise UsageError("USAGE", text)
         found |= own
     return [task for key, task in TASKS.items() if key in found] if found else list(TASKS.values())
 

@@ -12,7 +12,7 @@ from tests.adapters.assemble import Case, archive, call, frame, name, program, r
 def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
     """Return a case with the given program as data.pkl."""
     build = make if callable(make) else lambda: make
-    return Case(f"pickle_{label}", f"CHECKPOINT_PICKLE_{code}", lambda: archive(build()))
+    return Case(f"pickle_{label}", f"CHECKPOINT_{code}", lambda: archive(build()))
 
 
 # --- names: what a stranger would call ---------------------------------------------------------------
@@ -56,21 +56,21 @@ def attack(module: str, what: str) -> bytes:
 
 
 NAME_CASES = [
-    *(bad(f"name_{full}", "GLOBAL", attack(*full.rsplit(".", 1))) for full in STRANGERS.split()),
-    *(bad(f"name_{label}", "GLOBAL", attack(m, n)) for label, m, n in ODD_NAMES),
-    bad("name_too_long", "GLOBAL", program(name("x" * 300, "y"))),
+    *(bad(f"name_{full}", "HOSTILE", attack(*full.rsplit(".", 1))) for full in STRANGERS.split()),
+    *(bad(f"name_{label}", "HOSTILE", attack(m, n)) for label, m, n in ODD_NAMES),
+    bad("name_too_long", "HOSTILE", program(name("x" * 300, "y"))),
     bad(
         "name_from_stack",
-        "GLOBAL",
+        "HOSTILE",
         program(short_text("os"), short_text("system"), b"\x93", row(text("id")), b"R", protocol=4),
     ),
-    bad("name_number", "GLOBAL", program(b"K\x01K\x02\x93", protocol=4)),
+    bad("name_number", "HOSTILE", program(b"K\x01K\x02\x93", protocol=4)),
     bad(
         "name_dotted_from_stack",
-        "GLOBAL",
+        "HOSTILE",
         program(short_text("torch"), short_text("_utils._rebuild_tensor_v2"), b"\x93", protocol=4),
     ),
-    bad("name_not_utf8", "TEXT", b"\x80\x02c\xff\xfe\nx\n."),
+    bad("name_not_utf8", "HOSTILE", b"\x80\x02c\xff\xfe\nx\n."),
 ]
 
 # --- instructions we do not have ----------------------------------------------------------------------
@@ -94,24 +94,24 @@ OPCODE_CASES = [
     *(
         bad(
             f"opcode_{op.name.lower()}",
-            "OPCODE",
+            "HOSTILE",
             program(b"(N" + op.code.encode("latin1") + ARGUMENTS.get(op.name, b"1\n"), protocol=4),
         )
         for op in pickletools.opcodes
         if op.name not in USED.split()
     ),
-    bad("opcode_unknown", "OPCODE", program(b"\xff")),
-    bad("opcode_zero", "OPCODE", program(b"\0")),
-    bad("protocol_missing", "PROTOCOL", b"N."),
-    bad("protocol_0", "PROTOCOL", program(b"N", protocol=0)),
-    bad("protocol_1", "PROTOCOL", program(b"N", protocol=1)),
-    bad("protocol_5", "PROTOCOL", program(b"N", protocol=5)),
-    bad("protocol_255", "PROTOCOL", program(b"N", protocol=255)),
-    bad("protocol_twice", "PROTOCOL", program(b"\x80\x02N")),
-    bad("protocol_early_bytes", "PROTOCOL", program(b"C\x01x")),
-    bad("protocol_early_text", "PROTOCOL", program(b"\x8c\x01x", protocol=3)),
-    bad("protocol_early_frame", "PROTOCOL", program(frame(b"N"))),
-    bad("protocol_early_memoize", "PROTOCOL", program(b"N\x94")),
+    bad("opcode_unknown", "HOSTILE", program(b"\xff")),
+    bad("opcode_zero", "HOSTILE", program(b"\0")),
+    bad("protocol_missing", "FORM", b"N."),
+    bad("protocol_0", "FORM", program(b"N", protocol=0)),
+    bad("protocol_1", "FORM", program(b"N", protocol=1)),
+    bad("protocol_5", "FORM", program(b"N", protocol=5)),
+    bad("protocol_255", "FORM", program(b"N", protocol=255)),
+    bad("protocol_twice", "FORM", program(b"\x80\x02N")),
+    bad("protocol_early_bytes", "FORM", program(b"C\x01x")),
+    bad("protocol_early_text", "FORM", program(b"\x8c\x01x", protocol=3)),
+    bad("protocol_early_frame", "FORM", program(frame(b"N"))),
+    bad("protocol_early_memoize", "FORM", program(b"N\x94")),
 ]
 
 # --- where it ends ------------------------------------------------------------------------------------
@@ -119,33 +119,33 @@ OPCODE_CASES = [
 GIANT = struct.pack("<I", 0x7FFFFFFF)
 GIANT8 = struct.pack("<Q", 1 << 62)
 END_CASES = [
-    bad("empty", "NO_STOP", b""),
-    bad("no_stop", "NO_STOP", b"\x80\x02}"),
-    bad("trailing", "TRAILING", program(b"N") + b"N"),
-    bad("two_pickles", "TRAILING", program(b"N") * 2),
-    bad("cut_proto", "TRUNCATED", b"\x80"),
-    bad("cut_integer", "TRUNCATED", b"\x80\x02J\x01\x02"),
-    bad("cut_float", "TRUNCATED", b"\x80\x02G\x00"),
-    bad("cut_name", "TRUNCATED", b"\x80\x02ccollections\nOrd"),
-    bad("text_2_gib", "TRUNCATED", program(b"X" + GIANT)),
-    bad("text_4_gib", "TRUNCATED", program(b"X\xff\xff\xff\xff")),
-    bad("text_huge", "TRUNCATED", program(b"\x8d" + GIANT8, protocol=4)),
-    bad("text_short", "TRUNCATED", program(b"\x8c\xffx", protocol=4)),
-    bad("bytes_2_gib", "TRUNCATED", program(b"B" + GIANT, protocol=3)),
-    bad("bytes_huge", "TRUNCATED", program(b"\x8e" + GIANT8, protocol=4)),
-    bad("bytes_short", "TRUNCATED", program(b"C\xffx", protocol=3)),
-    bad("integer_cut", "TRUNCATED", program(b"\x8a\x10\x01")),
-    bad("integer_long1", "INTEGER", program(b"\x8a\xff" + bytes(255))),
-    bad("integer_long4", "INTEGER", program(b"\x8b" + GIANT)),
-    bad("integer_negative", "INTEGER", program(b"\x8b\xff\xff\xff\xff")),
-    bad("text_not_utf8", "TEXT", program(text(b"\xff\xfe"))),
-    bad("text_surrogate", "TEXT", program(text(b"\xed\xa0\x80"))),
-    bad("text_overlong", "TEXT", program(text(b"\xc0\x80"))),
-    bad("frame_too_long", "FRAME", program(b"\x95" + GIANT8 + b"N", protocol=4)),
-    bad("frame_maximal", "FRAME", program(b"\x95" + b"\xff" * 8, protocol=4)),
-    bad("frame_nested", "FRAME", program(frame(frame(b"N") + b"0"), protocol=4)),
-    bad("frame_splits", "FRAME", program(frame(b"J\x01") + b"\0\0\0", protocol=4)),
-    bad("frame_past_stop", "FRAME", b"\x80\x04" + frame(b"N.N")),
+    bad("empty", "DAMAGED", b""),
+    bad("no_stop", "DAMAGED", b"\x80\x02}"),
+    bad("trailing", "HOSTILE", program(b"N") + b"N"),
+    bad("two_pickles", "HOSTILE", program(b"N") * 2),
+    bad("cut_proto", "DAMAGED", b"\x80"),
+    bad("cut_integer", "DAMAGED", b"\x80\x02J\x01\x02"),
+    bad("cut_float", "DAMAGED", b"\x80\x02G\x00"),
+    bad("cut_name", "DAMAGED", b"\x80\x02ccollections\nOrd"),
+    bad("text_2_gib", "DAMAGED", program(b"X" + GIANT)),
+    bad("text_4_gib", "DAMAGED", program(b"X\xff\xff\xff\xff")),
+    bad("text_huge", "DAMAGED", program(b"\x8d" + GIANT8, protocol=4)),
+    bad("text_short", "DAMAGED", program(b"\x8c\xffx", protocol=4)),
+    bad("bytes_2_gib", "DAMAGED", program(b"B" + GIANT, protocol=3)),
+    bad("bytes_huge", "DAMAGED", program(b"\x8e" + GIANT8, protocol=4)),
+    bad("bytes_short", "DAMAGED", program(b"C\xffx", protocol=3)),
+    bad("integer_cut", "DAMAGED", program(b"\x8a\x10\x01")),
+    bad("integer_long1", "HOSTILE", program(b"\x8a\xff" + bytes(255))),
+    bad("integer_long4", "HOSTILE", program(b"\x8b" + GIANT)),
+    bad("integer_negative", "HOSTILE", program(b"\x8b\xff\xff\xff\xff")),
+    bad("text_not_utf8", "HOSTILE", program(text(b"\xff\xfe"))),
+    bad("text_surrogate", "HOSTILE", program(text(b"\xed\xa0\x80"))),
+    bad("text_overlong", "HOSTILE", program(text(b"\xc0\x80"))),
+    bad("frame_too_long", "HOSTILE", program(b"\x95" + GIANT8 + b"N", protocol=4)),
+    bad("frame_maximal", "HOSTILE", program(b"\x95" + b"\xff" * 8, protocol=4)),
+    bad("frame_nested", "HOSTILE", program(frame(frame(b"N") + b"0"), protocol=4)),
+    bad("frame_splits", "HOSTILE", program(frame(b"J\x01") + b"\0\0\0", protocol=4)),
+    bad("frame_past_stop", "HOSTILE", b"\x80\x04" + frame(b"N.N")),
 ]
 
 CASES = [*NAME_CASES, *OPCODE_CASES, *END_CASES]

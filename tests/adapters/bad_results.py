@@ -10,10 +10,10 @@ from tests.adapters.bad_pickles import bad
 # --- stack, marks and memo ----------------------------------------------------------------------------
 
 STACK_CASES = [
-    bad("stack_stop", "STACK", program()),
-    bad("stack_two_left", "STACK", program(b"NN")),
+    bad("stack_stop", "HOSTILE", program()),
+    bad("stack_two_left", "HOSTILE", program(b"NN")),
     *(
-        bad(f"stack_{label}", "STACK", program(code))
+        bad(f"stack_{label}", "HOSTILE", program(code))
         for label, code in (
             ("tuple1", b"\x85"),
             ("tuple3", b"NN\x87"),
@@ -25,25 +25,25 @@ STACK_CASES = [
             ("persid", b"Q"),
         )
     ),
-    bad("stack_below_mark", "STACK", program(b"N(N\x86")),
-    bad("mark_tuple", "MARK", program(b"Nt")),
-    bad("mark_appends", "MARK", program(b"]Ne")),
-    bad("mark_setitems", "MARK", program(b"}NNu")),
-    bad("mark_open", "MARK", program(b"(N")),
-    bad("mark_many", "MARK", lambda: program(b"(" * 100_000, b"N")),
-    bad("memo_unset", "MEMO", program(b"h\x07")),
-    bad("memo_unset_long", "MEMO", program(b"j\xff\xff\xff\xff")),
-    bad("memo_twice", "MEMO", program(b"Nq\0q\0")),
-    bad("memo_mix", "MEMO", program(b"Nq\0", protocol=4)),
-    bad("memo_mix_long", "MEMO", program(b"N\x94r\x05\0\0\0", protocol=4)),
-    bad("memo_many", "MEMO", lambda: program(b"N" + b"\x94" * (MAX_MEMO + 1), protocol=4)),
-    bad("item_append", "ITEM", program(b"}Na")),
-    bad("item_appends", "ITEM", program(b")(Ne")),
-    bad("item_setitem", "ITEM", program(b"]NNs")),
-    bad("item_setitems", "ITEM", program(tensor(), b"(", text("a"), b"Nu")),
-    bad("item_odd", "ITEM", program(b"}(NNNu")),
+    bad("stack_below_mark", "HOSTILE", program(b"N(N\x86")),
+    bad("mark_tuple", "HOSTILE", program(b"Nt")),
+    bad("mark_appends", "HOSTILE", program(b"]Ne")),
+    bad("mark_setitems", "HOSTILE", program(b"}NNu")),
+    bad("mark_open", "HOSTILE", program(b"(N")),
+    bad("mark_many", "HOSTILE", lambda: program(b"(" * 100_000, b"N")),
+    bad("memo_unset", "HOSTILE", program(b"h\x07")),
+    bad("memo_unset_long", "HOSTILE", program(b"j\xff\xff\xff\xff")),
+    bad("memo_twice", "HOSTILE", program(b"Nq\0q\0")),
+    bad("memo_mix", "HOSTILE", program(b"Nq\0", protocol=4)),
+    bad("memo_mix_long", "HOSTILE", program(b"N\x94r\x05\0\0\0", protocol=4)),
+    bad("memo_many", "HOSTILE", lambda: program(b"N" + b"\x94" * (MAX_MEMO + 1), protocol=4)),
+    bad("item_append", "HOSTILE", program(b"}Na")),
+    bad("item_appends", "HOSTILE", program(b")(Ne")),
+    bad("item_setitem", "HOSTILE", program(b"]NNs")),
+    bad("item_setitems", "HOSTILE", program(tensor(), b"(", text("a"), b"Nu")),
+    bad("item_odd", "HOSTILE", program(b"}(NNNu")),
     *(
-        bad(f"key_{label}", "KEY", program(b"}", key, b"Ns"))
+        bad(f"key_{label}", "FORM", program(b"}", key, b"Ns"))
         for label, key in (
             ("list", b"]"),
             ("dict", b"}"),
@@ -60,8 +60,8 @@ STACK_CASES = [
             ),
         )
     ),
-    bad("key_twice", "DUPLICATE_KEY", program(b"}(" + text("a") + b"N" + text("a") + b"Nu")),
-    bad("key_twice_apart", "DUPLICATE_KEY", program(b"}K\1NsK\1Ns")),
+    bad("key_twice", "HOSTILE", program(b"}(" + text("a") + b"N" + text("a") + b"Nu")),
+    bad("key_twice_apart", "HOSTILE", program(b"}K\1NsK\1Ns")),
 ]
 
 # --- calls and states ---------------------------------------------------------------------------------
@@ -73,55 +73,55 @@ ENCODE = name("_codecs", "encode")
 EIGHT = call(ENCODE, text("\0" * 8), text("latin1"))
 
 CALL_CASES = [
-    bad("call_number", "CALL", program(b"K\x01)R")),
-    bad("call_text", "CALL", program(text("os.system"), row(text("id")), b"R")),
-    bad("call_type", "CALL", program(name("torch", "FloatStorage"), b")R")),
-    bad("call_list", "CALL", program(name("collections", "OrderedDict"), b"]R")),
-    bad("call_result", "CALL", program(ORDERED, b")R")),
-    bad("call_ordered", "CALL", program(call(name("collections", "OrderedDict"), b"]"))),
-    bad("call_encode_base64", "CALL", program(call(ENCODE, text("x"), text("base64")))),
-    bad("call_encode_rot13", "CALL", program(call(ENCODE, text("x"), text("rot13")))),
-    bad("call_encode_one", "CALL", program(call(ENCODE, text("x")))),
-    bad("call_encode_number", "CALL", program(call(ENCODE, b"K\x01", text("latin1")))),
-    bad("call_encode_wide", "CALL", program(call(ENCODE, text("€"), text("latin1")))),
+    bad("call_number", "HOSTILE", program(b"K\x01)R")),
+    bad("call_text", "HOSTILE", program(text("os.system"), row(text("id")), b"R")),
+    bad("call_type", "HOSTILE", program(name("torch", "FloatStorage"), b")R")),
+    bad("call_list", "HOSTILE", program(name("collections", "OrderedDict"), b"]R")),
+    bad("call_result", "HOSTILE", program(ORDERED, b")R")),
+    bad("call_ordered", "HOSTILE", program(call(name("collections", "OrderedDict"), b"]"))),
+    bad("call_encode_base64", "HOSTILE", program(call(ENCODE, text("x"), text("base64")))),
+    bad("call_encode_rot13", "HOSTILE", program(call(ENCODE, text("x"), text("rot13")))),
+    bad("call_encode_one", "HOSTILE", program(call(ENCODE, text("x")))),
+    bad("call_encode_number", "HOSTILE", program(call(ENCODE, b"K\x01", text("latin1")))),
+    bad("call_encode_wide", "HOSTILE", program(call(ENCODE, text("€"), text("latin1")))),
     bad(
         "call_encode_long",
-        "CALL",
+        "HOSTILE",
         lambda: program(
             text("x" * (1 << 20)), b"q\0", *(call(ENCODE, b"h\0", text("latin1")) for _ in range(100))
         ),
     ),
-    bad("build_dict", "BUILD", program(b"}}b")),
-    bad("build_list", "BUILD", program(b"]}b")),
-    bad("build_tensor", "BUILD", program(tensor(), b"}b")),
-    bad("build_function", "BUILD", program(name("collections", "OrderedDict"), b"}b")),
-    bad("build_ordered_tuple", "BUILD", program(ORDERED, row(b"}", b"}"), b"b")),
-    bad("build_dtype_big", "BUILD", program(F8, STATE.replace(b"<", b">"), b"b")),
-    bad("build_dtype_fields", "BUILD", program(F8, b"(K\x03" + text("|") + b"N}}N" + b"K\0K\0t" + b"b")),
-    bad("build_dtype_arrays", "BUILD", program(F8, row(tensor(), *[b"N"] * 7), b"b")),
+    bad("build_dict", "HOSTILE", program(b"}}b")),
+    bad("build_list", "HOSTILE", program(b"]}b")),
+    bad("build_tensor", "HOSTILE", program(tensor(), b"}b")),
+    bad("build_function", "HOSTILE", program(name("collections", "OrderedDict"), b"}b")),
+    bad("build_ordered_tuple", "HOSTILE", program(ORDERED, row(b"}", b"}"), b"b")),
+    bad("build_dtype_big", "HOSTILE", program(F8, STATE.replace(b"<", b">"), b"b")),
+    bad("build_dtype_fields", "HOSTILE", program(F8, b"(K\x03" + text("|") + b"N}}N" + b"K\0K\0t" + b"b")),
+    bad("build_dtype_arrays", "HOSTILE", program(F8, row(tensor(), *[b"N"] * 7), b"b")),
     *(
         bad(
             f"scalar_type_{code}",
-            "SCALAR",
+            "FORM",
             program(call(name("numpy", "dtype"), text(code), b"\x89", b"\x88")),
         )
         for code in ("O8", "V8", "S8", "U2", "c16", "M8", "f16", ">f8", "f8,f8", "g")
     ),
-    bad("scalar_type_one", "SCALAR", program(call(name("numpy", "dtype"), text("f8")))),
-    bad("scalar_type_number", "SCALAR", program(call(name("numpy", "dtype"), b"K\x08", b"\x89", b"\x88"))),
-    bad("scalar_short", "SCALAR", program(call(SCALAR, F8, call(ENCODE, text("x"), text("latin1"))))),
-    bad("scalar_no_type", "SCALAR", program(call(SCALAR, text("f8"), EIGHT))),
-    bad("scalar_text", "SCALAR", program(call(SCALAR, F8, text("12345678")))),
-    bad("scalar_one", "SCALAR", program(call(SCALAR, F8))),
+    bad("scalar_type_one", "FORM", program(call(name("numpy", "dtype"), text("f8")))),
+    bad("scalar_type_number", "FORM", program(call(name("numpy", "dtype"), b"K\x08", b"\x89", b"\x88"))),
+    bad("scalar_short", "FORM", program(call(SCALAR, F8, call(ENCODE, text("x"), text("latin1"))))),
+    bad("scalar_no_type", "FORM", program(call(SCALAR, text("f8"), EIGHT))),
+    bad("scalar_text", "FORM", program(call(SCALAR, F8, text("12345678")))),
+    bad("scalar_one", "FORM", program(call(SCALAR, F8))),
     bad(
         "scalar_bool",
-        "SCALAR",
+        "FORM",
         program(
             call(SCALAR, call(name("numpy", "dtype"), text("b1"), b"\x89", b"\x88"), b"C\x01\x02"), protocol=3
         ),
     ),
     *(
-        bad(f"persid_{label}", "PERSISTENT_ID", program(code))
+        bad(f"persid_{label}", "HOSTILE", program(code))
         for label, code in (
             ("text", text("storage") + b"Q"),
             ("short", row(text("storage")) + b"Q"),
@@ -166,34 +166,34 @@ REBUILD_MANY = (
 )
 
 RESULT_CASES = [
-    bad("result_function", "RESULT", program(name("collections", "OrderedDict"))),
-    bad("result_type", "RESULT", program(b"]", name("torch", "FloatStorage"), b"a")),
-    bad("result_storage", "RESULT", program(mapping(s=storage()))),
-    bad("result_dtype", "RESULT", program(row(F8))),
-    bad("cycle_list", "CYCLE", self_in(b"]", b"h\0a")),
-    bad("cycle_dict", "CYCLE", self_in(b"}", b"K\0h\0s")),
-    bad("cycle_tuple", "CYCLE", self_in(b"]", b"h\0\x85a")),
-    bad("cycle_two", "CYCLE", program(b"}q\0K\0}q\1K\0h\0ss")),
-    bad("cycle_ordered", "CYCLE", program(ORDERED, b"q\0K\0h\0s")),
-    bad("deep_lists", "TOO_DEEP", program(b"]" * (MAX_DEPTH + 1), b"a" * MAX_DEPTH)),
-    bad("deep_tuples", "TOO_DEEP", lambda: program(b")", b"\x85" * 100_000)),
-    bad("deep_dicts", "TOO_DEEP", program(b"}K\0" * 999, b"}", b"s" * 999)),
+    bad("result_function", "FORM", program(name("collections", "OrderedDict"))),
+    bad("result_type", "FORM", program(b"]", name("torch", "FloatStorage"), b"a")),
+    bad("result_storage", "FORM", program(mapping(s=storage()))),
+    bad("result_dtype", "FORM", program(row(F8))),
+    bad("cycle_list", "HOSTILE", self_in(b"]", b"h\0a")),
+    bad("cycle_dict", "HOSTILE", self_in(b"}", b"K\0h\0s")),
+    bad("cycle_tuple", "HOSTILE", self_in(b"]", b"h\0\x85a")),
+    bad("cycle_two", "HOSTILE", program(b"}q\0K\0}q\1K\0h\0ss")),
+    bad("cycle_ordered", "HOSTILE", program(ORDERED, b"q\0K\0h\0s")),
+    bad("deep_lists", "HOSTILE", program(b"]" * (MAX_DEPTH + 1), b"a" * MAX_DEPTH)),
+    bad("deep_tuples", "HOSTILE", lambda: program(b")", b"\x85" * 100_000)),
+    bad("deep_dicts", "HOSTILE", program(b"}K\0" * 999, b"}", b"s" * 999)),
     bad(
         "deep_shared",
-        "TOO_DEEP",
+        "HOSTILE",
         program(b"(]q\0" + b"".join(b"]h%caq%c" % (n - 1, n) for n in range(1, 70)) + b"t"),
     ),
-    bad("laughs", "EXPANSION", laughs(40)),
-    bad("laughs_tuples", "EXPANSION", program(b")" + b"".join(b"q%ch%c\x86" % (n, n) for n in range(40)))),
-    bad("many_opcodes", "TOO_MANY_OPCODES", lambda: program(b"(" + b"N" * MAX_OPCODES + b"t")),
-    bad("many_dicts", "TOO_MANY_OPCODES", lambda: program(b"(" + b"}" * MAX_OPCODES + b"t")),
-    bad("many_marks", "TOO_MANY_OPCODES", lambda: program(b"(" * MAX_OPCODES)),
+    bad("laughs", "HOSTILE", laughs(40)),
+    bad("laughs_tuples", "HOSTILE", program(b")" + b"".join(b"q%ch%c\x86" % (n, n) for n in range(40)))),
+    bad("many_opcodes", "FORM", lambda: program(b"(" + b"N" * MAX_OPCODES + b"t")),
+    bad("many_dicts", "FORM", lambda: program(b"(" + b"}" * MAX_OPCODES + b"t")),
+    bad("many_marks", "FORM", lambda: program(b"(" * MAX_OPCODES)),
     bad(
         "many_tensors",
-        "TOO_MANY_OPCODES",
+        "FORM",
         lambda: program(b"(" + REBUILD_MANY + b"h\0h\1R" * (MAX_OPCODES // 3), b"t"),
     ),
-    bad("too_large", "TOO_LARGE", lambda: program(text(b"x" * (16 << 20)))),
+    bad("too_large", "FORM", lambda: program(text(b"x" * (16 << 20)))),
 ]
 
 CASES = [*STACK_CASES, *CALL_CASES, *RESULT_CASES]

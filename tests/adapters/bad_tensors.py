@@ -29,64 +29,61 @@ def bad(label: str, code: str, pickle: bytes, data: dict[str, bytes] | None = No
 
 
 def window(label: str, code: str, *shape: object, **more: int) -> Case:
-    return bad(f"tensor_{label}", f"TENSOR_{code}", tensor(None, *shape, **more))
+    return bad(f"tensor_{label}", code, tensor(None, *shape, **more))
 
 
 OTHER_TYPES = "ComplexFloat ComplexDouble QInt8 QUInt8 QInt32 QUInt4x2 QUInt2x4"
 
 STORAGE_CASES = [
-    bad("storage_missing", "STORAGE_MISSING", tensor(storage(key="1"))),
-    bad("storage_none", "STORAGE_MISSING", tensor(), {}),
-    bad("storage_other_root", "STORAGE_MISSING", tensor(storage(key="00"))),
-    bad("storage_short", "STORAGE_SIZE", tensor(), {"0": VALUES[:20]}),
-    bad("storage_odd", "STORAGE_SIZE", tensor(), {"0": VALUES[:-1]}),
-    bad("storage_long", "STORAGE_SIZE", tensor(), {"0": VALUES * 2}),
-    bad("storage_empty", "STORAGE_SIZE", tensor(), {"0": b""}),
-    bad("storage_huge", "STORAGE_SIZE", tensor(storage(count=HUGE))),
-    bad("storage_wraps", "STORAGE_SIZE", tensor(storage(count=HUGE + 6))),
-    bad("storage_double", "STORAGE_SIZE", tensor(storage("DoubleStorage"))),
-    bad("storage_conflict", "STORAGE_CONFLICT", row(tensor(), tensor(storage("IntStorage")))),
-    bad("storage_conflict_size", "STORAGE_CONFLICT", row(tensor(), tensor(storage(count=5)))),
-    *(
-        bad(f"type_{kind.lower()}", "TENSOR_DTYPE", tensor(storage(f"{kind}Storage")))
-        for kind in OTHER_TYPES.split()
-    ),
+    bad("storage_missing", "DAMAGED", tensor(storage(key="1"))),
+    bad("storage_none", "DAMAGED", tensor(), {}),
+    bad("storage_other_root", "DAMAGED", tensor(storage(key="00"))),
+    bad("storage_short", "DAMAGED", tensor(), {"0": VALUES[:20]}),
+    bad("storage_odd", "DAMAGED", tensor(), {"0": VALUES[:-1]}),
+    bad("storage_long", "DAMAGED", tensor(), {"0": VALUES * 2}),
+    bad("storage_empty", "DAMAGED", tensor(), {"0": b""}),
+    bad("storage_huge", "DAMAGED", tensor(storage(count=HUGE))),
+    bad("storage_wraps", "DAMAGED", tensor(storage(count=HUGE + 6))),
+    bad("storage_double", "DAMAGED", tensor(storage("DoubleStorage"))),
+    bad("storage_conflict", "HOSTILE", row(tensor(), tensor(storage("IntStorage")))),
+    bad("storage_conflict_size", "HOSTILE", row(tensor(), tensor(storage(count=5)))),
+    *(bad(f"type_{kind.lower()}", "FORM", tensor(storage(f"{kind}Storage"))) for kind in OTHER_TYPES.split()),
     bad(
         "type_untyped",
-        "TENSOR_DTYPE",
+        "FORM",
         row(text("storage"), name("torch.storage", "UntypedStorage"), text("0"), text("cpu"), b"K\x18")
         + b"Q",
     ),
-    bad("type_bool", "TENSOR_BOOL", tensor(storage("BoolStorage")), {"0": b"\0\1\2\0\0\0"}),
-    *(bad(f"kind{what}", "TENSOR_KIND", call(name("torch._utils", what), b"N")) for what in OTHER_TENSORS),
+    bad("type_bool", "DAMAGED", tensor(storage("BoolStorage")), {"0": b"\0\1\2\0\0\0"}),
+    *(bad(f"kind{what}", "FORM", call(name("torch._utils", what), b"N")) for what in OTHER_TENSORS),
 ]
 
 WINDOW_CASES = [
-    window("one_over", "RANGE", (7,), (1,)),
-    window("offset", "RANGE", (2, 3), (3, 1), offset=1),
-    window("offset_far", "RANGE", (1,), (1,), offset=HUGE),
-    window("offset_wraps", "RANGE", (6,), (1,), offset=HUGE),
-    window("offset_negative", "RANGE", (2,), (1,), offset=-1),
-    window("offset_empty", "RANGE", (0,), (1,), offset=7),
-    window("stride_far", "RANGE", (2, 3), (4, 1)),
-    window("stride_huge", "RANGE", (2, 1), (HUGE, 1)),
-    window("stride_negative", "STRIDE", (6,), (-1,), offset=5),
-    window("stride_few", "STRIDE", (2, 3), (3,)),
-    window("stride_many", "STRIDE", (2, 3), (3, 1, 1)),
-    window("size_negative", "SHAPE", (-1, 3), (3, 1)),
-    window("size_negatives", "SHAPE", (-2, -3), (3, 1)),
-    window("size_overflow", "SHAPE", (1 << 33, 1 << 33), (1, 1)),
-    window("size_empty_overflow", "SHAPE", (0, HUGE, HUGE), (1, 1, 1)),
-    window("size_axes", "SHAPE", (1,) * 33, (1,) * 33),
-    window("size_many_axes", "SHAPE", (1,) * 10_000, (1,) * 10_000),
-    window("expanded", "EXPANDED", (1 << 40,), (0,)),
-    window("expanded_rows", "EXPANDED", (7, 1), (0, 1)),
-    window("expanded_overlap", "EXPANDED", (5, 2), (1, 1)),
+    window("one_over", "HOSTILE", (7,), (1,)),
+    window("offset", "HOSTILE", (2, 3), (3, 1), offset=1),
+    window("offset_far", "HOSTILE", (1,), (1,), offset=HUGE),
+    window("offset_wraps", "HOSTILE", (6,), (1,), offset=HUGE),
+    window("offset_negative", "HOSTILE", (2,), (1,), offset=-1),
+    window("offset_empty", "HOSTILE", (0,), (1,), offset=7),
+    window("stride_far", "HOSTILE", (2, 3), (4, 1)),
+    window("stride_huge", "HOSTILE", (2, 1), (HUGE, 1)),
+    window("stride_negative", "HOSTILE", (6,), (-1,), offset=5),
+    window("stride_few", "HOSTILE", (2, 3), (3,)),
+    window("stride_many", "HOSTILE", (2, 3), (3, 1, 1)),
+    window("size_negative", "HOSTILE", (-1, 3), (3, 1)),
+    window("size_negatives", "HOSTILE", (-2, -3), (3, 1)),
+    window("size_overflow", "HOSTILE", (1 << 33, 1 << 33), (1, 1)),
+    window("size_empty_overflow", "HOSTILE", (0, HUGE, HUGE), (1, 1, 1)),
+    window("size_axes", "HOSTILE", (1,) * 33, (1,) * 33),
+    window("size_many_axes", "HOSTILE", (1,) * 10_000, (1,) * 10_000),
+    window("expanded", "FORM", (1 << 40,), (0,)),
+    window("expanded_rows", "FORM", (7, 1), (0, 1)),
+    window("expanded_overlap", "FORM", (5, 2), (1, 1)),
 ]
 
 
 def made(label: str, *arguments: bytes) -> Case:
-    return bad(f"made_{label}", "TENSOR_ARGUMENTS", call(REBUILD, *arguments))
+    return bad(f"made_{label}", "HOSTILE", call(REBUILD, *arguments))
 
 
 SIZE, STRIDE, REST = integers((2, 3)), integers((3, 1)), (b"\x89", ORDERED)
@@ -105,10 +102,10 @@ ARGUMENT_CASES = [
     made("stride_none", storage(), b"K\0", SIZE, b"N", *REST),
     bad(
         "parameter_of_number",
-        "TENSOR_ARGUMENTS",
+        "HOSTILE",
         call(name("torch._utils", "_rebuild_parameter"), integer(1), *REST),
     ),
-    bad("parameter_alone", "TENSOR_ARGUMENTS", call(name("torch._utils", "_rebuild_parameter"), tensor())),
+    bad("parameter_alone", "HOSTILE", call(name("torch._utils", "_rebuild_parameter"), tensor())),
 ]
 
 CASES = [*STORAGE_CASES, *WINDOW_CASES, *ARGUMENT_CASES]

@@ -62,6 +62,6 @@ def test_the_byte_at_fault_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.pt").write_bytes(archive(GOOD.replace(b"OrderedDict", b"OrderedDict_")))
     with pytest.raises(CheckpointError) as caught:
         read_checkpoint(tmp_path / "a.pt")
-    assert caught.value.code == "CHECKPOINT_PICKLE_GLOBAL"
+    assert caught.value.code == "CHECKPOINT_HOSTILE"
     assert re.fullmatch(r"data\.pkl byte [0-9]+", caught.value.pointer or "")
     assert GOOD[int(caught.value.pointer.split()[-1]) :].startswith(b"ccollections\n")

@@ -33,41 +33,41 @@ def spoiled(array: np.ndarray, at: tuple[int, ...], value: float) -> np.ndarray:
 
 # method, key, what it becomes (None: removed), code, part of the message
 BROKEN: list[tuple[str, str, Callable[[Any], Any] | None, str, str]] = [
-    ("two_dts", "_vertex", lambda a: a[:, :2], "KEY_SHAPE", "_vertex has shape [5, 2, 3]; it must be N x 3 x 3"),
-    ("two_dts", "_opacity", None, "KEY_MISSING", 'no key "_opacity"; it has _vertex, _f_dc, _f_rest'),
-    ("two_dts", "_opacity", lambda a: a[:4], "KEY_SHAPE", "_opacity has shape [4, 1]; it must be N x 1 with N = 5 as in _vertex"),
-    ("two_dts", "_opacity", lambda a: a[:, 0], "KEY_SHAPE", "_opacity has shape [5]"),
-    ("two_dts", "_opacity", lambda a: spoiled(a, (2, 0), NAN), "VALUE_NONFINITE", "_opacity[2, 0] is nan; it must be a number"),
-    ("two_dts", "_f_dc", lambda a: spoiled(a, (4, 0, 1), np.inf), "VALUE_NONFINITE", "_f_dc[4, 0, 1] is inf; it must be a finite number"),
-    ("two_dts", "_f_dc", lambda a: a.astype(np.int32), "KEY_DTYPE", "_f_dc is int32; it must be float32"),
-    ("two_dts", "_f_rest", lambda a: a[:, :7], "KEY_SHAPE", "_f_rest has 7 SH coefficients per channel"),
-    ("two_dts", "_f_rest", lambda a: 3.0, "KEY_TYPE", "_f_rest is of type float; it must be a tensor"),
-    ("triangle_splatting", "triangles_points", lambda a: a[:0], "KEY_SHAPE", "shape [0, 3, 3]: the model is empty"),
-    ("triangle_splatting", "sigma", None, "KEY_MISSING", 'no key "sigma"'),
-    ("triangle_splatting", "sigma", lambda a: spoiled(a, (1, 0), np.inf), "VALUE_NONFINITE", "sigma[1, 0] is inf"),
-    ("triangle_splatting", "active_sh_degree", None, "KEY_MISSING", "active_sh_degree"),
-    ("triangle_splatting", "active_sh_degree", lambda a: 4, "VALUE_RANGE", "active_sh_degree is 4; it must be a whole number from 0 to 3"),
-    ("triangle_splatting", "active_sh_degree", lambda a: True, "KEY_TYPE", "active_sh_degree is of type bool; it must be a number"),
-    ("triangle_splatting", "active_sh_degree", lambda a: 1.5, "VALUE_RANGE", "active_sh_degree is 1.5"),
-    ("triangle_splatting", "features_rest", lambda a: None, "KEY_TYPE", "features_rest is None; it must be a tensor"),
-    ("triangle_splatting", "triangles_points", lambda a: spoiled(a, (3, 2, 1), NAN), "VALUE_NONFINITE", "triangles_points[3, 2, 1] is nan"),
-    ("mesh_splatting", "_triangle_indices", None, "KEY_MISSING", "_triangle_indices"),
-    ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (1, 2), 6), "VALUE_INDEX", "_triangle_indices[1, 2] is 6; it must be 0 to 5"),
-    ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (0, 0), -1), "VALUE_INDEX", "_triangle_indices[0, 0] is -1"),
-    ("mesh_splatting", "_triangle_indices", lambda a: a.astype(np.float32), "KEY_DTYPE", "_triangle_indices is float32; it must be int32 or int64"),
-    ("mesh_splatting", "vertex_weight", lambda a: a[:, :0], "KEY_SHAPE", "vertex_weight has shape [6, 0]; it must be V x 1 with V = 6 as in triangles_points"),
-    ("mesh_splatting", "sigma", lambda a: math.nan, "VALUE_NONFINITE", "sigma is nan; it must be a finite number"),
-    ("mesh_splatting", "sigma", lambda a: 800.0, "VALUE_RANGE", "exp(sigma) is inf; it must be a finite number"),
-    ("mesh_splatting", "sigma", lambda a: -800.0, "VALUE_RANGE", "exp(sigma) is 0.0; it must be greater than 0"),
-    ("mesh_splatting", "features_dc", lambda a: a[:, 0], "KEY_SHAPE", "features_dc has shape [6, 3]; it must be V x 1 x 3"),
-    ("diffsoup", "feat_acc", lambda a: a[:, :5], "KEY_SHAPE", "feat_acc has shape [4, 5, 7]; it must be T x 6 x 7"),
-    ("diffsoup", "alpha_acc", lambda a: spoiled(a, (0, 0, 0), NAN), "VALUE_NONFINITE", "alpha_acc[0, 0, 0] is nan"),
-    ("diffsoup", "F", lambda a: a + 1, "VALUE_INDEX", "F[3, 0] is 12; it must be 0 to 11"),
-    ("diffsoup", "Rmax", lambda a: 9, "VALUE_RANGE", "Rmax is 9; it must be a whole number from 0 to 8"),
-    ("diffsoup", "color_mlp", None, "KEY_MISSING", "color_mlp"),
-    ("diffsoup", "color_mlp", lambda a: 1, "KEY_TYPE", "color_mlp is no state dict"),
-    ("diffsoup", "color_mlp", lambda a: {k: v for k, v in a.items() if k != "mlp.4.bias"}, "KEY_MISSING", "mlp.4.bias"),
-    ("diffsoup", "color_mlp", lambda a: {**a, "mlp.0.weight": a["mlp.0.weight"][:8]}, "KEY_SHAPE", "mlp.0.weight has shape [8, 16]; it must be 16 x 16"),
+    ("two_dts", "_vertex", lambda a: a[:, :2], "LAYOUT", "_vertex has shape [5, 2, 3]; it must be N x 3 x 3"),
+    ("two_dts", "_opacity", None, "LAYOUT", 'no key "_opacity"; it has _vertex, _f_dc, _f_rest'),
+    ("two_dts", "_opacity", lambda a: a[:4], "LAYOUT", "_opacity has shape [4, 1]; it must be N x 1 with N = 5 as in _vertex"),
+    ("two_dts", "_opacity", lambda a: a[:, 0], "LAYOUT", "_opacity has shape [5]"),
+    ("two_dts", "_opacity", lambda a: spoiled(a, (2, 0), NAN), "NONFINITE", "_opacity[2, 0] is nan; it must be a number"),
+    ("two_dts", "_f_dc", lambda a: spoiled(a, (4, 0, 1), np.inf), "NONFINITE", "_f_dc[4, 0, 1] is inf; it must be a finite number"),
+    ("two_dts", "_f_dc", lambda a: a.astype(np.int32), "LAYOUT", "_f_dc is int32; it must be float32"),
+    ("two_dts", "_f_rest", lambda a: a[:, :7], "LAYOUT", "_f_rest has 7 SH coefficients per channel"),
+    ("two_dts", "_f_rest", lambda a: 3.0, "LAYOUT", "_f_rest is of type float; it must be a tensor"),
+    ("triangle_splatting", "triangles_points", lambda a: a[:0], "LAYOUT", "shape [0, 3, 3]: the model is empty"),
+    ("triangle_splatting", "sigma", None, "LAYOUT", 'no key "sigma"'),
+    ("triangle_splatting", "sigma", lambda a: spoiled(a, (1, 0), np.inf), "NONFINITE", "sigma[1, 0] is inf"),
+    ("triangle_splatting", "active_sh_degree", None, "LAYOUT", "active_sh_degree"),
+    ("triangle_splatting", "active_sh_degree", lambda a: 4, "LAYOUT", "active_sh_degree is 4; it must be a whole number from 0 to 3"),
+    ("triangle_splatting", "active_sh_degree", lambda a: True, "LAYOUT", "active_sh_degree is of type bool; it must be a number"),
+    ("triangle_splatting", "active_sh_degree", lambda a: 1.5, "LAYOUT", "active_sh_degree is 1.5"),
+    ("triangle_splatting", "features_rest", lambda a: None, "LAYOUT", "features_rest is None; it must be a tensor"),
+    ("triangle_splatting", "triangles_points", lambda a: spoiled(a, (3, 2, 1), NAN), "NONFINITE", "triangles_points[3, 2, 1] is nan"),
+    ("mesh_splatting", "_triangle_indices", None, "LAYOUT", "_triangle_indices"),
+    ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (1, 2), 6), "LAYOUT", "_triangle_indices[1, 2] is 6; it must be 0 to 5"),
+    ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (0, 0), -1), "LAYOUT", "_triangle_indices[0, 0] is -1"),
+    ("mesh_splatting", "_triangle_indices", lambda a: a.astype(np.float32), "LAYOUT", "_triangle_indices is float32; it must be int32 or int64"),
+    ("mesh_splatting", "vertex_weight", lambda a: a[:, :0], "LAYOUT", "vertex_weight has shape [6, 0]; it must be V x 1 with V = 6 as in triangles_points"),
+    ("mesh_splatting", "sigma", lambda a: math.nan, "NONFINITE", "sigma is nan; it must be a finite number"),
+    ("mesh_splatting", "sigma", lambda a: 800.0, "LAYOUT", "exp(sigma) is inf; it must be a finite number"),
+    ("mesh_splatting", "sigma", lambda a: -800.0, "LAYOUT", "exp(sigma) is 0.0; it must be greater than 0"),
+    ("mesh_splatting", "features_dc", lambda a: a[:, 0], "LAYOUT", "features_dc has shape [6, 3]; it must be V x 1 x 3"),
+    ("diffsoup", "feat_acc", lambda a: a[:, :5], "LAYOUT", "feat_acc has shape [4, 5, 7]; it must be T x 6 x 7"),
+    ("diffsoup", "alpha_acc", lambda a: spoiled(a, (0, 0, 0), NAN), "NONFINITE", "alpha_acc[0, 0, 0] is nan"),
+    ("diffsoup", "F", lambda a: a + 1, "LAYOUT", "F[3, 0] is 12; it must be 0 to 11"),
+    ("diffsoup", "Rmax", lambda a: 9, "LAYOUT", "Rmax is 9; it must be a whole number from 0 to 8"),
+    ("diffsoup", "color_mlp", None, "LAYOUT", "color_mlp"),
+    ("diffsoup", "color_mlp", lambda a: 1, "LAYOUT", "color_mlp is no state dict"),
+    ("diffsoup", "color_mlp", lambda a: {k: v for k, v in a.items() if k != "mlp.4.bias"}, "LAYOUT", "mlp.4.bias"),
+    ("diffsoup", "color_mlp", lambda a: {**a, "mlp.0.weight": a["mlp.0.weight"][:8]}, "LAYOUT", "mlp.0.weight has shape [8, 16]; it must be 16 x 16"),
 ]  # fmt: skip
 
 
@@ -153,10 +153,10 @@ def test_a_stranger_is_named_by_its_keys(tmp_path: Path) -> None:
     assert error.code == "CHECKPOINT_UNKNOWN"
     assert "its keys are weights, epoch" in error.message
     error = refused(tmp_path / "model.pt", method="diffsoup")
-    assert (error.code, 'no key "Rmax"' in error.message) == ("CHECKPOINT_KEY_MISSING", True)
+    assert (error.code, 'no key "Rmax"' in error.message) == ("CHECKPOINT_LAYOUT", True)
     models.write_torch(tmp_path / "list.pt", [1, 2])
     assert "it holds a list" in refused(tmp_path / "list.pt").message
-    assert refused(tmp_path / "list.pt", method="mesh_splatting").code == "CHECKPOINT_KEY_TYPE"
+    assert refused(tmp_path / "list.pt", method="mesh_splatting").code == "CHECKPOINT_LAYOUT"
     assert refused(tmp_path / "list.pt", method="nonsense").code == "USAGE"
 
 
@@ -255,7 +255,7 @@ def test_a_damaged_web_export_says_what_is_wrong(case: str, tmp_path: Path) -> N
     else:
         content.save(folder / name)
     error = refused(folder)
-    assert (error.code, text in error.message) == ("CHECKPOINT_FILE_CONTENT", True), str(error)
+    assert (error.code, text in error.message) == ("CHECKPOINT_DAMAGED", True), str(error)
 
 
 def test_a_bomb_of_a_texture_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
@@ -298,7 +298,7 @@ def test_features_that_are_no_sigmoid_are_warned_about(tmp_path: Path) -> None:
     model = models.diffsoup()
     model["feat_acc"][0, 0, 0] = 1.5
     asset = msb.export(write_model(tmp_path, "diffsoup", model))
-    assert [w.code for w in asset.warnings] == ["CHECKPOINT_VALUE_RANGE"]
+    assert [w.code for w in asset.warnings] == ["CHECKPOINT_LAYOUT"]
     assert "feat_acc has values from" in asset.warnings[0].message
 
 

@@ -119,7 +119,7 @@ def test_wrong_format_and_methods_without_exporter(tmp_path: Path, demo_asset: P
         UsageError, match=r"the exporter of mesh_splatting writes \.ply; OUT is a\.glb"
     ) as wrong:
         write_official(msb.load(demo_asset), tmp_path / "a.glb")
-    assert wrong.value.code == "OFFICIAL_FORMAT"
+    assert wrong.value.code == "NAME_UNKNOWN"
     mesh = msb.export(GOLDEN / "meshes" / "synthetic_splat_small.ply")
     with pytest.raises(Unsupported, match="mesh has no exporter of its own") as none:
         write_official(mesh, tmp_path / "a.ply")

@@ -150,7 +150,7 @@ def test_the_latest_log_with_a_config_counts(tmp_path: Path) -> None:
     (folder / "log" / "2025-08-01_12-00-00_outputs.log").write_text("2025 - INFO: nothing here\n")
     asset = msb.export(folder)
     assert asset.manifest.settings["rasterizer"].value == "3D"
-    assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG_FILE"]
+    assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG"]
     assert 'it has no "config args:" record' in asset.warnings[0].message
     (folder / "log" / "2025-08-01_12-00-00_outputs.log").write_text(log.read_text().replace("3D", "2D"))
     assert msb.export(folder).manifest.settings["rasterizer"].value == "2D"
@@ -185,7 +185,7 @@ def test_a_config_value_that_cannot_be_is_an_error_unless_a_flag_replaces_it(
     (folder / "config.yaml").write_text(f"model:\n  {line}\n")
     with pytest.raises(CheckpointError) as caught:
         msb.export(folder)
-    assert (caught.value.code, caught.value.message) == ("CHECKPOINT_CONFIG_VALUE", text)
+    assert (caught.value.code, caught.value.message) == ("CHECKPOINT_CONFIG", text)
     assert str(caught.value.file).endswith("config.yaml")
     name = {"rasterizer_type": "rasterizer", "max_sh_degree": "sh_degree"}.get(
         line.split(":")[0], line.split(":")[0]
@@ -215,14 +215,14 @@ def test_a_hostile_config_is_ignored_with_a_warning_and_refused_if_given(case: s
     (folder / "config.yaml").write_text(HOSTILE_YAML[case])
     asset = msb.export(folder)
     assert [w.code for w in asset.warnings] in (
-        ["CHECKPOINT_CONFIG_FILE", "CHECKPOINT_CONFIG_MISSING"],
+        ["CHECKPOINT_CONFIG", "CHECKPOINT_CONFIG_MISSING"],
         [] if case == "long" else None,  # cut off where the limit is, it is still a config
     )
     assert asset.manifest.settings["rasterizer"].value in ("2D", "3D")
     if asset.warnings:
         with pytest.raises(CheckpointError) as caught:
             msb.export(folder, config=folder / "config.yaml")
-        assert caught.value.code == "CHECKPOINT_CONFIG_FILE"
+        assert caught.value.code == "CHECKPOINT_CONFIG"
     with pytest.raises(InputError, match="there is no such file"):
         msb.export(folder, config=folder / "nothing.yaml")
 
@@ -258,7 +258,7 @@ def test_cfg_args_are_literals(text: str, tmp_path: Path) -> None:
     expected = CFG_ARGS[text]
     if expected is None:
         assert (values, files) == ({}, ())
-        assert [w.code for w in warnings] == ["CHECKPOINT_CONFIG_FILE"]
+        assert [w.code for w in warnings] == ["CHECKPOINT_CONFIG"]
     else:
         assert (values, files, warnings) == (expected, (tmp_path / "cfg_args",), [])
 

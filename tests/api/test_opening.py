@@ -207,7 +207,7 @@ def test_what_cannot_be_saved_is_wrong_usage(
 def test_an_asset_without_static_colours_is_no_mesh_file(tmp_path: Path) -> None:
     with pytest.raises(Unsupported) as caught:
         msb.save(msb.open(DIFFSOUP), tmp_path / "a.glb")
-    assert caught.value.code == "UNSUPPORTED_STANDARD"
+    assert caught.value.code == "UNSUPPORTED_TIER"
     assert not list(tmp_path.iterdir())
 
 

@@ -35,7 +35,8 @@ def code_of(data: bytes) -> str:
     with pytest.raises(AssetError) as caught:
         parse(data)
     assert str(caught.value).isprintable()
-    return caught.value.code.removeprefix("TRIASSET_MANIFEST_")
+    assert caught.value.code == "TRIASSET_MANIFEST"
+    return caught.value.message
 
 
 @pytest.mark.slow
@@ -66,12 +67,12 @@ def test_brackets_in_strings_do_not_nest() -> None:
 
 
 def test_a_closing_bracket_too_many_does_not_hide_depth() -> None:
-    assert code_of(b"]" * 50 + b"[" * 50) == "SYNTAX"
-    assert code_of(b"[" * 20 + b"]" * 50) == "TOO_DEEP"
+    assert "JSON" in code_of(b"]" * 50 + b"[" * 50)
+    assert "nests" in code_of(b"[" * 20 + b"]" * 50)
 
 
 def test_keys_are_compared_as_text_not_as_written() -> None:
-    assert code_of(b'{"a": 1, "\\u0061": 2}') == "DUPLICATE_KEY"
+    assert code_of(b'{"a": 1, "\\u0061": 2}').endswith("twice")
     composed, decomposed = "\u00e9", "e\u0301"
     assert parse(json.dumps({composed: 1, decomposed: 2}).encode()) == {composed: 1, decomposed: 2}
 
@@ -85,7 +86,7 @@ def test_a_syntax_error_is_located_in_bytes() -> None:
 def test_escaped_pairs_are_characters_and_halves_are_not() -> None:
     assert parse(b'"\\ud83d\\ude00"') == "\U0001f600"
     for half in (rb'"\ud83d"', rb'"\ude00\ud83d"', rb'[{"\ud83d": 0}]', rb'{"x": ["\udfff"]}'):
-        assert code_of(half) == "ENCODING"
+        assert "surrogate" in code_of(half)
 
 
 @pytest.mark.slow

@@ -105,11 +105,11 @@ def test_of_two_packages_of_one_name_the_first_in_the_alphabet_is_taken(
     assert found == {**BUILT_IN, **ENGINES, "x": "their_a:X"}
     assert [str(one.message).partition(" is left out: ")[::2] for one in caught] == [
         (
-            "RENDERER_NOT_LOADED: renderer standard of package their_c",
+            "PACKAGE_LEFT_OUT: renderer standard of package their_c",
             f"the name is taken by {BUILT_IN['standard']}, which is part of msb",
         ),
         (
-            "RENDERER_NOT_LOADED: renderer x of package their_b",
+            "PACKAGE_LEFT_OUT: renderer x of package their_b",
             "the name is taken by their_a:X, the first in the alphabet; uninstall one of them",
         ),
     ]
@@ -179,7 +179,7 @@ def test_commands_keep_status_and_output(
     assert audit.status == 1
     assert audit.json["schema"] == "msb.audit/1"
     lines = audit.err.replace("warning: ", "").splitlines()
-    assert [line.partition(":")[0] for line in lines] == ["METHOD_NOT_LOADED"] * 2 + ["GATE_FAILED"]
+    assert [line.partition(":")[0] for line in lines] == ["PACKAGE_LEFT_OUT"] * 2 + ["GATE_FAILED"]
 
 
 @pytest.mark.slow

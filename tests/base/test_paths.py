@@ -95,7 +95,7 @@ def test_two_images_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) 
         InputError, match=r"2 files in it are called .* different Unicode normal forms"
     ) as caught:
         SpelledFiles(tmp_path / "pred").find(f"{COMPOSED}.png")
-    assert caught.value.code == "FILE_NAMES_ALIKE"
+    assert caught.value.code == "FILE_UNREADABLE"
 
 
 def renamed(folder: Path, file: str, old: str, new: str) -> None:

@@ -116,5 +116,5 @@ def test_a_worker_killed_in_the_middle_costs_nothing(
 
 
 def test_a_worker_that_does_not_see_the_results_says_so(tmp_path: Path) -> None:
-    with pytest.raises(MsbError, match=r"RUN_WORKER_PATHS.*same paths"):
+    with pytest.raises(MsbError, match=r"RUN_SCHEDULER.*same paths"):
         check_run(tmp_path, "0123")

@@ -190,7 +190,7 @@ def test_a_photograph_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="FILE_NOT_FOUND"):
         ground_truth(scene, missing)
     (tmp_path / "a.png").write_bytes(Path(str(scene.test[0].image_path)).read_bytes()[:300])
-    with pytest.raises(MetricError, match="METRIC_IMAGE_FILE"):
+    with pytest.raises(MetricError, match="METRIC_IMAGE"):
         ground_truth(scene, missing)
     with pytest.raises(ValueError, match="no image_path"):
         ground_truth(scene, replace(missing, image_path=None))

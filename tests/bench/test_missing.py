@@ -69,7 +69,7 @@ non_engine = "reference"
     report = run_protocol(parse_protocol(text.encode(), tmp_path / "p.toml"), dry=True)
     assert report.exit_status == 3
     folder = told(report, "photographs and cameras")
-    assert (folder.code, folder.cells, folder.blocks) == ("SCENE_IMAGE_FOLDER", 4, True)
+    assert (folder.code, folder.cells, folder.blocks) == ("SCENE_IMAGE_MISSING", 4, True)
     model = told(
         report, f"{tmp_path / 'models' / 'pebble'}: there is no such file or folder; models of two_dts on "
     )

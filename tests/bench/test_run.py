@@ -105,7 +105,7 @@ def test_conditions_can_be_compared_and_the_unsupported_says_why(finished: Proto
     other = cell(finished, "diffsoup/standard")
     assert other.status == "unsupported"
     assert other.reason is not None
-    assert other.reason.code == "UNSUPPORTED_STANDARD"
+    assert other.reason.code == "UNSUPPORTED_TIER"
     assert "decoder" in other.reason.message
     setup = cell(finished, "diffsoup/dedicated").setup
     assert setup is not None

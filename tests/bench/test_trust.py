@@ -156,7 +156,7 @@ def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_ag
     assert {name: told[name] for name in wrong} == wrong
     assert [text.split(": ")[1] for text in watch.said if "result.json" in text] == [
         "RECORD_INVALID",
-        "RECORD_MISPLACED",
+        "RECORD_INVALID",
     ]
     (why,) = told["diffsoup/non_engine"].values()
     assert why.startswith("bad record: /quality/psnr: it is -3.0, and the mean of its images is ")
@@ -185,9 +185,9 @@ def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) 
     with pytest.raises(InputError) as caught:
         read_results(again.results)
     what = "it is of nerf_synthetic/pebble/mesh_splatting/dedicated, and does not lie there"
-    assert str(caught.value) == f"RECORD_MISPLACED: {path}: {what}"
+    assert str(caught.value) == f"RECORD_INVALID: {path}: {what}"
     path.parent.rename(path.parent.with_name("standard_of_before"))
-    with pytest.raises(MsbError, match="RECORD_MISPLACED"):
+    with pytest.raises(MsbError, match="RECORD_INVALID"):
         read_results(again.results)
 
 

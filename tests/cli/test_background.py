@@ -78,7 +78,7 @@ def test_another_background_than_the_models_is_said_where_photographs_are_compar
 ) -> None:
     args = ("--cameras", SCENE, "--images", SCENE / "images_4", "--tiers", "dedicated,truth")
     args = (*args, "--html", tmp_path / "c.html", "--force", MODEL)
-    said = f"warning: CHECKPOINT_CONFIG_VALUE: {MODEL}: it was trained over black and is drawn over white"
+    said = f"warning: CHECKPOINT_CONFIG: {MODEL}: it was trained over black and is drawn over white"
     assert said in msb("compare", "--background", "white", *args).err
     assert said not in msb("compare", *args).err
     assert said not in msb("compare", "--background", "official", *args).err

@@ -142,7 +142,7 @@ def test_validate_shows_errors_first_and_not_endlessly(msb: Msb, demo_asset: Pat
     report = msb("validate", "--json", "-", path).json
     assert report["truncated"]
     assert len(report["findings"]) == 1000
-    assert report["findings"][0]["code"] == "TRIASSET_SH_DEGREE"
+    assert report["findings"][0]["code"] == "TRIASSET_FIELD"
     text = msb("validate", path).out
     assert "1 error, 2000 warnings" in text
     assert len(text.splitlines()) < 200
@@ -161,7 +161,7 @@ def test_validate_reports_all_errors_with_code_and_pointer(
     assert result.status == 1
     found = {item["code"]: item for item in result.json["findings"]}
     assert not result.json["valid"]
-    assert found["TRIASSET_CHECKSUM_MISMATCH"]["pointer"] == "/buffers/positions/sha256"
+    assert found["TRIASSET_DAMAGED"]["pointer"] == "/buffers/positions/sha256"
     assert found["TRIASSET_VALUE_NONFINITE"]["severity"] == "error"
     assert "TRIASSET_VALUE_NONFINITE" in msb("validate", path).out
 
@@ -184,7 +184,7 @@ def test_validate_explains_a_code(msb: Msb) -> None:
     result = msb("validate", "--explain", "triasset_zip_crc")
     assert result.status == 0
     assert "CRC-32" in result.out
-    assert "did you mean TRIASSET_ZIP_CRC" in msb("validate", "--explain", "TRIASSET_ZIP_CR").err
+    assert "did you mean TRIASSET_DAMAGED" in msb("validate", "--explain", "TRIASSET_ZIP_CR").err
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])

@@ -290,7 +290,7 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
     for one in run_all(commands, tmp_path):
         refused = one.words[0] == "run" and not is_utf8(one.words[-1])
         assert one.status == (2 if refused else 0), one.err
-        assert b"RUN_PATH_NAME: " in one.err or not refused
+        assert b"USAGE: " in one.err or not refused
         text = one.out.decode()
         # What was written is named as it is, for the next program; what was read, as a terminal can show it.
         assert one.words[0] in ("convert", "view", "web", "run") or all(

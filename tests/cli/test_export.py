@@ -122,13 +122,13 @@ def test_convert_official(msb: Msb, tmp_path: Path) -> None:
     assert standard.status == 0
     assert len(read_mesh(tmp_path / "standard.glb").faces) == len(theirs.faces) // 2
     for args, status, line in (
-        ([asset, tmp_path / "ring.off"], 2, "OFFICIAL_FORMAT: "),
+        ([asset, tmp_path / "ring.off"], 2, "NAME_UNKNOWN: "),
         (
             ["--up=-y", asset, tmp_path / "up.glb"],
             2,
             "USAGE: --official goes without --form, --up and --color",
         ),
-        ([tmp_path / "ring.glb", tmp_path / "again.glb"], 4, "UNSUPPORTED_OFFICIAL: "),
+        ([tmp_path / "ring.glb", tmp_path / "again.glb"], 4, "UNSUPPORTED_METHOD: "),
     ):
         result = msb("convert", "--official", *args)
         assert (result.status, result.err.startswith(line)) == (status, True), result.err
@@ -168,7 +168,7 @@ def test_audit_counts_a_vertex_that_is_nan_and_export_refuses_it(msb: Msb, tmp_p
     folder = write_model(tmp_path / "run", "mesh_splatting", values)
     assert msb("audit", "--json", "-", folder).json["counts"]["nonfinite_faces"] > 0
     result = msb("export", folder, tmp_path / "a.triasset")
-    assert (result.status, result.err.startswith("CHECKPOINT_VALUE_NONFINITE: ")) == (3, True)
+    assert (result.status, result.err.startswith("CHECKPOINT_NONFINITE: ")) == (3, True)
     assert not (tmp_path / "a.triasset").exists()
 
 
@@ -180,7 +180,7 @@ def test_validate_judges_the_asset_that_would_be_made(msb: Msb, folder: str, tmp
     values["sigma"][0] = np.nan
     bad = write_model(tmp_path, "triangle_splatting", values)
     result = msb("validate", bad)
-    assert (result.status, "CHECKPOINT_VALUE_NONFINITE" in result.out) == (1, True)
+    assert (result.status, "CHECKPOINT_NONFINITE" in result.out) == (1, True)
 
 
 def test_a_warning_says_that_it_is_one_and_what_follows(msb: Msb, tmp_path: Path) -> None:

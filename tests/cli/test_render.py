@@ -163,7 +163,7 @@ def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> 
             assert image.getpixel((0, 0)) == (255, 128, 0)
             assert len(set(np.asarray(image).reshape(-1, 3).sum(axis=1).tolist())) > 50
     result = msb("render", *size, "-o", tmp_path / "no", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint")
-    assert (result.status, result.err.startswith("UNSUPPORTED_STANDARD: ")) == (4, True)
+    assert (result.status, result.err.startswith("UNSUPPORTED_TIER: ")) == (4, True)
     assert not (tmp_path / "no").exists()
 
 
@@ -258,11 +258,11 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
             2,
             'there is no camera "nobody"; there are 3: turntable_00000',
         ),
-        ((*views, *out, "--camera", "3"), 2, 'CAMERA_UNKNOWN: there is no camera "3"'),
+        ((*views, *out, "--camera", "3"), 2, 'NAME_UNKNOWN: there is no camera "3"'),
         ((*out, "--split", "all", "--turntable", "2"), 2, "--split goes with --scene DIR"),
         ((*views, *out, "--scene", SCENE), 2, "--cameras does not go with --scene, which draws what counts"),
         ((*out, "--scene", SCENE, "--size", "9x9"), 2, "--size does not go with --scene"),
-        ((*out, "--scene", SCENE, "--image-folder", "none"), 3, "SCENE_IMAGE_FOLDER"),
+        ((*out, "--scene", SCENE, "--image-folder", "none"), 3, "SCENE_IMAGE_MISSING"),
         ((*views, *out, "--size", "big"), 2, '--size is "big"; it must look like 1237x822'),
         ((*views, *out, "--size", "0x5"), 3, "width is 0"),
         ((*views, *out, "--size", "9x9", "--scale", "2"), 2, "--size and --scale exclude each other"),
@@ -271,7 +271,7 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
         (
             (*views, *out, "--renderer", "quake"),
             2,
-            'RENDERER_UNKNOWN: there is no renderer "quake"; there are standard',
+            'NAME_UNKNOWN: there is no renderer "quake"; there are standard',
         ),
         ((*views, *out, "--set", "sigmo=1"), 2, 'mesh_splatting has no setting "sigmo"'),
         ((*views, "--film", tmp_path / "f.avi"), 2, 'the film is "f.avi"; it must end in .mp4 or .gif'),
@@ -325,7 +325,7 @@ def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, t
     assert result.status == 1
     lines = result.err.splitlines()
     assert lines[0].endswith("faces was 1, is 34761: not the same is compared")
-    assert lines[1].startswith(f"BENCH_SLOWER: {demo_asset}: device P50 is ")
+    assert lines[1].startswith(f"GATE_FAILED: {demo_asset}: device P50 is ")
     assert msb(*args, "--fail-slower", "10%", demo_asset).status == 2
     assert msb(*args, "--compare", record, "--fail-slower", "ten", demo_asset).status == 2
     result = msb("bench", "--warmup", "1", "--budget-seconds", "0", "--json", "-", demo_asset)

@@ -56,7 +56,7 @@ def _cut(name: str, length: Callable[[bytes], int]) -> Case:
         data = forge(good_entries())
         return data[: length(data)]
 
-    return from_bytes(f"cut_{name}", "TRIASSET_ZIP_TRUNCATED", make)
+    return from_bytes(f"cut_{name}", "TRIASSET_DAMAGED", make)
 
 
 def _nothing(path: Path) -> None:

@@ -58,7 +58,7 @@ _NAMES = [
 
 def _named(name: str, file: str) -> Case:
     make = packed(lambda: parts(mesh()).change("/buffers/positions/file", file))
-    return Case(f"path_{name}", "TRIASSET_PATH_UNSAFE", make)
+    return Case(f"path_{name}", "TRIASSET_PATH", make)
 
 
 def _on_disk(name: str, code: str, spoil: Callable[[Path], None], **more: object) -> Case:
@@ -141,12 +141,12 @@ def _denied(name: str) -> Callable[[Path], None]:
     return lambda path: (path / name).chmod(0)
 
 
-LINK, NOT_FILE = "TRIASSET_PATH_LINK", "TRIASSET_PATH_NOT_FILE"
+LINK, NOT_FILE = "TRIASSET_PATH", "TRIASSET_PATH"
 BUFFER = "buffers/positions.bin"
 
 CASES = [
     *(_named(name, file) for name, file in _NAMES),
-    Case("path_case_twins", "TRIASSET_PATH_DUPLICATE", _case_twins),
+    Case("path_case_twins", "TRIASSET_PATH", _case_twins),
     _on_disk("link_out", LINK, _link_to(BUFFER, "{outside}/buffers/positions.bin")),
     _on_disk("link_passwd", LINK, _link_to(BUFFER, "/etc/passwd")),
     _on_disk("link_relative", LINK, _link_to(BUFFER, "../../outside/buffers/positions.bin")),
@@ -165,11 +165,11 @@ CASES = [
     _on_disk("socket_for_buffer", NOT_FILE, _replaced(BUFFER, _socket)),
     _on_disk(
         "file_for_buffers",
-        "TRIASSET_BUFFER_MISSING",
+        "TRIASSET_DAMAGED",
         _replaced("buffers", lambda path: path.write_bytes(b"")),
     ),
-    _on_disk("hardlink", "TRIASSET_PATH_HARDLINK", _hardlink, severity="warning", found_by="validate"),
-    _on_disk("hardlink_in", "TRIASSET_PATH_HARDLINK", _hardlink_in, severity="warning", found_by="validate"),
+    _on_disk("hardlink", "TRIASSET_PATH", _hardlink, severity="warning", found_by="validate"),
+    _on_disk("hardlink_in", "TRIASSET_PATH", _hardlink_in, severity="warning", found_by="validate"),
     _on_disk("stray_file", "TRIASSET_FILE_UNDECLARED", _stray("notes.txt"), severity="warning"),
     _on_disk("stray_buffer", "TRIASSET_FILE_UNDECLARED", _stray("buffers/x.bin"), severity="warning"),
     _on_disk("stray_unprintable", "TRIASSET_FILE_UNDECLARED", _stray("\x1b[2J\n"), severity="warning"),

@@ -79,34 +79,32 @@ VALUE_CASES = [
     _values("inf_weight", "VALUE_NONFINITE", "decoder.w0", {(0, 0): INF}, decoder),
     _values("index_v", "INDEX_OUT_OF_RANGE", "indices", {(3, 2): 4}),
     _values("index_greatest", "INDEX_OUT_OF_RANGE", "indices", {(0, 0): 2**32 - 1}),
-    _values("soup_swapped", "SOUP_INDICES", "indices", {...: [[3, 4, 5], [0, 1, 2]]}, soup),
-    _values("soup_flipped", "SOUP_INDICES", "indices", {1: [3, 5, 4]}, soup),
+    _values("soup_swapped", "VALUE_RANGE", "indices", {...: [[3, 4, 5], [0, 1, 2]]}, soup),
+    _values("soup_flipped", "VALUE_RANGE", "indices", {1: [3, 5, 4]}, soup),
     Case(
         "color_range", "TRIASSET_VALUE_RANGE", packed(_float_color), severity="warning", found_by="validate"
     ),
-    Case(
-        "magnitude", "TRIASSET_VALUE_MAGNITUDE", packed(_far(1e19)), severity="warning", found_by="validate"
-    ),
+    Case("magnitude", "TRIASSET_VALUE_RANGE", packed(_far(1e19)), severity="warning", found_by="validate"),
     Case(
         "magnitude_greatest",
-        "TRIASSET_VALUE_MAGNITUDE",
+        "TRIASSET_VALUE_RANGE",
         packed(_far(3e38)),
         severity="warning",
         found_by="validate",
     ),
-    _stated("bounds_small", "BOUNDS_MISMATCH", "/bounds/max/2", 2.5),
-    _stated("bounds_large", "BOUNDS_MISMATCH", "/bounds/min/0", -1),
-    _stated("bounds_1e308", "BOUNDS_MISMATCH", "/bounds/max/0", 1.7e308),
-    _stated("sphere_small", "SPHERE_MISMATCH", "/bounding_sphere/radius", 1),
-    _stated("sphere_elsewhere", "SPHERE_MISMATCH", "/bounding_sphere/center", [1e300] * 3),
+    _stated("bounds_small", "BOUNDS", "/bounds/max/2", 2.5),
+    _stated("bounds_large", "BOUNDS", "/bounds/min/0", -1),
+    _stated("bounds_1e308", "BOUNDS", "/bounds/max/0", 1.7e308),
+    _stated("sphere_small", "BOUNDS", "/bounding_sphere/radius", 1),
+    _stated("sphere_elsewhere", "BOUNDS", "/bounding_sphere/center", [1e300] * 3),
     Case(
         "sphere_loose",
-        "TRIASSET_SPHERE_MISMATCH",
+        "TRIASSET_BOUNDS",
         packed(lambda: parts(mesh()).change("/bounding_sphere/radius", 300)),
         severity="warning",
         found_by="validate",
     ),
-    _stated("checksum", "CHECKSUM_MISMATCH", "/buffers/color/sha256", _OTHER_HASH),
+    _stated("checksum", "DAMAGED", "/buffers/color/sha256", _OTHER_HASH),
 ]
 
 

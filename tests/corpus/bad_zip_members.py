@@ -48,7 +48,7 @@ _NAMES = [
 
 def _name_code(name: str) -> Case:
     shown = f"{_NAMES.index(name):02}"
-    return added(f"name_{shown}", "ZIP_NAME", Entry(name, b"x"))
+    return added(f"name_{shown}", "FORM", Entry(name, b"x"))
 
 
 def _raw_name(raw: bytes, flags: int) -> Entry:
@@ -60,20 +60,20 @@ _POSITIONS = "buffers/positions.bin"
 
 NAME_CASES = [
     *(_name_code(name) for name in _NAMES),
-    added("name_cp437", "ZIP_NAME", _raw_name(b"buffers/\x82.bin", 0)),
-    added("name_not_utf8", "ZIP_NAME", _raw_name(b"buffers/\xff.bin", 0x800)),
-    member("second_name", "ZIP_NAME", central={"extra": _UNICODE_PATH}),
-    member("second_local_name", "ZIP_NAME", local={"extra": _UNICODE_PATH}),
-    added("manifest_twice", "ZIP_DUPLICATE_MEMBER", Entry("manifest.json", b"{}")),
-    added("buffer_twice", "ZIP_DUPLICATE_MEMBER", Entry(_POSITIONS, bytes(48))),
-    added("case_twins", "PATH_DUPLICATE", Entry("buffers/Positions.bin", b"x")),
+    added("name_cp437", "FORM", _raw_name(b"buffers/\x82.bin", 0)),
+    added("name_not_utf8", "FORM", _raw_name(b"buffers/\xff.bin", 0x800)),
+    member("second_name", "FORM", central={"extra": _UNICODE_PATH}),
+    member("second_local_name", "FORM", local={"extra": _UNICODE_PATH}),
+    added("manifest_twice", "HOSTILE", Entry("manifest.json", b"{}")),
+    added("buffer_twice", "HOSTILE", Entry(_POSITIONS, bytes(48))),
+    added("case_twins", "PATH", Entry("buffers/Positions.bin", b"x")),
     added("nested", "FILE_UNDECLARED", Entry("buffers/inner.bin", forge([]))),
     added("device_name", "FILE_UNDECLARED", Entry("buffers/con.bin", b"x")),
     zip_case("no_manifest", "MANIFEST_MISSING", lambda: forge(good_entries()[1:])),
     zip_case("no_members", "MANIFEST_MISSING", lambda: forge([])),
-    member("manifest_is_zip", "MANIFEST_ENCODING", 0, data=forge([Entry("\xff", b"\xff")])),
-    member("manifest_2_mib", "MANIFEST_TOO_LARGE", 0, data=b" " * (2 << 20)),
-    member("manifest_no_bytes", "MANIFEST_EMPTY", 0, data=b""),
+    member("manifest_is_zip", "MANIFEST", 0, data=forge([Entry("\xff", b"\xff")])),
+    member("manifest_2_mib", "MANIFEST", 0, data=b" " * (2 << 20)),
+    member("manifest_no_bytes", "MANIFEST", 0, data=b""),
 ]
 
 # --- kinds, counts, overlaps ---------------------------------------------------------------------------
@@ -112,22 +112,22 @@ def _listed_twice(name: str) -> Entry:
 
 
 KIND_CASES = [
-    _kind("link", "PATH_LINK", _UNIX, 0o120777 << 16),
-    _kind("link_macos", "PATH_LINK", _MACOS, 0o120777 << 16),
-    _kind("link_dos", "PATH_LINK", _DOS, 0o120777 << 16),
-    _kind("pipe", "PATH_NOT_FILE", _UNIX, 0o010644 << 16),
-    _kind("device", "PATH_NOT_FILE", _UNIX, 0o060644 << 16),
-    _kind("folder_unix", "PATH_NOT_FILE", _UNIX, 0o040755 << 16),
-    _kind("folder_dos", "PATH_NOT_FILE", _DOS, 0x10),
-    zip_case("66_members", "ZIP_TOO_MANY_MEMBERS", _many(62)),
+    _kind("link", "PATH", _UNIX, 0o120777 << 16),
+    _kind("link_macos", "PATH", _MACOS, 0o120777 << 16),
+    _kind("link_dos", "PATH", _DOS, 0o120777 << 16),
+    _kind("pipe", "PATH", _UNIX, 0o010644 << 16),
+    _kind("device", "PATH", _UNIX, 0o060644 << 16),
+    _kind("folder_unix", "PATH", _UNIX, 0o040755 << 16),
+    _kind("folder_dos", "PATH", _DOS, 0x10),
+    zip_case("66_members", "FORM", _many(62)),
     zip_case(
         "70000_members",
-        "ZIP_TOO_MANY_MEMBERS",
+        "FORM",
         _many(70_000, end64={}, end={"here": _FULL16, "count": _FULL16}),
     ),
-    zip_case("inside_another", "ZIP_DIRECTORY", _inside_another),
-    added("listed_twice", "ZIP_DUPLICATE_MEMBER", _listed_twice("manifest.json")),
-    added("listed_renamed", "ZIP_HEADER_MISMATCH", _listed_twice("buffers/x.bin")),
+    zip_case("inside_another", "DAMAGED", _inside_another),
+    added("listed_twice", "HOSTILE", _listed_twice("manifest.json")),
+    added("listed_renamed", "HOSTILE", _listed_twice("buffers/x.bin")),
 ]
 
 # --- ZIP64 ---------------------------------------------------------------------------------------------
@@ -136,23 +136,23 @@ _LONG = {"size": _FULL32, "packed": _FULL32}
 _MANY = {"here": _FULL16, "count": _FULL16}
 
 
-def _lie64(name: str, code: str = "ZIP_ZIP64", **headers: Any) -> Case:
+def _lie64(name: str, code: str = "HOSTILE", **headers: Any) -> Case:
     return member(f"zip64_{name}", code, **headers)
 
 
 ZIP64_CASES = [
-    forged("zip64_end_missing", "ZIP_ZIP64", end=_MANY),
-    forged("zip64_start_missing", "ZIP_ZIP64", end={"start": _FULL32}),
-    forged("zip64_end_differs", "ZIP_ZIP64", end64={"count": 3}),
-    forged("zip64_start_differs", "ZIP_ZIP64", end64={"start": 0}),
-    forged("zip64_locator", "ZIP_ZIP64", end64={"at": 0}),
-    forged("zip64_disks", "ZIP_ZIP64", end64={"disks": 2}),
-    forged("zip64_disk", "ZIP_ZIP64", end64={"disk": 1}),
-    forged("zip64_record_size", "ZIP_ZIP64", end64={"record_size": 45}),
-    forged("zip64_huge_record", "ZIP_ZIP64", end64={"record_size": 2**63}),
-    forged("zip64_count", "ZIP_TOO_MANY_MEMBERS", end=_MANY, end64={"here": 2**40, "count": 2**40}),
-    forged("zip64_length", "ZIP_DIRECTORY", end={"length": _FULL32}, end64={"length": 2**63}),
-    forged("zip64_start", "ZIP_DIRECTORY", end={"start": _FULL32}, end64={"start": 2**64 - 1}),
+    forged("zip64_end_missing", "HOSTILE", end=_MANY),
+    forged("zip64_start_missing", "HOSTILE", end={"start": _FULL32}),
+    forged("zip64_end_differs", "HOSTILE", end64={"count": 3}),
+    forged("zip64_start_differs", "HOSTILE", end64={"start": 0}),
+    forged("zip64_locator", "HOSTILE", end64={"at": 0}),
+    forged("zip64_disks", "HOSTILE", end64={"disks": 2}),
+    forged("zip64_disk", "HOSTILE", end64={"disk": 1}),
+    forged("zip64_record_size", "HOSTILE", end64={"record_size": 45}),
+    forged("zip64_huge_record", "HOSTILE", end64={"record_size": 2**63}),
+    forged("zip64_count", "FORM", end=_MANY, end64={"here": 2**40, "count": 2**40}),
+    forged("zip64_length", "DAMAGED", end={"length": _FULL32}, end64={"length": 2**63}),
+    forged("zip64_start", "DAMAGED", end={"start": _FULL32}, end64={"start": 2**64 - 1}),
     _lie64("record_missing", central=_LONG),
     _lie64("record_short", central={**_LONG, "extra": zip64(48)}),
     _lie64("record_long", central={**_LONG, "extra": zip64(48, 48, 0)}),
@@ -160,10 +160,10 @@ ZIP64_CASES = [
     _lie64("record_unasked", central={"extra": zip64(48, 48)}),
     _lie64("record_odd", central={**_LONG, "extra": extra(1, bytes(17))}),
     _lie64("local_missing", local=_LONG),
-    _lie64("local_differs", "ZIP_HEADER_MISMATCH", local={**_LONG, "extra": zip64(49, 49)}),
-    _lie64("sizes_differ", "ZIP_HEADER_MISMATCH", central={**_LONG, "extra": zip64(48, 49)}),
-    _lie64("size_2_63", "ZIP_DIRECTORY", central={**_LONG, "extra": zip64(2**63, 2**63)}),
-    _lie64("offset_2_63", "ZIP_DIRECTORY", central={"offset": _FULL32, "extra": zip64(2**63)}),
+    _lie64("local_differs", "HOSTILE", local={**_LONG, "extra": zip64(49, 49)}),
+    _lie64("sizes_differ", "HOSTILE", central={**_LONG, "extra": zip64(48, 49)}),
+    _lie64("size_2_63", "DAMAGED", central={**_LONG, "extra": zip64(2**63, 2**63)}),
+    _lie64("offset_2_63", "DAMAGED", central={"offset": _FULL32, "extra": zip64(2**63)}),
 ]
 
 CASES = [*NAME_CASES, *KIND_CASES, *ZIP64_CASES]

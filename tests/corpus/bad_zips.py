@@ -94,24 +94,24 @@ def _bit_rot() -> bytes:
 
 
 _CRC = {"crc": 0x12345678}
-_BOTH_SUMS = ("TRIASSET_CHECKSUM_MISMATCH",)
+_BOTH_SUMS = ("TRIASSET_DAMAGED",)
 
 STORED_CASES = [
-    zip_case("deflated", "ZIP_COMPRESSED", lambda: _by_zipfile(zipfile.ZIP_DEFLATED)),
-    zip_case("bomb", "ZIP_COMPRESSED", _bomb),
-    member("method_8", "ZIP_COMPRESSED", both={"method": 8}),
-    member("method_99", "ZIP_COMPRESSED", both={"method": 99}),
-    member("manifest_lzma", "ZIP_COMPRESSED", 0, both={"method": 14}),
-    member("encrypted", "ZIP_ENCRYPTED", both={"flags": 0x01}),
-    member("encrypted_strongly", "ZIP_ENCRYPTED", both={"flags": 0x41}),
-    member("masked", "ZIP_ENCRYPTED", both={"flags": 0x2000}),
-    zip_case("descriptor", "ZIP_HEADER_MISMATCH", _descriptor),
-    member("crc", "ZIP_CRC", both=_CRC, more={"found_by": "validate"}),
-    member("crc_manifest", "ZIP_CRC", 0, both=_CRC, more={"found_by": "validate"}),
-    zip_case("bit_rot", "ZIP_CRC", _bit_rot, found_by="validate", also=_BOTH_SUMS),
-    zip_case("unaligned", "ZIP_MISALIGNED", lambda: _by_zipfile(zipfile.ZIP_STORED)),
-    member("unaligned_buffer", "ZIP_MISALIGNED", aligned=False),
-    member("unaligned_by_4", "ZIP_MISALIGNED", local={"extra": extra(PADDING_ID, bytes(9))}),
+    zip_case("deflated", "FORM", lambda: _by_zipfile(zipfile.ZIP_DEFLATED)),
+    zip_case("bomb", "FORM", _bomb),
+    member("method_8", "FORM", both={"method": 8}),
+    member("method_99", "FORM", both={"method": 99}),
+    member("manifest_lzma", "FORM", 0, both={"method": 14}),
+    member("encrypted", "FORM", both={"flags": 0x01}),
+    member("encrypted_strongly", "FORM", both={"flags": 0x41}),
+    member("masked", "FORM", both={"flags": 0x2000}),
+    zip_case("descriptor", "HOSTILE", _descriptor),
+    member("crc", "DAMAGED", both=_CRC, more={"found_by": "validate"}),
+    member("crc_manifest", "DAMAGED", 0, both=_CRC, more={"found_by": "validate"}),
+    zip_case("bit_rot", "DAMAGED", _bit_rot, found_by="validate", also=_BOTH_SUMS),
+    zip_case("unaligned", "FORM", lambda: _by_zipfile(zipfile.ZIP_STORED)),
+    member("unaligned_buffer", "FORM", aligned=False),
+    member("unaligned_by_4", "FORM", local={"extra": extra(PADDING_ID, bytes(9))}),
 ]
 
 # --- headers that contradict each other ----------------------------------------------------------------
@@ -126,36 +126,33 @@ _LOCAL_LIES: dict[str, Any] = {
 }
 
 HEADER_CASES = [
-    *(
-        member(f"local_{key}", "ZIP_HEADER_MISMATCH", local={key: value})
-        for key, value in _LOCAL_LIES.items()
-    ),
-    member("local_encrypted", "ZIP_HEADER_MISMATCH", local={"flags": 1}),
-    member("local_descriptor", "ZIP_HEADER_MISMATCH", local={"flags": 8}),
-    member("local_short_name", "ZIP_HEADER_MISMATCH", local={"name": b"buffers/p"}),
-    member("two_sizes", "ZIP_HEADER_MISMATCH", both={"packed": 40}),
-    member("offset_of_other", "ZIP_HEADER_MISMATCH", central={"offset": 0}),
-    member("offset_inside", "ZIP_DIRECTORY", central={"offset": 100}),
-    member("offset_past_end", "ZIP_DIRECTORY", central={"offset": 0x7FFFFFFF}),
-    member("local_signature", "ZIP_DIRECTORY", local={"signature": b"PK\3\5"}),
-    member("central_signature", "ZIP_DIRECTORY", central={"signature": b"PK\1\3"}),
-    member("size_past_end", "ZIP_DIRECTORY", both={"size": 10**9, "packed": 10**9}),
-    member("size_into_next", "ZIP_DIRECTORY", both={"size": 100, "packed": 100}),
-    member("size_less", "ZIP_FOREIGN_DATA", both={"size": 40, "packed": 40}),
-    member("member_comment", "ZIP_DIRECTORY", central={"comment": b"hello"}),
-    member("member_disk", "ZIP_DIRECTORY", central={"disk": 1}),
-    member("extra_overrun", "ZIP_DIRECTORY", local={"extra": b"\x35\xd9\xff\x00"}),
-    member("extra_central", "ZIP_DIRECTORY", central={"extra": extra(PADDING_ID, bytes(200))}),
-    member("extra_64_kb", "ZIP_FOREIGN_DATA", local={"extra": extra(PADDING_ID, bytes(65_000))}),
-    forged("count_less", "ZIP_DIRECTORY", end={"here": 3, "count": 3}),
-    forged("count_more", "ZIP_DIRECTORY", end={"here": 5, "count": 5}),
-    forged("count_here", "ZIP_DIRECTORY", end={"here": 3}),
-    forged("disk", "ZIP_DIRECTORY", end={"disk": 1}),
-    forged("first_disk", "ZIP_DIRECTORY", end={"first_disk": 1}),
-    forged("directory_late", "ZIP_DIRECTORY", end={"start": 10**9}),
-    forged("directory_early", "ZIP_FOREIGN_DATA", end={"start": 0}),
-    forged("directory_long", "ZIP_DIRECTORY", end={"length": 10**9}),
-    forged("directory_short", "ZIP_FOREIGN_DATA", end={"length": 0}),
+    *(member(f"local_{key}", "HOSTILE", local={key: value}) for key, value in _LOCAL_LIES.items()),
+    member("local_encrypted", "HOSTILE", local={"flags": 1}),
+    member("local_descriptor", "HOSTILE", local={"flags": 8}),
+    member("local_short_name", "HOSTILE", local={"name": b"buffers/p"}),
+    member("two_sizes", "HOSTILE", both={"packed": 40}),
+    member("offset_of_other", "HOSTILE", central={"offset": 0}),
+    member("offset_inside", "DAMAGED", central={"offset": 100}),
+    member("offset_past_end", "DAMAGED", central={"offset": 0x7FFFFFFF}),
+    member("local_signature", "DAMAGED", local={"signature": b"PK\3\5"}),
+    member("central_signature", "DAMAGED", central={"signature": b"PK\1\3"}),
+    member("size_past_end", "DAMAGED", both={"size": 10**9, "packed": 10**9}),
+    member("size_into_next", "DAMAGED", both={"size": 100, "packed": 100}),
+    member("size_less", "HOSTILE", both={"size": 40, "packed": 40}),
+    member("member_comment", "DAMAGED", central={"comment": b"hello"}),
+    member("member_disk", "DAMAGED", central={"disk": 1}),
+    member("extra_overrun", "DAMAGED", local={"extra": b"\x35\xd9\xff\x00"}),
+    member("extra_central", "DAMAGED", central={"extra": extra(PADDING_ID, bytes(200))}),
+    member("extra_64_kb", "HOSTILE", local={"extra": extra(PADDING_ID, bytes(65_000))}),
+    forged("count_less", "DAMAGED", end={"here": 3, "count": 3}),
+    forged("count_more", "DAMAGED", end={"here": 5, "count": 5}),
+    forged("count_here", "DAMAGED", end={"here": 3}),
+    forged("disk", "DAMAGED", end={"disk": 1}),
+    forged("first_disk", "DAMAGED", end={"first_disk": 1}),
+    forged("directory_late", "DAMAGED", end={"start": 10**9}),
+    forged("directory_early", "HOSTILE", end={"start": 0}),
+    forged("directory_long", "DAMAGED", end={"length": 10**9}),
+    forged("directory_short", "HOSTILE", end={"length": 0}),
 ]
 
 # --- bytes that belong to nobody -----------------------------------------------------------------------
@@ -169,7 +166,7 @@ def _hidden_member() -> bytes:
     return forge(entries)
 
 
-FOREIGN = "ZIP_FOREIGN_DATA"
+FOREIGN = "HOSTILE"
 
 FOREIGN_CASES = [
     patched("prefix_program", FOREIGN, lambda z: b"MZ" + bytes(62) + z),

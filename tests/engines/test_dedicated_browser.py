@@ -310,7 +310,7 @@ def test_pages_are_measured_when_made_and_again(msb: Msb, tmp_path: Path) -> Non
     # One that is faithful enough ends with 0: docs/web.md, as tests/test_docs_commands.py runs it.
     again = msb("web", "--verify", page, "--at-least", "99", "-q", "--json", "-")
     assert again.status == 1
-    assert again.err.startswith("WEB_UNFAITHFUL: ")
+    assert again.err.startswith("GATE_FAILED: ")
     assert again.json["measured"]["worst"] == pytest.approx(made.json["measured"]["worst"], abs=0.01)
 
 

@@ -226,12 +226,12 @@ _TRAINING: dict[str, tuple[bytes, str]] = {
 BAD: dict[str, Bad] = {
     f"{target}: {name}": (target, content, code, message)
     for target, code, table in (
-        ("image_png", "METRIC_IMAGE_FILE", _PNG),
-        ("image_npy", "METRIC_IMAGE_FILE", _NPY),
-        ("dtu_grid", "METRIC_DTU_FILE", _GRID),
-        ("vgg_npz", "METRIC_VGG_WEIGHTS", _WEIGHTS),
-        ("vgg_safetensors", "METRIC_VGG_WEIGHTS", _TENSORS),
-        ("neus_npz", "SCENE_MATRICES", _NEUS),
+        ("image_png", "METRIC_IMAGE", _PNG),
+        ("image_npy", "METRIC_IMAGE", _NPY),
+        ("dtu_grid", "METRIC_DTU", _GRID),
+        ("vgg_npz", "METRIC_WEIGHTS", _WEIGHTS),
+        ("vgg_safetensors", "METRIC_WEIGHTS", _TENSORS),
+        ("neus_npz", "SCENE_LAYOUT", _NEUS),
         ("page", "FILE_NOT_RECOGNISED", _PAGE),
         ("training", "USAGE", _TRAINING),
     )

@@ -76,8 +76,8 @@ def test_the_closed_guard_sees(deed: str, seen: str, tmp_path: Path) -> None:
 # --- prefixes
 
 PREFIXES = {
-    "triasset": {"TRIASSET_ZIP_TRUNCATED", "FILE_NOT_RECOGNISED"},
-    "checkpoint": {"CHECKPOINT_EMPTY", "CHECKPOINT_NOT_RECOGNISED", "CHECKPOINT_ZIP_TRUNCATED"},
+    "triasset": {"TRIASSET_DAMAGED", "FILE_NOT_RECOGNISED"},
+    "checkpoint": {"CHECKPOINT_DAMAGED", "CHECKPOINT_NOT_RECOGNISED"},
     **dict.fromkeys(("ply", "stl", "glb", "colmap_cameras_bin", "colmap_images_bin", "colmap_points_bin")),
     **dict.fromkeys(("transforms_json", "cameras_json", "views_json")),
 }

@@ -61,7 +61,7 @@ def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content
         return
     path = tmp_path / f"mesh{suffix}"
     path.write_bytes(SMALL[content])
-    with pytest.raises(MeshFileError, match=f"MESH_FILE_HEADER: .*begins like {CONTENTS[content]}"):
+    with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .*begins like {CONTENTS[content]}"):
         read_mesh(path)
 
 

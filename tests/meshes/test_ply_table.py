@@ -37,14 +37,14 @@ def test_columns_of_every_form(data: bytes, tmp_path: Path) -> None:
 
 BAD = {
     "short": (binary("<")[:-1], "MESH_FILE_TRUNCATED"),
-    "long": (binary("<") + b"x", "MESH_FILE_TRAILING"),
-    "much longer": (binary("<") + bytes(5000), "MESH_FILE_TRAILING"),
-    "text short": (TEXT[:-8], "MESH_FILE_NUMBER"),
-    "list": (TEXT.replace(b"property uchar c", b"property list uchar int c"), "MESH_FILE_HEADER"),
-    "other element": (TEXT.replace(b"element vertex", b"element point"), "MESH_FILE_HEADER"),
+    "long": (binary("<") + b"x", "MESH_FILE_INVALID"),
+    "much longer": (binary("<") + bytes(5000), "MESH_FILE_INVALID"),
+    "text short": (TEXT[:-8], "MESH_FILE_INVALID"),
+    "list": (TEXT.replace(b"property uchar c", b"property list uchar int c"), "MESH_FILE_INVALID"),
+    "other element": (TEXT.replace(b"element vertex", b"element point"), "MESH_FILE_INVALID"),
     "huge": (binary("<").replace(b"vertex 3", b"vertex 999999999999999999"), "MESH_FILE_TRUNCATED"),
-    "empty": (b"", "MESH_FILE_HEADER"),
-    "no header": (b"hello", "MESH_FILE_HEADER"),
+    "empty": (b"", "MESH_FILE_INVALID"),
+    "no header": (b"hello", "MESH_FILE_INVALID"),
 }
 
 

@@ -122,7 +122,7 @@ def test_coordinates_that_are_not_finite_are_refused(suffix: str, value: float) 
     mesh = make(np.float32)
     mesh.vertices[4, 1] = value
     stream = io.BytesIO()
-    with pytest.raises(OutputError, match=r"OUTPUT_COORDINATES: vertex 4 is not finite") as caught:
+    with pytest.raises(OutputError, match=r"OUTPUT_FORMAT_LIMIT: vertex 4 is not finite") as caught:
         write_mesh(mesh, stream, suffix=suffix)
     assert caught.value.pointer == "vertices[4]"
     assert stream.getvalue() == b""
@@ -132,7 +132,7 @@ def test_coordinates_that_are_not_finite_are_refused(suffix: str, value: float) 
 def test_coordinates_beyond_float32_are_refused_where_the_format_has_only_that(suffix: str) -> None:
     mesh = make(np.float64)
     mesh.vertices[2, 0] = 1e39
-    with pytest.raises(OutputError, match=r"OUTPUT_COORDINATES: vertex 2 does not fit float32"):
+    with pytest.raises(OutputError, match=r"OUTPUT_FORMAT_LIMIT: vertex 2 does not fit float32"):
         written(mesh, suffix)
 
 

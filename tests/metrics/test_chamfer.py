@@ -221,9 +221,9 @@ def test_a_mesh_in_other_units_is_refused_before_it_fills_the_memory() -> None:
     mesh = read_mesh(DTU / "mesh1.ply")
     vertices, faces = mesh.vertices.astype(np.float64), mesh.faces
     data = metrics.read_dtu_scan(DTU, 1)
-    with pytest.raises(MetricError, match=r"METRIC_MESH_SCALE: .*millimetres"):
+    with pytest.raises(MetricError, match=r"METRIC_MESH: .*millimetres"):
         metrics.chamfer_surface(vertices * 1000, faces, data)
-    with pytest.raises(MetricError, match="METRIC_MESH_SCALE"):
+    with pytest.raises(MetricError, match="METRIC_MESH"):
         metrics.chamfer_surface(vertices * 1e300, faces, data)
 
 
@@ -297,7 +297,7 @@ def test_wrong_variables_are_refused(dataset: Path, change: dict[str, Any]) -> N
     savemat(path, {key: value for key, value in variables.items() if value is not None})
     with pytest.raises(MetricError) as caught:
         metrics.read_dtu_scan(dataset, 1)
-    assert caught.value.code == "METRIC_DTU_FILE"
+    assert caught.value.code == "METRIC_DTU"
     assert caught.value.file == str(path)
 
 

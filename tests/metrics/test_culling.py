@@ -74,5 +74,5 @@ def test_an_empty_mask_keeps_only_what_it_cannot_see() -> None:
     ],
 )
 def test_bad_views_are_refused(world: Any, scale: Any, masks: Any) -> None:
-    with pytest.raises(MetricError, match="METRIC_DTU_VIEWS"):
+    with pytest.raises(MetricError, match="METRIC_DTU"):
         metrics.cull_dtu(POINTS, FACES, world, scale, masks)

@@ -85,7 +85,7 @@ def test_every_bad_image_is_a_line_and_the_rest_is_compared(msb: Msb, folders: t
     result = msb("eval", "--json", "-", pred, gt)
     assert result.status == 3
     first, second = result.err.splitlines()
-    assert first.startswith(f"METRIC_IMAGE_FILE: {pred / 'r_0.png'}: it cannot be decoded")
+    assert first.startswith(f"METRIC_IMAGE: {pred / 'r_0.png'}: it cannot be decoded")
     assert second.startswith(f"METRIC_SIZES_DIFFER: {pred / 'r_2.png'}: pred has 53 x 37 pixels and gt 5 x 5")
     data = result.json
     assert (data["count"], data["partial"]) == (1, True)
@@ -157,7 +157,7 @@ def test_lpips(msb: Msb, vgg_file: Path, tmp_path: Path) -> None:
     assert " ".join(result.out.split()).endswith(f"LPIPS: {weights_source(data['metrics'][2]['weights'])}")
     bad = msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT)
     assert bad.status == 3
-    assert bad.err.startswith("METRIC_VGG_WEIGHTS: ")
+    assert bad.err.startswith("METRIC_WEIGHTS: ")
 
 
 def test_what_all_images_fail_by_is_said_once(msb: Msb, tmp_path: Path) -> None:

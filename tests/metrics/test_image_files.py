@@ -95,7 +95,7 @@ def test_bad_files_are_one_clear_error(tmp_path: Path, name: str) -> None:
     path.write_bytes(content(tmp_path) if callable(content) else content)
     with pytest.raises(MetricError, match=text) as caught:
         metrics.read_image(path)
-    assert caught.value.code == "METRIC_IMAGE_FILE"
+    assert caught.value.code == "METRIC_IMAGE"
     assert caught.value.file == str(path)
     assert len(str(caught.value).splitlines()) == 1
 

@@ -101,19 +101,19 @@ def test_values_outside_are_clamped() -> None:
 
 GOOD = np.zeros((6, 5, 3))
 BAD: dict[str, tuple[Any, str]] = {
-    "grey": (np.zeros((6, 5)), "METRIC_IMAGE_SHAPE"),
-    "alpha": (np.zeros((6, 5, 4)), "METRIC_IMAGE_SHAPE"),
-    "channels first": (np.zeros((3, 6, 5)), "METRIC_IMAGE_SHAPE"),
-    "batch": (np.zeros((1, 6, 5, 3)), "METRIC_IMAGE_SHAPE"),
-    "empty": (np.zeros((0, 5, 3)), "METRIC_IMAGE_SHAPE"),
-    "nothing": (None, "METRIC_IMAGE_SHAPE"),
-    "16 bits": (np.zeros((6, 5, 3), np.uint16), "METRIC_IMAGE_DTYPE"),
-    "bool": (np.zeros((6, 5, 3), bool), "METRIC_IMAGE_DTYPE"),
-    "complex": (np.zeros((6, 5, 3), complex), "METRIC_IMAGE_DTYPE"),
-    "text": (np.full((6, 5, 3), "0"), "METRIC_IMAGE_DTYPE"),
-    "nan": (np.full((6, 5, 3), np.nan), "METRIC_IMAGE_VALUE"),
-    "inf": (np.full((6, 5, 3), np.inf), "METRIC_IMAGE_VALUE"),
-    "bytes as floats": (np.full((6, 5, 3), 200.0), "METRIC_IMAGE_VALUE"),
+    "grey": (np.zeros((6, 5)), "METRIC_IMAGE"),
+    "alpha": (np.zeros((6, 5, 4)), "METRIC_IMAGE"),
+    "channels first": (np.zeros((3, 6, 5)), "METRIC_IMAGE"),
+    "batch": (np.zeros((1, 6, 5, 3)), "METRIC_IMAGE"),
+    "empty": (np.zeros((0, 5, 3)), "METRIC_IMAGE"),
+    "nothing": (None, "METRIC_IMAGE"),
+    "16 bits": (np.zeros((6, 5, 3), np.uint16), "METRIC_IMAGE"),
+    "bool": (np.zeros((6, 5, 3), bool), "METRIC_IMAGE"),
+    "complex": (np.zeros((6, 5, 3), complex), "METRIC_IMAGE"),
+    "text": (np.full((6, 5, 3), "0"), "METRIC_IMAGE"),
+    "nan": (np.full((6, 5, 3), np.nan), "METRIC_IMAGE"),
+    "inf": (np.full((6, 5, 3), np.inf), "METRIC_IMAGE"),
+    "bytes as floats": (np.full((6, 5, 3), 200.0), "METRIC_IMAGE"),
     "larger": (np.zeros((6, 6, 3)), "METRIC_SIZES_DIFFER"),
     "turned": (np.zeros((5, 6, 3)), "METRIC_SIZES_DIFFER"),
 }
@@ -139,7 +139,7 @@ def test_masked_pixels_are_refused_instead_of_read(metric: Any) -> None:
     for pair in ((masked, image), (image, masked)):
         with pytest.raises(MetricError, match="masked") as caught:
             metric(*pair)
-        assert caught.value.code == "METRIC_IMAGE_VALUE"
+        assert caught.value.code == "METRIC_IMAGE"
 
 
 def test_mean_counts_infinite_ones() -> None:

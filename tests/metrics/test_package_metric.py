@@ -125,7 +125,7 @@ def test_one_that_is_none_is_one_warning(
     edit: Callable[..., None], old: str, new: str, entry: str | None, why: str
 ) -> None:
     edit(old, new, **({} if entry is None else {"entry": entry}))
-    with pytest.warns(PackageWarning, match=f"^METRIC_NOT_LOADED: .*{why}") as caught:
+    with pytest.warns(PackageWarning, match=f"^PACKAGE_LEFT_OUT: .*{why}") as caught:
         assert list(IMAGE_METRICS) == OURS
     assert len(caught) == 1
 

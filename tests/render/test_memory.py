@@ -72,7 +72,6 @@ def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
         assert error is not None
         assert error.code == "DEVICE_MEMORY"
         assert f" has {step / 2**20:,.1f} MiB, " in error.message
-        assert error.value > error.limit
         uses.add(use)
         assert device.memory() == {}  # nothing stays behind
     assert len(uses) >= 4

@@ -34,48 +34,48 @@ def lens_line(parameters: bytes, head: bytes = b"1 PINHOLE 40 30 ") -> bytes:
 
 
 BAD_COLMAP: dict[str, Bad] = {
-    "empty cameras": colmap("COLMAP_TRUNCATED", "byte 0: the file ends within the number", b""),
-    "empty images": colmap("COLMAP_TRUNCATED", "the number of records, 8 bytes too early", images=b""),
+    "empty cameras": colmap("COLMAP_INVALID", "byte 0: the file ends within the number", b""),
+    "empty images": colmap("COLMAP_INVALID", "the number of records, 8 bytes too early", images=b""),
     "huge count of cameras": colmap(
-        "COLMAP_TRUNCATED", "18446744073709551615 cameras of at least 24 bytes", many(count=2**64 - 1)
+        "COLMAP_INVALID", "18446744073709551615 cameras of at least 24 bytes", many(count=2**64 - 1)
     ),
     "one camera more declared": colmap(
-        "COLMAP_TRUNCATED", "byte 64: the file ends within camera 1", many(lens_bin(), count=2)
+        "COLMAP_INVALID", "byte 64: the file ends within camera 1", many(lens_bin(), count=2)
     ),
-    "camera trailing": colmap("COLMAP_TRAILING", "byte 64: 4 bytes follow", LENSES + b"more"),
+    "camera trailing": colmap("COLMAP_INVALID", "byte 64: 4 bytes follow", LENSES + b"more"),
     "image cut in the pose": colmap(
-        "COLMAP_TRUNCATED", "image 1", images=many(shot_bin(points=9), shot_bin()[:40], count=2)
+        "COLMAP_INVALID", "image 1", images=many(shot_bin(points=9), shot_bin()[:40], count=2)
     ),
     "image name without end": colmap(
-        "COLMAP_TRUNCATED", "the name of image 0 does not end", images=many(shot_bin()[:64] + b"a.png" * 5)
+        "COLMAP_INVALID", "the name of image 0 does not end", images=many(shot_bin()[:64] + b"a.png" * 5)
     ),
     "image cut in the points": colmap(
-        "COLMAP_TRUNCATED", "the 2D points of image 0", images=many(shot_bin(points=3))[:-1]
+        "COLMAP_INVALID", "the 2D points of image 0", images=many(shot_bin(points=3))[:-1]
     ),
-    "huge count of 2d points": with_shot("COLMAP_TRUNCATED", "the 2D points of image 0", count=2**64 - 1),
-    "model unknown": with_lens("COLMAP_MODEL", "byte 8: camera id 1: the camera model is 11", 1, 11),
-    "camera id twice": colmap("COLMAP_DUPLICATE_ID", "byte 64: camera id 1", many(lens_bin(), lens_bin())),
+    "huge count of 2d points": with_shot("COLMAP_INVALID", "the 2D points of image 0", count=2**64 - 1),
+    "model unknown": with_lens("CAMERA_DISTORTED", "byte 8: camera id 1: the camera model is 11", 1, 11),
+    "camera id twice": colmap("COLMAP_INVALID", "byte 64: camera id 1", many(lens_bin(), lens_bin())),
     "image name twice": colmap(
-        "CAMERA_DUPLICATE", "cameras 0 and 1 are both called 'a.png'", images=many(shot_bin(), shot_bin(2))
+        "CAMERA_FILE", "cameras 0 and 1 are both called 'a.png'", images=many(shot_bin(), shot_bin(2))
     ),
     "no image": colmap("CAMERA_NONE", "there is no camera in it", images=many()),
-    "camera id unknown": with_shot("COLMAP_CAMERA_ID", "names camera id 2, which cameras.bin", lens=2),
+    "camera id unknown": with_shot("COLMAP_INVALID", "names camera id 2, which cameras.bin", lens=2),
     "quaternion zero": with_shot(
-        "COLMAP_QUATERNION", "image id 1 (a.png) has the quaternion 0 0 0 0", q=(0, 0, 0, 0)
+        "COLMAP_INVALID", "image id 1 (a.png) has the quaternion 0 0 0 0", q=(0, 0, 0, 0)
     ),
-    "quaternion nan": with_shot("COLMAP_QUATERNION", "nan 0 0 0", q=(math.nan, 0, 0, 0)),
-    "translation huge": with_shot("CAMERA_MATRIX", "translates by 1e+300", t=(0, 1e300, 0)),
+    "quaternion nan": with_shot("COLMAP_INVALID", "nan 0 0 0", q=(math.nan, 0, 0, 0)),
+    "translation huge": with_shot("CAMERA_INVALID", "translates by 1e+300", t=(0, 1e300, 0)),
     "focal zero": with_lens(
-        "CAMERA_FOCAL", "byte 8: camera id 1: the focal length is 0.0", parameters=(0, 1, 2, 3)
+        "CAMERA_INVALID", "byte 8: camera id 1: the focal length is 0.0", parameters=(0, 1, 2, 3)
     ),
-    "principal nan": with_lens("CAMERA_PRINCIPAL_POINT", "is nan", parameters=(50, 49, 2, math.nan)),
-    "width zero": with_lens("CAMERA_SIZE", "width is 0", width=0),
-    "width absurd": with_lens("CAMERA_SIZE", "18446744073709551615", width=2**64 - 1),
-    "pixels absurd": with_lens("CAMERA_SIZE", "4294836225 pixels", width=65535, height=65535),
-    "name up": with_shot("CAMERA_NAME", "byte 8: image id 1 (../a.png): the name", name=b"../a.png\0"),
-    "name empty": with_shot("CAMERA_NAME", "1 to 1024 characters", name=b"\0"),
-    "name with a line end": with_shot("CAMERA_NAME", "control character", name=b"a\nb\0"),
-    "name not utf-8": with_shot("CAMERA_NAME", "is not UTF-8", name=b"\xff\xfe\0"),
+    "principal nan": with_lens("CAMERA_INVALID", "is nan", parameters=(50, 49, 2, math.nan)),
+    "width zero": with_lens("CAMERA_INVALID", "width is 0", width=0),
+    "width absurd": with_lens("CAMERA_INVALID", "18446744073709551615", width=2**64 - 1),
+    "pixels absurd": with_lens("CAMERA_INVALID", "4294836225 pixels", width=65535, height=65535),
+    "name up": with_shot("CAMERA_INVALID", "byte 8: image id 1 (../a.png): the name", name=b"../a.png\0"),
+    "name empty": with_shot("CAMERA_INVALID", "1 to 1024 characters", name=b"\0"),
+    "name with a line end": with_shot("CAMERA_INVALID", "control character", name=b"a\nb\0"),
+    "name not utf-8": with_shot("CAMERA_INVALID", "is not UTF-8", name=b"\xff\xfe\0"),
     "images missing": (
         {"cameras.bin": LENSES},
         "",
@@ -108,30 +108,30 @@ BAD_COLMAP: dict[str, Bad] = {
 BAD_TEXT: dict[str, Bad] = {
     "empty": text("CAMERA_NONE", "there is no camera", images=b""),
     "short camera": text(
-        "COLMAP_LINE", "line 2: a camera is ID MODEL", cameras=lens_line(b"", b"1 PINHOLE 40")
+        "COLMAP_INVALID", "line 2: a camera is ID MODEL", cameras=lens_line(b"", b"1 PINHOLE 40")
     ),
     "few parameters": text(
-        "COLMAP_LINE", "PINHOLE has 4 parameters; this has 3", cameras=lens_line(b"50 49 20")
+        "COLMAP_INVALID", "PINHOLE has 4 parameters; this has 3", cameras=lens_line(b"50 49 20")
     ),
-    "model unknown": text("COLMAP_MODEL", "is CAHVOR", cameras=lens_line(b"1 2 3", b"1 CAHVOR 40 30 ")),
+    "model unknown": text("CAMERA_DISTORTED", "is CAHVOR", cameras=lens_line(b"1 2 3", b"1 CAHVOR 40 30 ")),
     "width long": text(
-        "COLMAP_NUMBER", "18 digits", cameras=lens_line(b"5 4 2 1", b"1 PINHOLE " + b"9" * 5000 + b" 30 ")
+        "COLMAP_INVALID", "18 digits", cameras=lens_line(b"5 4 2 1", b"1 PINHOLE " + b"9" * 5000 + b" 30 ")
     ),
     "focal word": text(
-        "COLMAP_NUMBER", "line 2: '50,5' is not a number", cameras=lens_line(b"50,5 49 20 15")
+        "COLMAP_INVALID", "line 2: '50,5' is not a number", cameras=lens_line(b"50,5 49 20 15")
     ),
-    "focal underscore": text("COLMAP_NUMBER", "'5_0' is not a number", cameras=lens_line(b"5_0 49 20 15")),
-    "camera id twice": text("COLMAP_DUPLICATE_ID", "line 2", cameras=TEXT["cameras.txt"] * 2),
-    "short image": text("COLMAP_LINE", "line 1: an image is ID QW", images=b"5 1 0 0 0 0 0 0 1\n\n"),
-    "camera id unknown": text("COLMAP_CAMERA_ID", "which cameras.txt", images=b"5 1 0 0 0 0 0 0 9 a\n\n"),
+    "focal underscore": text("COLMAP_INVALID", "'5_0' is not a number", cameras=lens_line(b"5_0 49 20 15")),
+    "camera id twice": text("COLMAP_INVALID", "line 2", cameras=TEXT["cameras.txt"] * 2),
+    "short image": text("COLMAP_INVALID", "line 1: an image is ID QW", images=b"5 1 0 0 0 0 0 0 1\n\n"),
+    "camera id unknown": text("COLMAP_INVALID", "which cameras.txt", images=b"5 1 0 0 0 0 0 0 9 a\n\n"),
     "empty line lost": text(
-        "COLMAP_LINE",
+        "COLMAP_INVALID",
         "line 2: 10 words stand where the 2D points of the image above are",
         images=b"5 1 0 0 0 0 0 0 1 a\n6 1 0 0 0 0 0 0 1 b\n7 1 0 0 0 0 0 0 1 c\n",
     ),
-    "name up": text("CAMERA_NAME", "'..'", images=b"5 1 0 0 0 0 0 0 1 a/../../b\n\n"),
+    "name up": text("CAMERA_INVALID", "'..'", images=b"5 1 0 0 0 0 0 0 1 a/../../b\n\n"),
     "huge line": text(
-        "COLMAP_LINE",
+        "COLMAP_INVALID",
         "line 3: the line has more than the 16777216",
         images=b"#\n\n" + b"5" * (18 << 20) + b"\n",
     ),
@@ -141,29 +141,29 @@ BAD_POINTS: dict[str, Bad] = {
     f"{suffix}: {name}": ({f"points3D.{suffix}": content}, f"points3D.{suffix}", code, message)
     for suffix, table in {
         "bin": {
-            "empty": (b"", "COLMAP_TRUNCATED", "the number of records"),
-            "huge count": (many(count=2**63), "COLMAP_TRUNCATED", "points of at least 51 bytes each"),
+            "empty": (b"", "COLMAP_INVALID", "the number of records"),
+            "huge count": (many(count=2**63), "COLMAP_INVALID", "points of at least 51 bytes each"),
             "one more declared": (
                 many(point_bin(track=9), count=2),
-                "COLMAP_TRUNCATED",
+                "COLMAP_INVALID",
                 "within point 1 of 2",
             ),
-            "cut in a track": (many(point_bin(track=3))[:-1], "COLMAP_TRUNCATED", "within point 0 of 1"),
-            "huge track": (many(point_bin(declared=2**64 - 1)), "COLMAP_TRUNCATED", "within point 0 of 1"),
-            "trailing": (many(point_bin()) + b"\0", "COLMAP_TRAILING", "1 bytes follow"),
+            "cut in a track": (many(point_bin(track=3))[:-1], "COLMAP_INVALID", "within point 0 of 1"),
+            "huge track": (many(point_bin(declared=2**64 - 1)), "COLMAP_INVALID", "within point 0 of 1"),
+            "trailing": (many(point_bin()) + b"\0", "COLMAP_INVALID", "1 bytes follow"),
             "nan": (
                 many(point_bin(), point_bin(xyz=(1, math.nan, 2))),
-                "COLMAP_POINT",
+                "COLMAP_INVALID",
                 "byte 59: point 1 is at 1.0 nan",
             ),
         },
         "txt": {
-            "short": (b"1 2 3 4 5 6 7\n", "COLMAP_LINE", "line 1: a point is ID X Y Z R G B ERROR TRACK"),
-            "word": (b"# x\n1 2 3 four 5 6 7 8\n", "COLMAP_NUMBER", "line 2: '2 3 four 5 6 7' is not a row"),
-            "underscore": (b"1 2 3_0 4 5 6 7 8\n", "COLMAP_NUMBER", "3_0"),
-            "nan": (b"1 nan 3 4 5 6 7 8\n", "COLMAP_POINT", "the point is nan 3 4"),
-            "color large": (b"1 2 3 4 5 256 7 8\n", "COLMAP_POINT", "three colours 0 to 255"),
-            "color nan": (b"1 2 3 4 5 nan 7 8\n", "COLMAP_POINT", "three colours"),
+            "short": (b"1 2 3 4 5 6 7\n", "COLMAP_INVALID", "line 1: a point is ID X Y Z R G B ERROR TRACK"),
+            "word": (b"# x\n1 2 3 four 5 6 7 8\n", "COLMAP_INVALID", "line 2: '2 3 four 5 6 7' is not a row"),
+            "underscore": (b"1 2 3_0 4 5 6 7 8\n", "COLMAP_INVALID", "3_0"),
+            "nan": (b"1 nan 3 4 5 6 7 8\n", "COLMAP_INVALID", "the point is nan 3 4"),
+            "color large": (b"1 2 3 4 5 256 7 8\n", "COLMAP_INVALID", "three colours 0 to 255"),
+            "color nan": (b"1 2 3 4 5 nan 7 8\n", "COLMAP_INVALID", "three colours"),
         },
     }.items()
     for name, (content, code, message) in table.items()

@@ -37,7 +37,7 @@ def test_bad_file(name: str, tmp_path: Path) -> None:
     assert error.__cause__ is None
 
 
-NOT_OF_FILES = {"CAMERA_LOOK_AT", "CAMERA_PATH", "CAMERA_TOO_MANY"}
+NOT_OF_FILES = {"CAMERA_PATH"}
 
 
 def test_every_code_has_a_bad_file() -> None:
@@ -49,7 +49,7 @@ def test_every_code_has_a_bad_file() -> None:
 def test_a_model_of_too_many_images(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write(tmp_path, SMALL["text"])
     monkeypatch.setattr("msb.scenes.colmap.MAX_CAMERAS", 1)
-    with pytest.raises(SceneError, match=r"CAMERA_TOO_MANY: .*images.txt: line 5: there are more than 1 im"):
+    with pytest.raises(SceneError, match=r"CAMERA_FILE: .*images.txt: line 5: there are more than 1 im"):
         msb.read_cameras(tmp_path)
 
 

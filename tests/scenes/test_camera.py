@@ -157,35 +157,39 @@ def scaled_rotation() -> list[list[float]]:
 
 
 BAD = {
-    "zero width": ({"width": 0}, "CAMERA_SIZE", "width is 0; it must be a whole number of pixels from 1"),
-    "float width": ({"width": 5.0}, "CAMERA_SIZE", "width is 5.0"),
-    "boolean width": ({"width": True}, "CAMERA_SIZE", "width is True"),
-    "absurd": ({"width": 10**5000}, "CAMERA_SIZE", "a number of thousands of digits"),
-    "many pixels": ({"width": 40000, "height": 40000}, "CAMERA_SIZE", "40000 x 40000 are 1600000000 pixels"),
-    "zero focal": ({"fx": 0}, "CAMERA_FOCAL", "fx is 0; it must be a number of pixels from 1e-09"),
-    "nan focal": ({"fx": math.nan}, "CAMERA_FOCAL", "fx is nan"),
-    "huge focal": ({"fx": 10**400}, "CAMERA_FOCAL", "fx is 1000"),
-    "tiny focal": ({"fx": 1e-300}, "CAMERA_FOCAL", "fx is 1e-300"),
-    "far center": ({"cy": -1e12}, "CAMERA_PRINCIPAL_POINT", "cy is -1000000000000.0"),
-    "3 x 4": ({"world_to_camera": np.eye(4)[:3]}, "CAMERA_MATRIX", "of shape (3, 4); it must be 4 x 4"),
-    "ragged": ({"world_to_camera": [[1], [1, 2], [3], [4]]}, "CAMERA_MATRIX", "different lengths"),
-    "complex": ({"world_to_camera": np.eye(4) * 1j}, "CAMERA_MATRIX", "complex128"),
-    "nan pose": ({"world_to_camera": np.eye(4) * math.nan}, "CAMERA_MATRIX", "world_to_camera[0, 0] is nan"),
-    "transposed": ({"world_to_camera": pose(1).T}, "CAMERA_MATRIX", "the last row"),
-    "far": ({"world_to_camera": np.eye(4) + np.eye(4, k=3) * 1e19}, "CAMERA_MATRIX", "translates by 1e+19"),
-    "scaled": ({"world_to_camera": scaled_rotation()}, "CAMERA_ROTATION", "not orthonormal: R R^T differs"),
-    "singular": ({"world_to_camera": np.diag([1.0, 1, 0, 1])}, "CAMERA_ROTATION", "by 1; 0.0001 is allowed"),
-    "mirrored": ({"world_to_camera": np.diag([1.0, -1, 1, 1])}, "CAMERA_ROTATION", "determinant -1"),
-    "empty name": ({"name": ""}, "CAMERA_NAME", "text of 1 to 1024 characters"),
-    "bytes name": ({"name": b"a"}, "CAMERA_NAME", "b'a'"),
-    "drive": ({"name": "C:x.png"}, "CAMERA_NAME", "absolute"),
-    "backslash": ({"name": "..\\x.png"}, "CAMERA_NAME", "backslash"),
-    "up": ({"name": "a/../b.png"}, "CAMERA_NAME", "'..'"),
-    "trailing slash": ({"name": "a/"}, "CAMERA_NAME", "empty part"),
-    "line end": ({"name": "a\nb"}, "CAMERA_NAME", "control character"),
-    "surrogate": ({"name": "a\ud800"}, "CAMERA_NAME", "surrogate"),
-    "bad source size": ({"source_size": (5, 0)}, "CAMERA_SIZE", "height is 0"),
-    "split": ({"split": "Test"}, "CAMERA_SPLIT", "it must be train, val, test or None"),
+    "zero width": ({"width": 0}, "CAMERA_INVALID", "width is 0; it must be a whole number of pixels from 1"),
+    "float width": ({"width": 5.0}, "CAMERA_INVALID", "width is 5.0"),
+    "boolean width": ({"width": True}, "CAMERA_INVALID", "width is True"),
+    "absurd": ({"width": 10**5000}, "CAMERA_INVALID", "a number of thousands of digits"),
+    "many pixels": (
+        {"width": 40000, "height": 40000},
+        "CAMERA_INVALID",
+        "40000 x 40000 are 1600000000 pixels",
+    ),
+    "zero focal": ({"fx": 0}, "CAMERA_INVALID", "fx is 0; it must be a number of pixels from 1e-09"),
+    "nan focal": ({"fx": math.nan}, "CAMERA_INVALID", "fx is nan"),
+    "huge focal": ({"fx": 10**400}, "CAMERA_INVALID", "fx is 1000"),
+    "tiny focal": ({"fx": 1e-300}, "CAMERA_INVALID", "fx is 1e-300"),
+    "far center": ({"cy": -1e12}, "CAMERA_INVALID", "cy is -1000000000000.0"),
+    "3 x 4": ({"world_to_camera": np.eye(4)[:3]}, "CAMERA_INVALID", "of shape (3, 4); it must be 4 x 4"),
+    "ragged": ({"world_to_camera": [[1], [1, 2], [3], [4]]}, "CAMERA_INVALID", "different lengths"),
+    "complex": ({"world_to_camera": np.eye(4) * 1j}, "CAMERA_INVALID", "complex128"),
+    "nan pose": ({"world_to_camera": np.eye(4) * math.nan}, "CAMERA_INVALID", "world_to_camera[0, 0] is nan"),
+    "transposed": ({"world_to_camera": pose(1).T}, "CAMERA_INVALID", "the last row"),
+    "far": ({"world_to_camera": np.eye(4) + np.eye(4, k=3) * 1e19}, "CAMERA_INVALID", "translates by 1e+19"),
+    "scaled": ({"world_to_camera": scaled_rotation()}, "CAMERA_INVALID", "not orthonormal: R R^T differs"),
+    "singular": ({"world_to_camera": np.diag([1.0, 1, 0, 1])}, "CAMERA_INVALID", "by 1; 0.0001 is allowed"),
+    "mirrored": ({"world_to_camera": np.diag([1.0, -1, 1, 1])}, "CAMERA_INVALID", "determinant -1"),
+    "empty name": ({"name": ""}, "CAMERA_INVALID", "text of 1 to 1024 characters"),
+    "bytes name": ({"name": b"a"}, "CAMERA_INVALID", "b'a'"),
+    "drive": ({"name": "C:x.png"}, "CAMERA_INVALID", "absolute"),
+    "backslash": ({"name": "..\\x.png"}, "CAMERA_INVALID", "backslash"),
+    "up": ({"name": "a/../b.png"}, "CAMERA_INVALID", "'..'"),
+    "trailing slash": ({"name": "a/"}, "CAMERA_INVALID", "empty part"),
+    "line end": ({"name": "a\nb"}, "CAMERA_INVALID", "control character"),
+    "surrogate": ({"name": "a\ud800"}, "CAMERA_INVALID", "surrogate"),
+    "bad source size": ({"source_size": (5, 0)}, "CAMERA_INVALID", "height is 0"),
+    "split": ({"split": "Test"}, "CAMERA_INVALID", "it must be train, val, test or None"),
 }
 
 
@@ -214,17 +218,17 @@ def test_limits_are_inclusive() -> None:
 @pytest.mark.parametrize(
     ("change", "code"),
     [
-        ({"target": (1, 2, 3)}, "CAMERA_LOOK_AT"),
-        ({"up": (0, 0, 0)}, "CAMERA_LOOK_AT"),
-        ({"up": (2, 4, 6)}, "CAMERA_LOOK_AT"),
-        ({"up": (0, 1)}, "CAMERA_LOOK_AT"),
-        ({"eye": (0, math.nan, 1)}, "CAMERA_LOOK_AT"),
-        ({"eye": "abc"}, "CAMERA_LOOK_AT"),
-        ({"fov_y": 0}, "CAMERA_FOCAL"),
-        ({"fov_y": math.pi}, "CAMERA_FOCAL"),
-        ({"fov_y": math.nan}, "CAMERA_FOCAL"),
-        ({"fov_y": None}, "CAMERA_FOCAL"),
-        ({"width": 0}, "CAMERA_SIZE"),
+        ({"target": (1, 2, 3)}, "CAMERA_PATH"),
+        ({"up": (0, 0, 0)}, "CAMERA_PATH"),
+        ({"up": (2, 4, 6)}, "CAMERA_PATH"),
+        ({"up": (0, 1)}, "CAMERA_PATH"),
+        ({"eye": (0, math.nan, 1)}, "CAMERA_PATH"),
+        ({"eye": "abc"}, "CAMERA_PATH"),
+        ({"fov_y": 0}, "CAMERA_INVALID"),
+        ({"fov_y": math.pi}, "CAMERA_INVALID"),
+        ({"fov_y": math.nan}, "CAMERA_INVALID"),
+        ({"fov_y": None}, "CAMERA_INVALID"),
+        ({"width": 0}, "CAMERA_INVALID"),
     ],
 )
 def test_a_view_that_cannot_be_is_refused(change: dict[str, object], code: str) -> None:
@@ -236,7 +240,7 @@ def test_a_view_that_cannot_be_is_refused(change: dict[str, object], code: str) 
 
 @pytest.mark.parametrize("factor", [0, -1, math.nan, math.inf, 1e9])
 def test_a_scale_that_cannot_be_is_refused(factor: float) -> None:
-    with pytest.raises(SceneError, match="CAMERA_SIZE: the scale factor"):
+    with pytest.raises(SceneError, match="CAMERA_INVALID: the scale factor"):
         FRONT.scaled(factor)
 
 
@@ -248,7 +252,7 @@ def test_opengl_axes_become_opencv_axes() -> None:
     pixels, depth = camera.project([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     np.testing.assert_allclose(pixels, [[50, 50], [60, 50], [50, 40]])
     assert depth.tolist() == [5, 5, 5]
-    with pytest.raises(SceneError, match="CAMERA_ROTATION"):
+    with pytest.raises(SceneError, match="CAMERA_INVALID"):
         from_opengl(np.diag([1.0, 1, -1, 1]))
 
 

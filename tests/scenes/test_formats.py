@@ -84,10 +84,10 @@ def test_the_same_cameras_give_the_same_bytes(tmp_path: Path) -> None:
     ("cameras", "background", "code"),
     [
         ([], None, "CAMERA_NONE"),
-        ([CAMERAS[0], CAMERAS[0]], None, "CAMERA_DUPLICATE"),
-        (CAMERAS, (1, 1), "CAMERA_FIELD_VALUE"),
-        (CAMERAS, (1, 1, 2), "CAMERA_FIELD_VALUE"),
-        (CAMERAS, (1, 1, float("nan")), "CAMERA_FIELD_VALUE"),
+        ([CAMERAS[0], CAMERAS[0]], None, "CAMERA_FILE"),
+        (CAMERAS, (1, 1), "CAMERA_FILE"),
+        (CAMERAS, (1, 1, 2), "CAMERA_FILE"),
+        (CAMERAS, (1, 1, float("nan")), "CAMERA_FILE"),
     ],
 )
 def test_views_that_could_not_be_read_are_not_written(

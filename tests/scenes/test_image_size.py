@@ -66,7 +66,7 @@ BAD = {
 def test_what_is_no_image_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         image_size(written(BAD[name], tmp_path))
-    assert caught.value.code == ("CAMERA_SIZE" if name == "wide png" else "CAMERA_IMAGE")
+    assert caught.value.code == ("CAMERA_INVALID" if name == "wide png" else "CAMERA_IMAGE")
     assert caught.value.file == str(tmp_path / "image")
 
 

@@ -54,9 +54,9 @@ def test_a_turntable_starts_at_x_where_z_is_up() -> None:
         (1, {"count": 2.5}, "CAMERA_PATH"),
         (1, {"count": 10**9}, "CAMERA_PATH"),
         (1, {"elevation": math.pi / 2}, "CAMERA_PATH"),
-        (1, {"up": (0, 0, 0)}, "CAMERA_LOOK_AT"),
-        (1, {"up": (0, 0, math.inf)}, "CAMERA_LOOK_AT"),
-        (1, {"width": 0}, "CAMERA_SIZE"),
+        (1, {"up": (0, 0, 0)}, "CAMERA_PATH"),
+        (1, {"up": (0, 0, math.inf)}, "CAMERA_PATH"),
+        (1, {"width": 0}, "CAMERA_INVALID"),
     ],
 )
 def test_a_turntable_that_cannot_be_is_refused(radius: float, change: dict[str, object], code: str) -> None:

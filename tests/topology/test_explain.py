@@ -70,7 +70,7 @@ def test_no_two_entries_share_a_name() -> None:
 def test_unknown_name_lists_the_nearest() -> None:
     with pytest.raises(UsageError, match="nonmanifold_edge_ratio") as caught:
         explain("nonmanifold_edge_ration")
-    assert caught.value.code == "EXPLAIN_UNKNOWN"
+    assert caught.value.code == "NAME_UNKNOWN"
     with pytest.raises(UsageError, match="the names are vf_ratio, "):
         explain("???")
     with pytest.raises(UsageError):

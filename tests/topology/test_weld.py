@@ -116,7 +116,7 @@ def test_length_that_would_collapse_the_mesh_is_refused() -> None:
     points = np.random.default_rng(0).random((20_000, 3))
     with pytest.raises(MeshError, match="shorter distance") as caught:
         weld_vertices(points, NO_FACES, 10.0)
-    assert caught.value.code == "WELD_TOO_WIDE"
+    assert caught.value.code == "WELD_DISTANCE"
 
 
 def test_exploding_and_welding_restores_the_mesh() -> None:

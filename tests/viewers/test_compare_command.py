@@ -118,9 +118,9 @@ def test_photographs_of_a_scene_are_found_as_render_finds_them(more: tuple[Any, 
     [
         (["--camera", "1", "--html", "a.html"], "USAGE", 2),
         (["--image-folder", "x", "--html", "a.html"], "USAGE", 2),
-        (["--tiers", "best", "--html", "a.html"], "VIEW_TIER", 2),
-        (["--tiers", "truth", "--html", "a.html"], "VIEW_TIER", 2),
-        (["--pair", "standard", "--html", "a.html"], "VIEW_TIER", 2),
+        (["--tiers", "best", "--html", "a.html"], "NAME_UNKNOWN", 2),
+        (["--tiers", "truth", "--html", "a.html"], "NAME_UNKNOWN", 2),
+        (["--pair", "standard", "--html", "a.html"], "NAME_UNKNOWN", 2),
         (["--set", "gamma=2", "--html", "a.html"], "SETTING_UNKNOWN", 2),
         (["--set", "sh_degree=3", "--html", "a.html"], "SETTING_VALUE", 2),
         (["--background", "mauve", "--html", "a.html"], "USAGE", 2),
@@ -155,5 +155,5 @@ def test_nothing_is_half_written(tmp_path: Path) -> None:
         "--tiers", "truth,standard", "--force", "--html", out, CHECKPOINT,
     )  # fmt: skip
     assert result.returncode == 3
-    assert "METRIC_IMAGE_FILE: " in result.stderr
+    assert "METRIC_IMAGE: " in result.stderr
     assert out.read_text() == "mine"

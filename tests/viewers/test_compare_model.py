@@ -184,7 +184,7 @@ def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None
     assert choose_tiers(asset, views, None, headless=True)[0][0] == "truth"
     assert choose_tiers(asset, views, ["standard, truth"], headless=True)[0] == ("truth", "standard")
     for wanted in (["truth"], ["fast"]):
-        with pytest.raises(UsageError, match="VIEW_TIER"):
+        with pytest.raises(UsageError, match="NAME_UNKNOWN"):
             choose_tiers(asset, [], wanted, headless=True)
 
 
@@ -228,7 +228,7 @@ def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> Non
     assert CompareState.first(scene).pair == ("truth", "standard")
     assert CompareState.first(scene, pair="standard, reference").pair == ("standard", "reference")
     for pair in ("standard", "standard,standard", "standard,fast", "a,b,c"):
-        with pytest.raises(UsageError, match="VIEW_TIER"):
+        with pytest.raises(UsageError, match="NAME_UNKNOWN"):
             CompareState.first(scene, pair=pair)
 
 

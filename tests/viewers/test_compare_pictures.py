@@ -96,7 +96,7 @@ def test_a_damaged_photograph_is_an_error(tmp_path: Path) -> None:
     assert views[0].photograph is not None
     views[0].photograph.write_bytes(views[0].photograph.read_bytes()[:60])
     scene = comparison(views, ("truth",))
-    with TierRenderers(scene) as renderers, pytest.raises(MetricError, match="METRIC_IMAGE_FILE"):
+    with TierRenderers(scene) as renderers, pytest.raises(MetricError, match="METRIC_IMAGE"):
         renderers.shoot("truth", views[0].camera, views[0])
 
 

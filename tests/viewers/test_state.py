@@ -108,9 +108,9 @@ def test_elements_are_named_on_the_command_line(demo: ViewModel) -> None:
     assert parse_kinds(demo, ["all"]) == {kind for kind, layer in demo.layers.items() if len(layer)}
     assert parse_kinds(demo, ["none"]) == set()
     for text in ("boundary_edges:0", "boundary_edges:x", "boundary_edges", "duplicate_faces:1", "edges:1"):
-        with pytest.raises(UsageError, match="VIEW_ELEMENT"):
+        with pytest.raises(UsageError, match="NAME_UNKNOWN"):
             parse_element(demo, text)
-    with pytest.raises(UsageError, match="VIEW_ELEMENT"):
+    with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         parse_kinds(demo, ["edges"])
 
 

@@ -115,7 +115,7 @@ def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_pat
     out = tmp_path / "x.png"
     result = view("--screenshot", out, book, LD_LIBRARY_PATH=str(tmp_path))
     assert result.returncode == 2
-    assert result.stderr.startswith("VIEW_NO_GL: ")
+    assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
     assert "apt install libegl1" in result.stderr
     assert result.stderr.count("\n") == 1
     assert not out.exists()
@@ -138,11 +138,11 @@ def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str]
         (["--screenshot", "a.jpg"], "USAGE"),
         (["--figure", "a.txt"], "USAGE"),
         (["--size", "10x10", "--html", "a.html"], "USAGE"),
-        (["--html", "a.html", "--at", "nonmanifold_edges:2"], "VIEW_ELEMENT"),
-        (["--html", "a.html", "--vertex", "5"], "VIEW_ELEMENT"),
-        (["--html", "a.html", "--component", "2"], "VIEW_ELEMENT"),
-        (["--html", "a.html", "--show", "edges"], "VIEW_ELEMENT"),
-        (["--html", "a.html", "--colors", "own"], "VIEW_ELEMENT"),
+        (["--html", "a.html", "--at", "nonmanifold_edges:2"], "NAME_UNKNOWN"),
+        (["--html", "a.html", "--vertex", "5"], "NAME_UNKNOWN"),
+        (["--html", "a.html", "--component", "2"], "NAME_UNKNOWN"),
+        (["--html", "a.html", "--show", "edges"], "NAME_UNKNOWN"),
+        (["--html", "a.html", "--colors", "own"], "NAME_UNKNOWN"),
         (["--html", "a.html", "--at", "boundary_edges:1", "--vertex", "0"], "USAGE"),
     ],
 )

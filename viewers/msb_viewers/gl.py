@@ -69,7 +69,7 @@ class GlProbe:
         finally:
             self.close()
         if "drawn" not in answer:
-            raise UsageError("VIEW_NO_GL", NO_GL)
+            raise UsageError("VIEW_NO_DISPLAY", NO_GL)
 
     def close(self) -> None:
         """End the child if it still runs."""

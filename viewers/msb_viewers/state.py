@@ -240,7 +240,7 @@ def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
             kinds.add(word)
         elif word not in ("none", ""):
             text = f'there is no layer "{shorten(word, 40)}"; there are all, none, {", ".join(model.layers)}'
-            raise UsageError("VIEW_ELEMENT", text, value=word)
+            raise UsageError("NAME_UNKNOWN", text)
     return kinds
 
 
@@ -249,12 +249,12 @@ def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
     kind, _, number = text.partition(":")
     if kind not in model.layers:
         known = ", ".join(model.layers)
-        raise UsageError("VIEW_ELEMENT", f'--at: there is no layer "{shorten(kind, 40)}"; there are {known}')
+        raise UsageError("NAME_UNKNOWN", f'--at: there is no layer "{shorten(kind, 40)}"; there are {known}')
     count = len(model.layers[kind])
     if not (number.isascii() and number.isdigit() and len(number) < 12 and 1 <= int(number) <= count):
         which = f"1 to {count}" if count else "none at all"
         text = f'--at: "{shorten(number, 20)}" is no element of {kind}; there are {which}'
-        raise UsageError("VIEW_ELEMENT", text, value=number, limit=count)
+        raise UsageError("NAME_UNKNOWN", text)
     return kind, int(number) - 1
 
 

@@ -45,7 +45,7 @@ def read_archive(view: memoryview) -> Any:
     value, end = run_pickle(program, Storages(view, places), where="data.pkl ")
     if end != len(program):
         text = f"data.pkl goes on for {len(program) - end} bytes after its end"
-        raise Refusal("CHECKPOINT_PICKLE_TRAILING", text, at=f"data.pkl byte {end}")
+        raise Refusal("CHECKPOINT_HOSTILE", text, at=f"data.pkl byte {end}")
     return value
 
 
@@ -56,28 +56,26 @@ def _root(members: dict[str, Member]) -> str:
         refuse_script(name)
     if not roots:
         raise Refusal(
-            "CHECKPOINT_PICKLE_MISSING", "it is an archive without data.pkl, so not from torch.save"
+            "CHECKPOINT_NOT_RECOGNISED", "it is an archive without data.pkl, so not from torch.save"
         )
     if len(roots) > 1:
-        raise Refusal(
-            "CHECKPOINT_PICKLE_AMBIGUOUS", f"it holds {len(roots)} files data.pkl; torch writes one"
-        )
+        raise Refusal("CHECKPOINT_HOSTILE", f"it holds {len(roots)} files data.pkl; torch writes one")
     root = roots[0]
     if root.count("/") != 1 or root in ("/", "./", "../"):
         text = f"data.pkl is in {shorten(repr(root), 40)}; it has to be in one folder"
-        raise Refusal("CHECKPOINT_ZIP_NAME", text)
+        raise Refusal("CHECKPOINT_FORM", text)
     return root
 
 
 def _program(view: memoryview, member: Member) -> bytes:
     if member.size > MAX_PICKLE:
         text = f"data.pkl has {member.size} bytes; at most {MAX_PICKLE} are read"
-        raise Refusal("CHECKPOINT_PICKLE_TOO_LARGE", text, value=member.size, limit=MAX_PICKLE)
+        raise Refusal("CHECKPOINT_FORM", text)
     program = bytes(view[member.offset : member.offset + member.size])
     # torch can be told not to compute checksums; it then writes 0.
     if member.crc and zlib.crc32(program) != member.crc:
         text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}; the archive says {member.crc:08x}"
-        raise Refusal("CHECKPOINT_ZIP_CRC", text, at=f"byte {member.offset}")
+        raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {member.offset}")
     return program
 
 
@@ -91,11 +89,11 @@ def _check_version(view: memoryview, member: Member | None) -> None:
     if not (text.isascii() and text.isdigit() and len(text) < 4 and int(text) in VERSIONS):
         found = f'"{shorten(text)}"' if member else "missing"
         what = f"its version is {found}; {VERSIONS.start} to {VERSIONS.stop - 1} are read"
-        raise Refusal("CHECKPOINT_VERSION", what)
+        raise Refusal("CHECKPOINT_FORM", what)
 
 
 def _check_byte_order(view: memoryview, member: Member | None) -> None:
     """Older files do not say; they come from little-endian machines."""
     text = _small_text(view, member) if member else "little"
     if text != "little":
-        raise Refusal("CHECKPOINT_BYTE_ORDER", f'its byte order is "{shorten(text)}"; only little is read')
+        raise Refusal("CHECKPOINT_FORM", f'its byte order is "{shorten(text)}"; only little is read')

@@ -15,7 +15,7 @@ from typing import Any
 
 from msb.adapters.checkpoint.archive import MAX_PICKLE
 from msb.adapters.checkpoint.pickle_machine import run_pickle
-from msb.adapters.checkpoint.refusal import Refusal
+from msb.adapters.checkpoint.refusal import Refusal, Unfinished
 from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Storages
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
@@ -55,32 +55,31 @@ def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -
     data = bytes(view[start : start + MAX_PICKLE])
     try:
         value, end = run_pickle(data, storages, origin=start)
-    except Refusal as refusal:
-        cut = refusal.code in ("CHECKPOINT_PICKLE_NO_STOP", "CHECKPOINT_PICKLE_TRUNCATED")
-        if cut and start + MAX_PICKLE < len(view):
+    except Unfinished as refusal:
+        if start + MAX_PICKLE < len(view):
             text = f"a pickle has more than {MAX_PICKLE} bytes"
-            raise Refusal("CHECKPOINT_PICKLE_TOO_LARGE", text, at=refusal.at, limit=MAX_PICKLE) from None
+            raise Refusal("CHECKPOINT_FORM", text, at=refusal.at) from None
         raise
     return value, start + end
 
 
 def _check_header(magic: Any, version: Any, system: Any) -> None:
     if type(magic) is not int or magic != MAGIC_NUMBER:
-        raise Refusal("CHECKPOINT_LEGACY_HEADER", "it does not start with torch's magic number alone")
+        raise Refusal("CHECKPOINT_DAMAGED", "it does not start with torch's magic number alone")
     if type(version) is not int or version != PROTOCOL_VERSION:
         text = f"torch's magic number is not followed by the number {PROTOCOL_VERSION}"
-        raise Refusal("CHECKPOINT_LEGACY_HEADER", text)
+        raise Refusal("CHECKPOINT_DAMAGED", text)
     little = system.get("little_endian") if type(system) is dict else None
     if type(little) is not bool:
         text = "it does not say whether it was written on a little-endian machine"
-        raise Refusal("CHECKPOINT_LEGACY_HEADER", text)
+        raise Refusal("CHECKPOINT_DAMAGED", text)
     if not little:
-        raise Refusal("CHECKPOINT_BYTE_ORDER", "it was written on a big-endian machine")
+        raise Refusal("CHECKPOINT_FORM", "it was written on a big-endian machine")
 
 
 def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Extent]:
     """Return where the storages are, which fill the rest of the file in the order of `keys`."""
-    code = "CHECKPOINT_LEGACY_STORAGES"
+    code = "CHECKPOINT_DAMAGED"
     known = declared.declared
     if len(known) > MAX_STORAGES or type(keys) is not list or len(keys) != len(known):
         raise Refusal(code, f"the list of keys is not that of {len(known)} storages", at=f"byte {position}")
@@ -94,11 +93,11 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
         length = storage.count * storage.kind.dtype.itemsize
         end = position + _COUNT.size + length
         if end > len(view):
-            raise Refusal("CHECKPOINT_STORAGE_MISSING", f"the file ends before storage {key} does", at=at)
+            raise Refusal("CHECKPOINT_DAMAGED", f"the file ends before storage {key} does", at=at)
         (count,) = _COUNT.unpack_from(view, position)
         if count != storage.count:
             text = f"storage {key} has {count} elements; the pickle says {storage.count}"
-            raise Refusal("CHECKPOINT_STORAGE_SIZE", text, at=at, value=count, limit=storage.count)
+            raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         places[key] = Extent(position + _COUNT.size, length)
         position = end
     if position != len(view):

@@ -54,25 +54,25 @@ _SCALAR_TYPES = {
 
 def _ordered_dict(_: Storages, arguments: tuple[Any, ...]) -> dict[Any, Any]:
     if arguments:  # Python 2 gave the items here; Python 3 adds them one by one
-        raise Refusal("CHECKPOINT_PICKLE_CALL", "an OrderedDict is made with arguments; only an empty one is")
+        raise Refusal("CHECKPOINT_HOSTILE", "an OrderedDict is made with arguments; only an empty one is")
     return {}
 
 
 def _parameter(_: Storages, arguments: tuple[Any, ...]) -> Any:
     """A Parameter is its tensor; the other two arguments are about training."""
     if len(arguments) != 3 or not isinstance(arguments[0], np.ndarray | BFloat16Array):
-        raise Refusal("CHECKPOINT_TENSOR_ARGUMENTS", "a Parameter is made from something else than a tensor")
+        raise Refusal("CHECKPOINT_HOSTILE", "a Parameter is made from something else than a tensor")
     return arguments[0]
 
 
 def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
     """Bytes as protocol 2 has to write them: text in which each character is a byte."""
     if len(arguments) != 2 or any(type(item) is not str for item in arguments) or arguments[1] != "latin1":
-        raise Refusal("CHECKPOINT_PICKLE_CALL", "only text encoded as latin1 stands for bytes")
+        raise Refusal("CHECKPOINT_HOSTILE", "only text encoded as latin1 stands for bytes")
     text: str = arguments[0]
     if len(text) > MAX_ENCODED or any(ord(character) > 255 for character in text):
         message = f"bytes in text are {len(text)} long or not bytes; at most {MAX_ENCODED} are taken"
-        raise Refusal("CHECKPOINT_PICKLE_CALL", message)
+        raise Refusal("CHECKPOINT_HOSTILE", message)
     return text.encode("latin1")
 
 
@@ -80,16 +80,16 @@ def _scalar_type(_: Storages, arguments: tuple[Any, ...]) -> ScalarType:
     name = arguments[0] if len(arguments) == 3 else None
     if type(name) is not str or name not in _SCALAR_TYPES:
         text = f"the NumPy type {shorten(repr(name), 30) if type(name) is str else ''} is not a plain number"
-        raise Refusal("CHECKPOINT_PICKLE_SCALAR", text)
+        raise Refusal("CHECKPOINT_FORM", text)
     return _SCALAR_TYPES[name]
 
 
 def _scalar(_: Storages, arguments: tuple[Any, ...]) -> float | int | bool:
     if len(arguments) != 2 or type(arguments[0]) is not ScalarType or type(arguments[1]) is not bytes:
-        raise Refusal("CHECKPOINT_PICKLE_SCALAR", "a NumPy scalar is not made from a type and bytes")
+        raise Refusal("CHECKPOINT_FORM", "a NumPy scalar is not made from a type and bytes")
     dtype, raw = arguments[0].dtype, arguments[1]
     if len(raw) != dtype.itemsize or (dtype == np.bool_ and raw > b"\x01"):
-        raise Refusal("CHECKPOINT_PICKLE_SCALAR", f"a NumPy {dtype.name} has {len(raw)} bytes, or odd ones")
+        raise Refusal("CHECKPOINT_FORM", f"a NumPy {dtype.name} has {len(raw)} bytes, or odd ones")
     value: float | int | bool = np.frombuffer(raw, dtype)[0].item()
     return value
 
@@ -146,12 +146,10 @@ def find(module: str, name: str) -> Function | StorageType:
     """Return what a name in the pickle stands for."""
     found = NAMES.get((module, name))
     if found is None and module == "torch._utils" and name in OTHER_TENSORS:
-        raise Refusal("CHECKPOINT_TENSOR_KIND", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense one")
+        raise Refusal("CHECKPOINT_FORM", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense one")
     if found is None:
         text = f"it asks for {shorten(f'{module}.{name}')}; nothing but tensors and plain values is read"
-        raise Refusal("CHECKPOINT_PICKLE_GLOBAL", text)
+        raise Refusal("CHECKPOINT_HOSTILE", text)
     if type(found) is StorageType and found.dtype is None:
-        raise Refusal(
-            "CHECKPOINT_TENSOR_DTYPE", f"a tensor keeps its values in {found.name}; convert it first"
-        )
+        raise Refusal("CHECKPOINT_FORM", f"a tensor keeps its values in {found.name}; convert it first")
     return found

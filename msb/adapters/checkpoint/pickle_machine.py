@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.adapters.checkpoint.names import Function, ScalarType, find
-from msb.adapters.checkpoint.refusal import Refusal
+from msb.adapters.checkpoint.refusal import Refusal, Unfinished
 from msb.adapters.checkpoint.tensors import DeclaredStorages
 
 if TYPE_CHECKING:
@@ -58,25 +58,21 @@ class _Machine:
         for _ in range(MAX_OPCODES):
             self.at = self.position
             if self.position >= len(self.data):
-                raise Refusal("CHECKPOINT_PICKLE_NO_STOP", "the pickle ends without STOP")
+                raise Unfinished("CHECKPOINT_DAMAGED", "the pickle ends without STOP")
             code = self.data[self.position]
             self.position += 1
             instruction = INSTRUCTIONS.get(code)
             if instruction is None:
                 text = f"instruction {code:#04x} is not one that plain data and tensors need"
-                raise Refusal("CHECKPOINT_PICKLE_OPCODE", text, value=code)
+                raise Refusal("CHECKPOINT_HOSTILE", text)
             if instruction.since > self.protocol and code != 0x80:
                 text = f"instruction {code:#04x} does not belong to protocol {self.protocol}"
-                raise Refusal("CHECKPOINT_PICKLE_PROTOCOL", text, value=code)
+                raise Refusal("CHECKPOINT_FORM", text)
             instruction.follow(self)
             self.check_frame()
             if code == 0x2E:
                 return self.stack[0]
-        raise Refusal(
-            "CHECKPOINT_PICKLE_TOO_MANY_OPCODES",
-            f"the pickle has more than {MAX_OPCODES} instructions",
-            limit=MAX_OPCODES,
-        )
+        raise Refusal("CHECKPOINT_FORM", f"the pickle has more than {MAX_OPCODES} instructions")
 
     # --- arguments
 
@@ -85,7 +81,7 @@ class _Machine:
         end = self.position + count
         if end > len(self.data):
             text = f"an instruction announces {count} bytes, {len(self.data) - self.position} are left"
-            raise Refusal("CHECKPOINT_PICKLE_TRUNCATED", text)
+            raise Unfinished("CHECKPOINT_DAMAGED", text)
         taken = self.data[self.position : end]
         self.position = end
         return taken
@@ -97,8 +93,10 @@ class _Machine:
         """Return the next line, without its end, as a name."""
         end = self.data.find(b"\n", self.position, self.position + MAX_NAME + 1)
         if end < 0:
-            code = "GLOBAL" if self.position + MAX_NAME < len(self.data) else "TRUNCATED"
-            raise Refusal(f"CHECKPOINT_PICKLE_{code}", f"a name does not end within {MAX_NAME} bytes")
+            text = f"a name does not end within {MAX_NAME} bytes"
+            if self.position + MAX_NAME < len(self.data):
+                raise Refusal("CHECKPOINT_HOSTILE", text)
+            raise Unfinished("CHECKPOINT_DAMAGED", text)
         return _text(self.take(end + 1 - self.position)[:-1])
 
     # --- stack and memo
@@ -108,7 +106,7 @@ class _Machine:
 
     def pop(self) -> Any:
         if not self.stack:
-            raise Refusal("CHECKPOINT_PICKLE_STACK", "the stack is empty, or empty down to the last mark")
+            raise Refusal("CHECKPOINT_HOSTILE", "the stack is empty, or empty down to the last mark")
         return self.stack.pop()
 
     def top(self) -> Any:
@@ -117,7 +115,7 @@ class _Machine:
 
     def pop_to_mark(self) -> list[Any]:
         if not self.below:
-            raise Refusal("CHECKPOINT_PICKLE_MARK", "items are collected down to a mark that was never set")
+            raise Refusal("CHECKPOINT_HOSTILE", "items are collected down to a mark that was never set")
         items, self.stack = self.stack, self.below.pop()
         return items
 
@@ -125,15 +123,15 @@ class _Machine:
         """Remember the top of the stack. Protocol 4 numbers by itself (MEMOIZE), others say the number."""
         if memoize != (self.protocol >= 4) or index in self.memo:
             text = f"memo entry {index} is set twice, or not in the way of protocol {self.protocol}"
-            raise Refusal("CHECKPOINT_PICKLE_MEMO", text)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
         if len(self.memo) >= MAX_MEMO:
-            raise Refusal("CHECKPOINT_PICKLE_MEMO", f"more than {MAX_MEMO} memo entries", limit=MAX_MEMO)
+            raise Refusal("CHECKPOINT_HOSTILE", f"more than {MAX_MEMO} memo entries")
         self.memo[index] = self.top()
 
     def get(self, index: int) -> None:
         value = self.memo.get(index, _MISSING)
         if value is _MISSING:
-            raise Refusal("CHECKPOINT_PICKLE_MEMO", f"memo entry {index} is used but not set", value=index)
+            raise Refusal("CHECKPOINT_HOSTILE", f"memo entry {index} is used but not set")
         self.push(value)
 
     # --- the protocol and its frames
@@ -142,14 +140,14 @@ class _Machine:
         version = self.number(_U8)
         if self.protocol or version not in PROTOCOLS:
             text = f"the pickle says protocol {version}, or says it twice; 2 to 4 are read"
-            raise Refusal("CHECKPOINT_PICKLE_PROTOCOL", text, value=version)
+            raise Refusal("CHECKPOINT_FORM", text)
         self.protocol = version
 
     def open_frame(self) -> None:
         length = self.number(_U64)
         if self.frame_end is not None or length > len(self.data) - self.position:
             text = f"a frame announces {length} bytes and does not fit, or starts inside another"
-            raise Refusal("CHECKPOINT_PICKLE_FRAME", text, value=length)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
         self.frame_end = self.position + length
 
     def check_frame(self) -> None:
@@ -157,16 +155,16 @@ class _Machine:
         if self.frame_end is None or self.position < self.frame_end:
             return
         if self.position > self.frame_end:
-            raise Refusal("CHECKPOINT_PICKLE_FRAME", "a frame ends inside an instruction")
+            raise Refusal("CHECKPOINT_HOSTILE", "a frame ends inside an instruction")
         self.frame_end = None
 
     def stop(self) -> None:
         if self.below:
-            raise Refusal("CHECKPOINT_PICKLE_MARK", "a mark is still open at the end")
+            raise Refusal("CHECKPOINT_HOSTILE", "a mark is still open at the end")
         if len(self.stack) != 1:
-            raise Refusal("CHECKPOINT_PICKLE_STACK", f"{len(self.stack)} values are left instead of one")
+            raise Refusal("CHECKPOINT_HOSTILE", f"{len(self.stack)} values are left instead of one")
         if self.frame_end is not None and self.frame_end != self.position:
-            raise Refusal("CHECKPOINT_PICKLE_FRAME", "the last frame is longer than what is in it")
+            raise Refusal("CHECKPOINT_HOSTILE", "the last frame is longer than what is in it")
 
     # --- values
 
@@ -181,7 +179,7 @@ class _Machine:
         length = self.number(layout)
         if not 0 <= length <= MAX_INTEGER_BYTES:
             text = f"an integer of {length} bytes; at most {MAX_INTEGER_BYTES} are read"
-            raise Refusal("CHECKPOINT_PICKLE_INTEGER", text, value=length)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
         self.push(int.from_bytes(self.take(length), "little", signed=True))
 
     def push_tuple(self, count: int) -> None:
@@ -191,23 +189,21 @@ class _Machine:
     def append(self, items: list[Any]) -> None:
         target = self.top()
         if type(target) is not list:
-            raise Refusal(
-                "CHECKPOINT_PICKLE_ITEM", f"an item for a {type(target).__name__}, which is no list"
-            )
+            raise Refusal("CHECKPOINT_HOSTILE", f"an item for a {type(target).__name__}, which is no list")
         target += items
 
     def set_items(self, items: list[Any]) -> None:
         target = self.top()
         if type(target) is not dict or len(items) % 2:
             text = f"keys and values for a {type(target).__name__}; a dict and pairs are needed"
-            raise Refusal("CHECKPOINT_PICKLE_ITEM", text)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
         for key, value in zip(items[::2], items[1::2], strict=True):
             # Only what hashes fast whatever its value: a tuple can take 2^50 steps.
             if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
                 text = f"a key is a {type(key).__name__}; text and 64-bit integers are read"
-                raise Refusal("CHECKPOINT_PICKLE_KEY", text)
+                raise Refusal("CHECKPOINT_FORM", text)
             if key in target:
-                raise Refusal("CHECKPOINT_PICKLE_DUPLICATE_KEY", "a dictionary gets the same key twice")
+                raise Refusal("CHECKPOINT_HOSTILE", "a dictionary gets the same key twice")
             target[key] = value
 
     def pop_pair(self) -> list[Any]:
@@ -219,14 +215,14 @@ class _Machine:
     def name_from_stack(self) -> None:
         module, name = self.pop_pair()
         if type(module) is not str or type(name) is not str:
-            raise Refusal("CHECKPOINT_PICKLE_GLOBAL", "a name that is no text")
+            raise Refusal("CHECKPOINT_HOSTILE", "a name that is no text")
         self.push(find(module, name))
 
     def call(self) -> None:
         function, arguments = self.pop_pair()
         if type(function) is not Function or type(arguments) is not tuple:
             text = f"a {type(function).__name__} is called with a {type(arguments).__name__}"
-            raise Refusal("CHECKPOINT_PICKLE_CALL", text)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
         result = function.apply(self.storages, arguments)
         if type(result) is dict:
             self.ordered[id(result)] = result
@@ -241,14 +237,14 @@ class _Machine:
             accepted = type(target) is ScalarType and target.accepts_state(state)
         if not accepted:
             text = f"a {type(target).__name__} gets a state it cannot have"
-            raise Refusal("CHECKPOINT_PICKLE_BUILD", text)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
 
 
 def _text(raw: bytes) -> str:
     try:
         return raw.decode()
     except UnicodeDecodeError as error:
-        raise Refusal("CHECKPOINT_PICKLE_TEXT", f"text is not UTF-8: {error.reason}") from None
+        raise Refusal("CHECKPOINT_HOSTILE", f"text is not UTF-8: {error.reason}") from None
 
 
 class _Instruction(NamedTuple):

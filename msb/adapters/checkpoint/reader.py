@@ -11,7 +11,7 @@ from msb.adapters.checkpoint.legacy import is_legacy, read_legacy
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.structure import check_structure
 from msb.base.files import map_file
-from msb.errors import CheckpointError, json_safe
+from msb.errors import CheckpointError
 
 _END_RECORD = b"PK\x05\x06"
 _LONGEST_TAIL = 22 + 0xFFFF
@@ -39,14 +39,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Any:
         value = _read(memoryview(data))
         check_structure(value)
     except Refusal as refusal:
-        raise CheckpointError(
-            refusal.code,
-            refusal.message,
-            file=path,
-            pointer=refusal.at,
-            value=json_safe(refusal.value),
-            limit=json_safe(refusal.limit),
-        ) from None
+        raise CheckpointError(refusal.code, refusal.message, file=path, pointer=refusal.at) from None
     return value
 
 
@@ -62,19 +55,19 @@ def _read(view: memoryview) -> Any:
 def _stranger(view: memoryview, head: bytes) -> Refusal:
     """Return why a file that is of neither layout is refused: what it is, if that can be told."""
     if not head:
-        return Refusal("CHECKPOINT_EMPTY", "the file is empty")
+        return Refusal("CHECKPOINT_DAMAGED", "the file is empty")
     if head[257:262] == b"ustar":
         text = "it is a tar file, as torch wrote before 2017; load it with torch and save it again"
-        return Refusal("CHECKPOINT_TAR", text)
+        return Refusal("CHECKPOINT_FORM", text)
     if _is_safetensors(view, head):
         text = "it is a safetensors file; the .pt or .ckpt file of the method is needed"
-        return Refusal("CHECKPOINT_SAFETENSORS", text)
+        return Refusal("CHECKPOINT_NOT_RECOGNISED", text)
     if head[0] == 0x80 and head[1:2] <= b"\x05":
         text = "it is a pickle that torch.save did not write; load it where it is trusted and torch.save it"
-        return Refusal("CHECKPOINT_BARE_PICKLE", text)
+        return Refusal("CHECKPOINT_FORM", text)
     if _END_RECORD in bytes(view[-_LONGEST_TAIL:]):
         text = "there is data before the archive's first member"
-        return Refusal("CHECKPOINT_ZIP_FOREIGN_DATA", text, at="byte 0")
+        return Refusal("CHECKPOINT_HOSTILE", text, at="byte 0")
     what = (
         "it is a Git LFS pointer, not the file itself" if head.startswith(b"version https://git-lfs") else ""
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 
 class Refusal(Exception):
     """A reason to refuse the file; `read_checkpoint` makes a `CheckpointError` of it.
@@ -14,13 +12,13 @@ class Refusal(Exception):
         The code and the message of the `CheckpointError`.
     at : str, optional
         The place in the file: "byte 12", or "data.pkl byte 12".
-    value, limit : optional
-        What was found and what is allowed.
     """
 
-    def __init__(
-        self, code: str, message: str, *, at: str | None = None, value: Any = None, limit: Any = None
-    ) -> None:
+    def __init__(self, code: str, message: str, *, at: str | None = None) -> None:
         super().__init__(code, message)
         self.code, self.message = code, message
-        self.at, self.value, self.limit = at, value, limit
+        self.at = at
+
+
+class Unfinished(Refusal):
+    """The pickle goes on behind the bytes there are."""

@@ -53,9 +53,9 @@ def check_structure(root: Any) -> None:
                 node.add(0, 1)
             elif type(value) not in _CONTAINERS:
                 text = f"the file holds a bare {type(value).__name__.lower()} where data should be"
-                raise Refusal("CHECKPOINT_PICKLE_RESULT", text)
+                raise Refusal("CHECKPOINT_FORM", text)
             elif id(value) in open_now:
-                raise Refusal("CHECKPOINT_PICKLE_CYCLE", f"a {type(value).__name__} contains itself")
+                raise Refusal("CHECKPOINT_HOSTILE", f"a {type(value).__name__} contains itself")
             elif id(value) in known:
                 node.add(known[id(value)].height, known[id(value)].count)
             else:
@@ -75,7 +75,7 @@ def _check_limits(node: _Node, above: int) -> None:
     # The outermost list is ours, hence one more of everything.
     if max(node.height, above) > MAX_DEPTH + 1:
         text = f"lists, tuples and dictionaries nest more than {MAX_DEPTH} deep"
-        raise Refusal("CHECKPOINT_PICKLE_TOO_DEEP", text, limit=MAX_DEPTH)
+        raise Refusal("CHECKPOINT_HOSTILE", text)
     if node.count > MAX_VALUES + 1:
         text = f"shared lists or dictionaries amount to more than {MAX_VALUES} values"
-        raise Refusal("CHECKPOINT_PICKLE_EXPANSION", text, limit=MAX_VALUES)
+        raise Refusal("CHECKPOINT_HOSTILE", text)

@@ -100,7 +100,7 @@ class Storages:
             ``("storage", type, key, location, count)``, with None behind it in files of before torch
             1.6. The location (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
         """
-        code = "CHECKPOINT_PICKLE_PERSISTENT_ID"
+        code = "CHECKPOINT_HOSTILE"
         if (
             type(reference) is not tuple
             or len(reference) not in (5, 6)
@@ -121,21 +121,21 @@ class Storages:
             text = (
                 f"storage {key} is {known.count} x {known.kind.name}, elsewhere {_count(count)} x {kind.name}"
             )
-            raise Refusal("CHECKPOINT_STORAGE_CONFLICT", text)
+            raise Refusal("CHECKPOINT_HOSTILE", text)
         return known
 
     def locate(self, key: str, kind: StorageType, count: int) -> int:
         """Return where the storage starts in the file, its size and values checked."""
         if key not in self.places:
-            raise Refusal("CHECKPOINT_STORAGE_MISSING", f"the archive has no data/{key}")
+            raise Refusal("CHECKPOINT_DAMAGED", f"the archive has no data/{key}")
         assert kind.dtype is not None  # the machine refuses the names of other types
         offset, length = self.places[key]
         wanted = count * kind.dtype.itemsize
         if length != wanted:
             text = f"storage {key} has {length} bytes; the pickle says {_count(count)} x {kind.name}"
-            raise Refusal("CHECKPOINT_STORAGE_SIZE", text, value=length, limit=wanted)
+            raise Refusal("CHECKPOINT_DAMAGED", text)
         if kind.dtype == np.bool_ and length and np.frombuffer(self.view, np.uint8, length, offset).max() > 1:
-            raise Refusal("CHECKPOINT_TENSOR_BOOL", f"storage {key} holds booleans other than 0 and 1")
+            raise Refusal("CHECKPOINT_DAMAGED", f"storage {key} holds booleans other than 0 and 1")
         return offset
 
     def tensor(self, storage: Storage, offset: int, window: Window) -> Any:
@@ -181,7 +181,7 @@ def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
     arguments : tuple
         Storage, offset, size, stride, requires_grad, hooks. The last two matter only for training.
     """
-    code = "CHECKPOINT_TENSOR_ARGUMENTS"
+    code = "CHECKPOINT_HOSTILE"
     if len(arguments) != 6:
         raise Refusal(code, f"a tensor is made from {len(arguments)} values, not from 6")
     storage, offset, size, stride = arguments[:4]
@@ -202,18 +202,18 @@ def _checked_window(storage: Storage, offset: int, size: tuple[int, ...], stride
     where = f"a tensor on storage {storage.key}"
     if len(size) > MAX_AXES or any(n < 0 for n in size) or math.prod(n or 1 for n in size) > MAX_ELEMENTS:
         text = f"{where} has {len(size)} axes of {_list(size)}; at most {MAX_AXES} axes, none negative"
-        raise Refusal("CHECKPOINT_TENSOR_SHAPE", text)
+        raise Refusal("CHECKPOINT_HOSTILE", text)
     if len(stride) != len(size) or any(step < 0 for step in stride):
         text = f"{where} of size {_list(size)} has the strides {_list(stride)}"
-        raise Refusal("CHECKPOINT_TENSOR_STRIDE", text)
+        raise Refusal("CHECKPOINT_HOSTILE", text)
     elements = math.prod(size)
     last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True)) if elements else offset
     if offset < 0 or last > storage.count or (elements and last == storage.count):
         text = f"{where} ends at element {_count(last)}; the storage has {_count(storage.count)}"
-        raise Refusal("CHECKPOINT_TENSOR_RANGE", text)
+        raise Refusal("CHECKPOINT_HOSTILE", text)
     if elements > storage.count:
         text = f"{where} has {_count(elements)} elements; the storage has {_count(storage.count)}"
-        raise Refusal("CHECKPOINT_TENSOR_EXPANDED", text)
+        raise Refusal("CHECKPOINT_FORM", text)
     # The stride along an axis of length 1 (or of an empty tensor) is arbitrary and may not even fit.
     return Window(
         size, tuple(step if n > 1 and elements else 1 for n, step in zip(size, stride, strict=True))

@@ -7,7 +7,7 @@ starts on a 64-byte boundary. Source: pytorch/pytorch `caffe2/serialize/inline_c
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.asset import strict_zip
@@ -28,15 +28,15 @@ def is_script(name: str) -> bool:
 def refuse_script(name: str) -> NoReturn:
     """Raise the error that the archive is a program."""
     text = f"it holds a TorchScript program ({shorten(name, 40)}); a saved state is needed"
-    raise Refusal("CHECKPOINT_TORCHSCRIPT", text)
+    raise Refusal("CHECKPOINT_NOT_RECOGNISED", text)
 
 
 class _Torch(Policy):
     max_members = MAX_MEMBERS
     descriptors = True
 
-    def refuse(self, code: str, message: str, at: int, *, value: Any = None, limit: Any = None) -> NoReturn:
-        raise Refusal(f"CHECKPOINT_{code}", message, at=f"byte {at}", value=value, limit=limit)
+    def refuse(self, code: str, message: str, at: int) -> NoReturn:
+        raise Refusal(f"CHECKPOINT_{code}", message, at=f"byte {at}")
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
         try:
@@ -44,7 +44,7 @@ class _Torch(Policy):
         except UnicodeDecodeError:
             name = ""
         if not name or len(name) > MAX_NAME or not name.isprintable():
-            self.refuse("ZIP_NAME", "a member's name is empty, too long or not printable UTF-8", at)
+            self.refuse("FORM", "a member's name is empty, too long or not printable UTF-8", at)
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:

@@ -141,4 +141,4 @@ def _pack_surface(asset: Asset, surface: Surface) -> Packed:
 
 def _unsupported(asset: Asset) -> Unsupported:
     text = f"{asset.manifest.method} on tier dedicated by renderer wgpu: its package brings no WGSL"
-    return Unsupported("UNSUPPORTED_TIER", text, file=asset.path, value="dedicated")
+    return Unsupported("UNSUPPORTED_TIER", text, file=asset.path)

@@ -49,7 +49,7 @@ class _Planner:
         limit = self.limits.storage if "storage" in usages else self.limits.buffer
         if size > limit:
             text = f"{self.name} takes buffers of {limit} bytes, {name} of this asset need {size}"
-            raise DeviceError("DEVICE_MEMORY", text, value=size, limit=limit)
+            raise DeviceError("DEVICE_MEMORY", text)
         self.buffers[name] = size, usages
 
     def upload(self, name: str, array: NDArray[Any], usage: str = "storage") -> None:

@@ -106,7 +106,7 @@ class HardwareRenderer:
         check_modes(order, sampling)
         missing = WgpuRenderer.missing()
         if missing is not None:
-            raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}", value=self.name)
+            raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}")
         self._packed = pack(asset, settings)
         import wgpu
 
@@ -247,7 +247,7 @@ class HardwareRenderer:
         if size > limits.buffer:
             text = f"{self.device_info['name']} takes buffers of {limits.buffer} bytes, "
             text += f"{width} x {height} pixels need one of {size}"
-            raise DeviceError("DEVICE_MEMORY", text, value=[width, height], limit=limits.buffer)
+            raise DeviceError("DEVICE_MEMORY", text)
         runs.set_bands(bands)
         count = 2 * len(runs.stages())
         if self._tick is not None:
@@ -307,5 +307,5 @@ def _limits_of(adapter: Any) -> Limits:
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
             text = f"{adapter.info['device']}: {name} is {adapter.limits[name]}, {needed} are needed"
-            raise DeviceError("DEVICE_MEMORY", text, value=adapter.limits[name], limit=needed)
+            raise DeviceError("DEVICE_MEMORY", text)
     return Limits(*(adapter.limits[name] for name in _LIMITS[:3]))

@@ -76,7 +76,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     }
     mlp = tensors.value("color_mlp")
     if not isinstance(mlp, dict):
-        raise tensors.error("CHECKPOINT_KEY_TYPE", "color_mlp is no state dict", "color_mlp")
+        raise tensors.error("CHECKPOINT_LAYOUT", "color_mlp is no state dict", "color_mlp")
     weights = Tensors(mlp, place.file, options.check_values)
     buffers.update({f"decoder.{key}": weights.floats(key, *shape) for key, shape in DECODER.items()})
     warnings = [*tensors.warnings, *weights.warnings]
@@ -84,7 +84,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         low, high = float(buffers[name].min()), float(buffers[name].max())
         if low < 0 or high > 1:
             text = f"{key} has values from {low:g} to {high:g}; those the official code saves are in [0, 1]"
-            warnings.append(finding("CHECKPOINT_VALUE_RANGE", text, severity="warning", pointer=key))
+            warnings.append(finding("CHECKPOINT_LAYOUT", text, severity="warning", pointer=key))
     layout = "colmap" if "flip_z" in tensors else "synthetic"
     settings = Settings("diffsoup", options.settings)
     settings.add("layout", layout, "checkpoint", place.file)

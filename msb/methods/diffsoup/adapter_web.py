@@ -73,7 +73,7 @@ def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], i
     height, width = images[0].shape[:2]
     if images[1].shape != images[0].shape:
         text = f"lut1.png is {images[1].shape[1]} x {images[1].shape[0]}, but lut0.png {width} x {height}"
-        raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=folder, pointer="lut1.png")
+        raise CheckpointError("CHECKPOINT_DAMAGED", text, file=folder, pointer="lut1.png")
     level = sizes[width, height]
     used = faces * samples(level)
     return [image.reshape(-1, 4)[:used].reshape(faces, -1, 4) for image in images], level
@@ -86,7 +86,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
     sizes = {texture_size(faces * samples(level)) for level in range(MAX_LEVEL + 1)}
 
     def refuse(why: str) -> CheckpointError:
-        code, text = "CHECKPOINT_FILE_CONTENT", f"{path.name} {why}"
+        code, text = "CHECKPOINT_DAMAGED", f"{path.name} {why}"
         return CheckpointError(code, text, file=path.parent, pointer=path.name)
 
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below
@@ -117,12 +117,12 @@ def _read_weights(path: Path) -> dict[str, NDArray[np.float32]]:
         values, count = data.get(key), int(np.prod(shape))
         if not isinstance(values, list) or len(values) != count or not _are_numbers(values):
             text = f'{path.name}: "{key}" must be a list of {count} numbers'
-            raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
+            raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=f"/{key}")
         with np.errstate(over="ignore"):
             array = np.array(values, np.float64).astype(np.float32).reshape(shape)
         if not np.isfinite(array).all():
             text = f'{path.name}: "{key}" holds numbers that float32 cannot'
-            raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
+            raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=f"/{key}")
         buffers[f"decoder.{name}"] = array
     return buffers
 
@@ -139,7 +139,7 @@ def _read_meta(path: Path, faces: int, level: int) -> tuple[dict[str, Any], list
     for key, wanted in (("num_faces", faces), ("level", level)):
         if data.get(key, wanted) != wanted:
             text = f"meta.json: {key} is {data[key]!r:.40}, but mesh.ply and the textures have {wanted}"
-            raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent, pointer=f"/{key}")
+            raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=f"/{key}")
     return data, []
 
 
@@ -148,10 +148,10 @@ def _read_json(path: Path) -> dict[str, Any]:
         data = parse_strict_json(read_file(path, MAX_BYTES), file=path, name=path.name)
     except InputError as error:
         text = f"{path.name}: {error.message}"
-        raise CheckpointError("CHECKPOINT_FILE_CONTENT", text, file=path.parent) from error
+        raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent) from error
     except MsbError as error:
-        code, where = "CHECKPOINT_FILE_CONTENT", error.pointer
+        code, where = "CHECKPOINT_DAMAGED", error.pointer
         raise CheckpointError(code, error.message, file=path.parent, pointer=where) from None
     if not isinstance(data, dict):
-        raise CheckpointError("CHECKPOINT_FILE_CONTENT", f"{path.name} holds no object", file=path.parent)
+        raise CheckpointError("CHECKPOINT_DAMAGED", f"{path.name} holds no object", file=path.parent)
     return data

@@ -67,7 +67,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     level = asset.manifest.appearance.get("level")
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD_VALUE", text, file=asset.path, pointer="/appearance/level")
+        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
     check_drawable(asset)
     faces, samples = asset.manifest.face_count, (2**level + 1) * (2**level + 2) // 2
     positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)
@@ -76,7 +76,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     opacity = required_buffer(asset, "features.opacity", faces, samples)
     if features.dtype != opacity.dtype:
         text = f"features.lattice is {features.dtype}, but features.opacity {opacity.dtype}; both must be one"
-        raise AssetError("TRIASSET_BUFFER_DTYPE", text, file=asset.path, pointer="/buffers/features.opacity")
+        raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")
     if quantise:
         features, opacity = _as_bytes(features), _as_bytes(opacity)
     net = []

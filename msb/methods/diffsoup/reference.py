@@ -115,7 +115,7 @@ def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
     level, count = asset.manifest.appearance.get("level"), asset.manifest.face_count
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD_VALUE", text, file=asset.path, pointer="/appearance/level")
+        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
     samples = (2**level + 1) * (2**level + 2) // 2
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)

@@ -86,7 +86,7 @@ def _read_mesh(place: Place, options: Options) -> Model:
         buffers, _, _ = mesh_buffers(mesh)
     if mesh.vertex_colors is None:
         text = "it has no vertex colours; the PLY of the official exporter has red, green, blue, alpha"
-        raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=place.file, pointer="red")
+        raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file, pointer="red")
     colors = mesh.vertex_colors[:, :3].astype(np.float32)
     if mesh.vertex_colors.dtype == np.uint8:
         colors /= np.float32(255)

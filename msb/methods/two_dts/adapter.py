@@ -113,14 +113,14 @@ def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, 
     if not isinstance(value, tuple) or len(value) != 4 or not isinstance(value[0], dict):
         found = f"a tuple of {len(value)}" if isinstance(value, tuple) else "no tuple"
         text = f"it is {found}; it must be (params, optimizer, scene_bbox, gamma)"
-        raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file)
+        raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
     gamma = Tensors({"gamma": value[3]}, file).number("gamma")
     box = value[2]
     if box is not None:
         numbers = isinstance(box, list | tuple) and all(type(item) in (int, float) for item in box)
         if not numbers or len(box) not in (4, 6) or not all(abs(item) < 1e300 for item in box):
             text = "scene_bbox must be None or 4 or 6 finite numbers"
-            raise CheckpointError("CHECKPOINT_KEY_TYPE", text, file=file, pointer="scene_bbox")
+            raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer="scene_bbox")
         box = [float(item) for item in box]
     return Tensors(value[0], file, check_values), gamma, box
 
@@ -139,14 +139,14 @@ def _from_ply(table: PlyTable, file: Path, check_values: bool) -> tuple[dict[str
     missing = [name for name in _PLY_NAMES if name not in table.names]
     if missing:
         text = f'element vertex has no property "{missing[0]}"; a 2DTS PLY has {", ".join(_PLY_NAMES)}'
-        raise CheckpointError("CHECKPOINT_KEY_MISSING", text, file=file, pointer=missing[0])
+        raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer=missing[0])
     width = sum(name.startswith("f_rest_") for name in table.names)
     rest = [f"f_rest_{i}" for i in range(width)]
     if set(rest) - set(table.names) or width % 3:
         text = (
             f"there are {width} properties f_rest_*; degree 0 to 3 has f_rest_0 up to 0, 9, 24 or 45 of them"
         )
-        raise CheckpointError("CHECKPOINT_KEY_SHAPE", text, file=file, pointer="f_rest")
+        raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer="f_rest")
     groups = {"x1": _CORNERS, "opacity": ("opacity",), "f_dc": _PLY_NAMES[-3:], "f_rest": rest}
     tensors = Tensors({key: table.columns(names) for key, names in groups.items()}, file, check_values)
     degree = tensors.degree("f_rest", width // 3)
@@ -189,7 +189,7 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
                 f"model.{key} is {json_safe(value)}, but the checkpoint holds degree {degree}, which is used"
             )
             warnings.append(
-                finding("CHECKPOINT_CONFIG_VALUE", shorten(text, 200), severity="warning", file=str(file))
+                finding("CHECKPOINT_CONFIG", shorten(text, 200), severity="warning", file=str(file))
             )
             value = degree
         if name == "ste_threshold" and isinstance(value, int) and not isinstance(value, bool):

@@ -105,7 +105,7 @@ def _sort_by_tile(
     pairs = int(offsets.read(start=listed)[0])
     if pairs > MOST:
         text = f"{pairs} pairs of tile and face are too many to sort ({MOST}): draw a smaller image"
-        raise DeviceError("DEVICE_MEMORY", text, value=pairs, limit=MOST)
+        raise DeviceError("DEVICE_MEMORY", text)
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     pair_tiles = device.scratch("splat pair tiles", max(pairs, 1), np.uint32)
     places = device.scratch("splat pair places", max(pairs, 1), np.uint32)

@@ -103,8 +103,8 @@ def make_model(asset: Asset, settings: Settings) -> Model:
     Raises
     ------
     AssetError
-        `TRIASSET_FIELD_VALUE`: coverage, opacity or appearance are of another kind than the method's.
-        `TRIASSET_BUFFER_REQUIRED`, `TRIASSET_BUFFER_SHAPE`: a buffer that the method needs is missing or
+        `TRIASSET_FIELD`: coverage, opacity or appearance are of another kind than the method's.
+        `TRIASSET_BUFFER`, `TRIASSET_BUFFER`: a buffer that the method needs is missing or
         wrong.
     """
     method = asset.manifest.method

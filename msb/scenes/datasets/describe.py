@@ -151,7 +151,7 @@ def _view_count(scene: Scene) -> list[Finding]:
         return []
     wanted = dataset.views or found
     text = f"it has {found[0]} training and {found[1]} test views; published are {wanted[0]} and {wanted[1]}"
-    return [finding("SCENE_SPLIT", text, severity="warning", file=str(scene.root), value=found)]
+    return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=found)]
 
 
 def _unused(
@@ -193,8 +193,8 @@ def _cannot(error: MsbError, dataset: str) -> str:
     """Return in few words why a method's official code does not read a scene that ours do."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
-    if error.code == "SCENE_IMAGE_FOLDER":
-        return f"takes {error.value}, which is not there"
+    if error.code == "SCENE_IMAGE_MISSING":
+        return "takes" + error.message.partition(";")[0].partition(" from")[2]
     return error.message
 
 

@@ -93,7 +93,7 @@ def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> l
     for split, what in (("train", "training"), ("test", "test")):
         if not any(view.split == split for view in views):
             text = f"none of its {len(views)} views is a {what} view"
-            raise SceneError("SCENE_SPLIT", text, file=root, value=len(views))
+            raise SceneError("SCENE_LAYOUT", text, file=root)
     return views
 
 

@@ -42,7 +42,7 @@ def find_masks(
             f"{shorten(bare[0], 60)} for one; they must be RGBA PNG"
         )
         text += f", or have masks in a folder {MASKS}" if dataset == "dtu" else ""
-        raise SceneError("SCENE_IMAGE_ALPHA", text, file=root, value=len(bare))
+        raise SceneError("SCENE_IMAGE", text, file=root)
     return None, {}
 
 
@@ -52,11 +52,11 @@ def _paired(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) 
     number = {image: index for index, image in enumerate(images_in(folder))}
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):
         text = f"there are {len(masks)} masks in it for {len(number)} photographs in {folder.name}"
-        raise SceneError("SCENE_MASK", text, file=root / MASKS, value=len(masks), limit=len(number))
+        raise SceneError("SCENE_IMAGE", text, file=root / MASKS)
     found = {name: masks[number[image]] for name, image in photographs.items()}
     for name, mask in found.items():
         size, wanted = image_size(mask), image_size(photographs[name])
         if size != wanted:
             text = f"it is {size[0]} x {size[1]} pixels, its photograph {wanted[0]} x {wanted[1]}"
-            raise SceneError("SCENE_MASK", text, file=mask, value=size, limit=wanted)
+            raise SceneError("SCENE_IMAGE", text, file=mask)
     return found

@@ -120,7 +120,7 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
         sign = np.sign(np.diag(lens))
         lens, rotation = lens * sign, rotation * sign[:, None]
         if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
-            raise SceneError("SCENE_MATRICES", "the projection is singular; it must be that of a camera")
+            raise SceneError("SCENE_LAYOUT", "the projection is singular; it must be that of a camera")
         if np.linalg.det(rotation) < 0:  # a projection counts up to its sign
             rotation, last, left = -rotation, -last, -left
     pose = np.eye(4)
@@ -130,6 +130,4 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def _bad(source: Source, message: str) -> SceneError:
-    return source.error(
-        "SCENE_MATRICES", f"{message}; it must hold world_mat_i and scale_mat_i of every view"
-    )
+    return source.error("SCENE_LAYOUT", f"{message}; it must hold world_mat_i and scale_mat_i of every view")

@@ -56,7 +56,7 @@ def choose_photographs(
     rule = rules.photographs_of(dataset, group)
     if rule is None:
         text = f"the official code of {rules.title} has no rule for the dataset {dataset}; read it by ours"
-        raise SceneError("SCENE_UNKNOWN", text, file=root, value=dataset)
+        raise SceneError("SCENE_UNKNOWN", text, file=root)
     # In a JSON file names lead from its own folder to the photographs.
     folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
     rounding = rules.rounding
@@ -78,7 +78,7 @@ def _no_folder(root: Path, folder: str) -> SceneError:
     if there:
         text += f"; there is {', '.join(map(shorten, there[:8]))}: name one of these "
         text += "(--image-folder, or image_folder in Python and protocols)"
-    return SceneError("SCENE_IMAGE_FOLDER", text, file=root, value=folder)
+    return SceneError("SCENE_IMAGE_MISSING", text, file=root)
 
 
 def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding]) -> list[Size]:
@@ -100,7 +100,7 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 f"it is {size[0]} x {size[1]} pixels, {shorten(str(first.name))} {known[0]} x {known[1]}; "
                 "photographs of one camera have one size"
             )
-            raise SceneError("SCENE_IMAGE_SIZE", text, file=view.image_path, value=size, limit=known)
+            raise SceneError("SCENE_IMAGE", text, file=view.image_path)
     _report_missing(root, views, missing, sizes, warnings)
     for (width, height), (size, first) in sizes.items():
         expected = height * size[0] / width
@@ -109,7 +109,7 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 f"it is {size[0]} x {size[1]} pixels, its camera {width} x {height}, another shape; "
                 "the recorded angles of view are kept"
             )
-            warnings.append(finding("SCENE_IMAGE_SIZE", text, severity="warning", file=str(first.image_path)))
+            warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
     return [sizes[view.width, view.height][0] for view in views]
 
 
@@ -129,5 +129,5 @@ def _report_missing(
     text = f"{len(shown)} of {len(views)} photographs are not there: {names}"
     folder = root if shown[0].image_path is None else shown[0].image_path.parent
     if needed:
-        raise SceneError("SCENE_IMAGE_MISSING", text, file=folder, value=len(needed))
+        raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
     warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))

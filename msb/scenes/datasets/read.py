@@ -153,14 +153,14 @@ def _layout(root: Path) -> Layout:
 def _rules(name: str) -> Rules:
     if name not in RULES:
         text = f"there are no rules {shorten(repr(name), 40)}; there are {', '.join(RULES)}"
-        raise SceneError("SCENE_ARGUMENT", text, value=name)
+        raise SceneError("SCENE_ARGUMENT", text)
     return RULES[name]
 
 
 def _convention(name: Convention) -> Convention:
     if name not in CONVENTIONS:
         text = f"the camera convention is {shorten(repr(name), 40)}; it must be {' or '.join(CONVENTIONS)}"
-        raise SceneError("SCENE_ARGUMENT", text, value=name)
+        raise SceneError("SCENE_ARGUMENT", text)
     return name
 
 

@@ -61,7 +61,7 @@ def over_another(own: Color, drawn: Color) -> Finding:
 
 
 def _otherwise(text: str) -> Finding:
-    return finding("CHECKPOINT_CONFIG_VALUE", text, severity="warning")
+    return finding("CHECKPOINT_CONFIG", text, severity="warning")
 
 
 def _size(training: Mapping[str, Any], scene: Scene) -> Size | None:

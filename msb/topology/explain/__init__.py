@@ -47,7 +47,7 @@ def explain(name: str) -> Explanation:
     if found is None:
         near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.5)
         hint = f"did you mean {' or '.join(near)}" if near else f"the names are {', '.join(EXPLANATIONS)}"
-        raise UsageError("EXPLAIN_UNKNOWN", f'there is no quantity "{shorten(name)}"; {hint}')
+        raise UsageError("NAME_UNKNOWN", f'there is no quantity "{shorten(name)}"; {hint}')
     return found
 
 

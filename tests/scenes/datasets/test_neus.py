@@ -53,7 +53,7 @@ def test_a_singular_projection_is_refused() -> None:
     flat = np.eye(4)
     flat[2] = flat[1]
     for matrix in (flat, np.zeros((4, 4))):
-        with pytest.raises(SceneError, match="SCENE_MATRICES: the projection is singular"):
+        with pytest.raises(SceneError, match="SCENE_LAYOUT: the projection is singular"):
             decompose(matrix)
 
 

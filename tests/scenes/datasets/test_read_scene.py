@@ -159,7 +159,7 @@ def test_photographs_of_another_shape_than_the_camera_are_a_warning(copy: Copy) 
     shots = [f"{i} 1 0 0 0 0 0 4 1 {i:06d}.jpg\n\n" for i in range(1, 17)]
     text_model(root, "1 PINHOLE 223 120 300 300 111.5 60\n", "".join(shots))
     scene = read_scene(root)
-    assert codes(scene) == ["SCENE_IMAGE_SIZE"]
+    assert codes(scene) == ["SCENE_IMAGE"]
     assert scene.test[0].fov_y == pytest.approx(2 * np.arctan(120 / 600))
 
 

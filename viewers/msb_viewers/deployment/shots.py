@@ -140,10 +140,10 @@ def choose_tiers(
         for name in names:
             if name not in LABELS:
                 text = f'there is no tier "{shorten(name, 40)}"; there are {", ".join(LABELS)}'
-                raise UsageError("VIEW_TIER", text, value=name)
+                raise UsageError("NAME_UNKNOWN", text)
         if TRUTH in names and not photographs:
             text = "there is no ground truth: no camera has a photograph; --cameras and --images name them"
-            raise UsageError("VIEW_TIER", text, value=TRUTH)
+            raise UsageError("NAME_UNKNOWN", text)
         chosen = tuple(tier for tier in LABELS if tier in names)
     missing: dict[str, str] = {}
     first: Unsupported | None = None

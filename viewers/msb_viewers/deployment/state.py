@@ -99,7 +99,7 @@ class CompareState:
         state.home()
         if layout != "side" and chosen[0] == chosen[1]:
             text = f"--layout {layout} takes two tiers; only {chosen[0]} has a picture"
-            raise UsageError("VIEW_TIER", text, value=chosen[0])
+            raise UsageError("NAME_UNKNOWN", text)
         return state
 
     @property
@@ -221,11 +221,13 @@ def _parse_pair(comparison: Comparison, text: str) -> tuple[str, str]:
     known = comparison.drawable
     if len(names) != 2 or names[0] == names[1]:
         shown = shorten(text, 40)
-        raise UsageError("VIEW_TIER", f'--pair is "{shown}"; it must be two tiers, like dedicated,standard')
+        raise UsageError(
+            "NAME_UNKNOWN", f'--pair is "{shown}"; it must be two tiers, like dedicated,standard'
+        )
     for name in names:
         if name not in known:
             why = comparison.missing.get(name)
             shown = shorten(name, 40)
             text = f'--pair: "{shown}" has no picture here' + (f": {why}" if why else "")
-            raise UsageError("VIEW_TIER", f"{text}; there are {', '.join(known)}", value=name)
+            raise UsageError("NAME_UNKNOWN", f"{text}; there are {', '.join(known)}")
     return names[0], names[1]
