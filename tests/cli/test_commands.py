@@ -181,10 +181,10 @@ def test_validate_degenerate_faces_are_infos_and_status_0(msb: Msb, tmp_path: Pa
 
 
 def test_validate_explains_a_code(msb: Msb) -> None:
-    result = msb("validate", "--explain", "triasset_zip_crc")
+    result = msb("validate", "--explain", "triasset_damaged")
     assert result.status == 0
-    assert "CRC-32" in result.out
-    assert "did you mean TRIASSET_DAMAGED" in msb("validate", "--explain", "TRIASSET_ZIP_CR").err
+    assert "Copy the asset again" in result.out
+    assert "did you mean TRIASSET_DAMAGED" in msb("validate", "--explain", "TRIASSET_DAMAGE").err
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])
