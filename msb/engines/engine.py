@@ -69,7 +69,7 @@ class Engine(ABC):
         self._samples = checked_supersample(supersample)
         missing = self.missing()
         if missing is not None:
-            raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}", value=self.name)
+            raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}")
         self._mesh = engine_mesh(asset, settings)
 
     @classmethod
@@ -132,7 +132,7 @@ def device_kind(device: Any, name: str) -> str | None:
         return device  # type: ignore[no-any-return]
     shown = shorten(str(device), 40)
     text = f'device "{shown}" is one of OpenCL; renderer {name} takes cpu or gpu, or chooses itself'
-    raise UsageError("DEVICE_SELECTOR", text, value=shown)
+    raise UsageError("DEVICE_SELECTOR", text)
 
 
 def opaque_frame(

@@ -116,7 +116,7 @@ def find_renderer(name: str) -> Factory:
     Raises
     ------
     UsageError
-        `RENDERER_UNKNOWN`; the message lists the renderers that exist.
+        `NAME_UNKNOWN`; the message lists the renderers that exist.
     DeviceError
         `ENGINE_FAILED`: the renderer of a package cannot be loaded or is none.
     """
@@ -128,7 +128,7 @@ def _factory(name: str) -> Factory:
     place = renderers().get(name)
     if place is None:
         text = f'there is no renderer "{shorten(name, 40)}"; there are {", ".join(renderers())}'
-        raise UsageError("RENDERER_UNKNOWN", text, value=name)
+        raise UsageError("NAME_UNKNOWN", text)
     if is_ours(name):
         module, _, attribute = place.partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
@@ -193,7 +193,7 @@ def what_is_missing(name: str) -> str | None:
     Raises
     ------
     UsageError
-        `RENDERER_UNKNOWN`.
+        `NAME_UNKNOWN`.
     """
     try:
         with contained():
@@ -213,7 +213,7 @@ def check_supported(asset: Asset, tier: str) -> None:
     UsageError
         `USAGE`: no such tier.
     Unsupported
-        `UNSUPPORTED_TIER` or `UNSUPPORTED_STANDARD`, naming method, tier and reason.
+        `UNSUPPORTED_TIER` or `UNSUPPORTED_TIER`, naming method, tier and reason.
     """
     if tier not in TIERS:
         text = f'there is no tier "{shorten(str(tier), 40)}"; there are {", ".join(TIERS)}'
@@ -221,8 +221,7 @@ def check_supported(asset: Asset, tier: str) -> None:
     why = why_not(asset.manifest, tier)
     if why is not None:
         text = f"{asset.manifest.method} on tier {tier}: {why}"
-        code = "UNSUPPORTED_STANDARD" if tier == "standard" else "UNSUPPORTED_TIER"
-        raise Unsupported(code, text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
@@ -258,7 +257,7 @@ def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name
             text = f'{asset.manifest.method} on {name}: there is no option "{shorten(option, 40)}"; '
             text += f"there are {', '.join(sorted(known))}" if known else "there are none"
             text += _ELSEWHERE.get(option, "")
-            raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.path, value=option)
+            raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.path)
 
 
 _ELSEWHERE = {

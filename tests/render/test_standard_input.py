@@ -62,7 +62,7 @@ def test_refuses_what_has_no_static_color() -> None:
         data = Asset(_renamed(asset, method), asset.buffers)
         with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
             msb.Renderer(data)
-        assert raised.value.code == "UNSUPPORTED_STANDARD"
+        assert raised.value.code == "UNSUPPORTED_TIER"
 
 
 def _renamed(asset: Asset, method: str) -> Any:

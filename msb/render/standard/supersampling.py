@@ -26,7 +26,7 @@ def checked_supersample(value: int) -> int:
         samples = 0
     if not 1 <= samples <= MAX_SUPERSAMPLE:
         text = f"supersample is {value!r:.40}; it must be a whole number from 1 to {MAX_SUPERSAMPLE}"
-        raise UsageError("SETTING_VALUE", text, value=value, limit=MAX_SUPERSAMPLE)
+        raise UsageError("SETTING_VALUE", text)
     return samples
 
 
