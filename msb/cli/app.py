@@ -33,7 +33,7 @@ from msb.cli import (
     web,
     why,
 )
-from msb.cli.help_pages import whole_words
+from msb.cli.help_pages import Context
 from msb.cli.options import Command, Version, epilog, with_shared
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -70,7 +70,7 @@ GROUPS: dict[str, tuple[_Entry, ...]] = {
         _Entry(methods.methods, methods.EPILOG, "Say what each method has and what each tier keeps of it."),
     ),
     "Draw": (
-        _Entry(render.render, render.EPILOG, "Draw images, depths and face ids."),
+        _Entry(render.render, render.render.epilog, "Draw images, depths and face ids."),
         _Entry(compare.compare, compare.EPILOG, "See a model's looks side by side with its photographs."),
         _Entry(web.web, web.EPILOG, "Write a page that shows a model in any browser."),
         _Entry(bench.bench, bench.EPILOG, "Measure how fast an asset is drawn, and its memory."),
@@ -100,10 +100,7 @@ _CONFIG = "Show which defaults files and variables set."
 class _Group(TyperGroup):
     """The list of commands, under the headings of `GROUPS`."""
 
-    def get_help(self, ctx: Any) -> str:
-        """Return the page, no word broken."""
-        ctx.formatter_class = whole_words(ctx.formatter_class)
-        return str(super().get_help(ctx))
+    context_class = Context
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a section for each heading."""
@@ -136,7 +133,7 @@ app = _Typer(
 )
 for _entry in (entry for entries in GROUPS.values() for entry in entries):
     app.command(_entry.name, epilog=_entry.epilog, context_settings=_entry.settings or None)(
-        with_shared(_entry.function)
+        _entry.function if hasattr(_entry.function, "declared") else with_shared(_entry.function)
     )
 
 config_app = _Typer(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Annotated, Literal
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from msb.base.option import Argument, Option
 from msb.base.paths import normal_form
 from msb.errors import UsageError, shorten
 
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
     from msb.cli.output import Output
     from msb.scenes import Camera
 
+Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
+Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Tier = Literal["reference", "dedicated", "standard"]
 TierName = Annotated[Tier, typer.Option("--tier", help="How to draw; msb methods says what each tier keeps.")]
 Cameras = Annotated[
@@ -57,6 +62,102 @@ SamplingName = Annotated[
     Literal["official", "engine"] | None,
     typer.Option("--sampling", help="Sample as officially, or as an engine's hardware does."),
 ]
+
+
+@dataclass(frozen=True)
+class Views:
+    """The cameras that see an asset, and what is behind it."""
+
+    cameras: Annotated[
+        Path | None,
+        Option("COLMAP folder, transforms_*.json, cameras.json, views.json.", metavar="PATH"),
+    ] = None
+    camera: Annotated[
+        tuple[str, ...],
+        Option("Cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"),
+    ] = ()
+    size: Annotated[
+        str | None,
+        Option(
+            "Size of the images in pixels, or relative to the cameras' own.",
+            ("--size", "--scale"),
+            metavar="WxH|FACTOR",
+        ),
+    ] = None
+    background: Annotated[
+        str | None,
+        Option(
+            "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; where the asset states "
+            "none, its method's, else black.",
+            metavar="COLOR",
+        ),
+    ] = None
+
+    def read(self, output: Output) -> list[Camera]:
+        """Return the cameras that are asked for; note where they are far larger than photographs."""
+        from msb.scenes import read_cameras
+        from msb.scenes.datasets import recorded_note
+
+        cameras = read_cameras(str(self.cameras))
+        if self.size is None and (note := recorded_note(str(self.cameras), cameras)) is not None:
+            output.note(f"{self.cameras}: {note}")
+        return self.of(cameras)
+
+    def of(self, cameras: list[Camera]) -> list[Camera]:
+        """Return those of the cameras that are asked for, in the size asked for."""
+        chosen = (
+            cameras
+            if not self.camera or "all" in self.camera
+            else [_find(cameras, name) for name in self.camera]
+        )
+        if self.size is None:
+            return chosen
+        if (match := _PIXELS.fullmatch(self.size.strip().lower())) is not None:
+            return [camera.resized(int(match[1]), int(match[2])) for camera in chosen]
+        return [camera.scaled(parse_factor(self.size)) for camera in chosen]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How an asset is drawn, and by what."""
+
+    assignments: Annotated[
+        tuple[str, ...],
+        Option("Override a setting; msb methods lists them.", ("--set",), metavar="NAME=VALUE"),
+    ] = ()
+    supersample: Annotated[
+        int, Option("Samples along each side of a pixel, standard tier.", least=1, most=16)
+    ] = 1
+    order: Annotated[
+        Literal["tile", "global", "none"] | None,
+        Option("Order of blending: official tiles, by depth alone, or as stored."),
+    ] = None
+    sampling: Annotated[
+        Literal["official", "engine"] | None,
+        Option("Sample as officially, or as an engine's hardware does."),
+    ] = None
+    renderer: Annotated[str | None, Option("Name of a renderer to use instead of ours.", metavar="NAME")] = (
+        None
+    )
+    device: Annotated[
+        str | None,
+        Option(
+            "The OpenCL device, as msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
+            "Foreign engines: cpu or gpu.",
+            metavar="cpu|gpu|PLATFORM:INDEX",
+        ),
+    ] = None
+
+    def settings(self, asset: Asset) -> dict[str, Any]:
+        """Return what is overridden of the asset's settings."""
+        from msb.asset.settings import parse_overrides
+
+        return dict(parse_overrides(asset.manifest.method, self.assignments))
+
+    @property
+    def modes(self) -> dict[str, str]:
+        """Only the modes that were given, because some renderers refuse even the official ones."""
+        return chosen_modes(self.order, self.sampling)
 
 
 def cameras_at(
@@ -109,9 +210,21 @@ def _stem(name: str) -> str:
     return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
 
 
+_PIXELS = re.compile(r"(\d{1,6})[x,](\d{1,6})")
+
+
+def parse_factor(text: str) -> float:
+    """Return the factor of a size like 0.5."""
+    try:
+        return float(text)
+    except ValueError:
+        text = f'--size is "{shorten(text, 40)}"; it must look like 1237x822, or be a factor'
+        raise UsageError("USAGE", text) from None
+
+
 def parse_size(text: str) -> tuple[int, int]:
     """Return width and height of a text like 1237x822."""
-    match = re.fullmatch(r"(\d{1,6})[x,](\d{1,6})", text.strip().lower())
+    match = _PIXELS.fullmatch(text.strip().lower())
     if match is None:
         raise UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822')
     return int(match[1]), int(match[2])

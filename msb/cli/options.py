@@ -12,9 +12,10 @@ from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
+from typer.models import ArgumentInfo
 
 from msb.base.atomic import forget_free_places
-from msb.cli.help_pages import plain_record, plain_usage, whole_words
+from msb.cli.help_pages import Context
 from msb.errors import UsageError
 
 WRITTEN = "written"
@@ -73,64 +74,32 @@ _EVERYWHERE: dict[str, tuple[Any, Any]] = {
 class Command(TyperCommand):
     """A command of ours: it refuses what the library takes in silence, before anything is opened or read.
 
-    These are an option of one value that is given twice, of which the last would count; an empty path, which
-    would be the current folder; and an output that is an input or another output.
+    These are an option of one value that is given twice, of which the last would count; and an empty path,
+    which would be the current folder.
     """
 
-    def make_parser(self, ctx: Any) -> Any:
-        """Return the library's parser, which refuses repeated options and empty paths."""
-        parser = super().make_parser(ctx)
-        parse = parser.parse_args
-
-        def parse_args(args: list[str]) -> Any:
-            values, rest, order = parse(args=args)
-            if not ctx.resilient_parsing:  # at the Tab key nothing is complete
-                param: Any
-                for param in self.params:
-                    given: Any = values.get(param.name)
-                    many = (
-                        param.param_type_name == "argument" or param.multiple or param.count or param.is_flag
-                    )
-                    if not many and order.count(param) > 1:
-                        ctx.fail(f"{_label(param)} is given {order.count(param)} times; it takes one value")
-                    if param.name in _paths(self) and "" in (given if _is_many(given) else [given]):
-                        ctx.fail(f"{_label(param)} is empty, which names no file; . is the current folder")
-            return values, rest, order
-
-        parser.parse_args = parse_args  # type: ignore[method-assign]
-        return parser
-
-    def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage."""
-        return [plain_usage(piece) for piece in super().collect_usage_pieces(ctx)]
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write what is typed and what it means, without the library's names of types."""
-        found = [(param, param.get_help_record(ctx)) for param in self.get_params(ctx)]
-        for title, kind in (("Arguments", "argument"), ("Options", "option")):
-            rows = [
-                plain_record(param, record)
-                for param, record in found
-                if record is not None and param.param_type_name == kind
-            ]
-            if rows:
-                with formatter.section(title):
-                    formatter.write_dl(rows)
-
-    def get_help(self, ctx: Any) -> str:
-        """Return the help page, in which {mesh_suffixes} stands for those of the formats there are."""
-        if "{mesh_suffixes}" in (self.help or ""):
-            from msb.meshes import MESH_SUFFIXES
-
-            self.help = str(self.help).replace("{mesh_suffixes}", ", ".join(MESH_SUFFIXES))
-        ctx.formatter_class = whole_words(ctx.formatter_class)
-        return super().get_help(ctx)
+    context_class = Context
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse, then refuse to write over inputs and to write two outputs to one place."""
+        """Parse, and refuse repeated options and empty paths."""
+        if not ctx.resilient_parsing:  # at the Tab key nothing is complete
+            values, _, order = self.make_parser(ctx).parse_args(args=list(args))
+            param: Any
+            for param in self.params:
+                many = param.param_type_name == "argument" or param.multiple or param.count or param.is_flag
+                if not many and order.count(param) > 1:
+                    ctx.fail(f"{_label(param)} is given {order.count(param)} times; it takes one value")
+                given: Any = values.get(param.name)
+                if param.name in _paths(self) and "" in (given if _is_many(given) else [given]):
+                    ctx.fail(f"{_label(param)} is empty, which names no file; . is the current folder")
         rest = super().parse_args(ctx, args)
+        if not ctx.resilient_parsing and not hasattr(self.callback, "declared"):
+            self._check_apart(ctx)
+        return rest
+
+    def _check_apart(self, ctx: Any) -> None:
         outputs = [param for param in self.params if _paths(self).get(param.name or "")]
-        if not ctx.resilient_parsing and any(ctx.params.get(param.name) is not None for param in outputs):
+        if any(ctx.params.get(param.name) is not None for param in outputs):
             from msb.cli.output import check_apart
 
             named = [
@@ -140,7 +109,32 @@ class Command(TyperCommand):
                 for path in (value if _is_many(value) else [value])
             ]
             check_apart(named)
-        return rest
+
+    def get_help(self, ctx: Any) -> str:
+        """Return the help page, in which {mesh_suffixes} stands for those of the formats there are."""
+        if "{mesh_suffixes}" in (self.help or ""):
+            from msb.meshes import MESH_SUFFIXES
+
+            self.help = str(self.help).replace("{mesh_suffixes}", ", ".join(MESH_SUFFIXES))
+        return super().get_help(ctx)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the usage: arguments that may be left out in brackets."""
+        arguments: list[Any] = [
+            param for param in self.get_params(ctx) if param.param_type_name == "argument"
+        ]
+        words = [(param, str(param.metavar)) for param in arguments]
+        return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, which are hidden from the library, and the library's list of options."""
+        arguments: list[Any] = [
+            param for param in self.get_params(ctx) if param.param_type_name == "argument"
+        ]
+        if arguments:
+            with formatter.section("Arguments"):
+                formatter.write_dl([(param.metavar, param.help) for param in arguments])
+        super().format_options(ctx, formatter)
 
 
 _BOTH = "an option of msb compare and msb web"
@@ -215,6 +209,7 @@ def with_shared(command: Callable[..., None]) -> Callable[..., None]:
     for parameter in own.parameters.values():
         for declared in getattr(parameter.annotation, "__metadata__", ()):
             if declared is not WRITTEN:
+                declared.hidden = isinstance(declared, ArgumentInfo)
                 # A file that may not be read is for its reader to report, with its code and status.
                 declared.readable = False
     added = [

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 from msb._version import __version__
 from msb.base.atomic import check_place, is_stream, new_file
+from msb.base.option import Option
 from msb.errors import OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
@@ -38,12 +39,37 @@ class Output:
     A file "-" (or ``/dev/stdout``) takes standard output for itself; the human text is then not printed.
     """
 
-    json_file: Path | None = None
-    quiet: bool = False
-    verbose: int = 0
-    force: bool = False
-    json_lines: Path | None = None
-    csv_file: Path | None = None
+    json_file: Annotated[
+        Path | None,
+        Option(
+            "Write JSON to FILE; - is standard output, and nothing else.",
+            ("--json",),
+            metavar="FILE",
+            output="file",
+        ),
+    ] = None
+    quiet: Annotated[bool, Option("Say less: no progress, no notes, short results.", ("--quiet", "-q"))] = (
+        False
+    )
+    verbose: Annotated[
+        int, Option("Say more; twice: also each step and its time.", ("--verbose", "-v"), count=True)
+    ] = 0
+    force: Annotated[bool, Option("Replace outputs that exist.", ("--force", "-f"))] = False
+    json_lines: Annotated[
+        Path | None,
+        Option(
+            "Write one line of JSON per input to FILE; - as above.",
+            ("--jsonl",),
+            metavar="FILE",
+            output="file",
+        ),
+    ] = None
+    csv_file: Annotated[
+        Path | None,
+        Option(
+            "Write one row per item to FILE; - is standard output.", ("--csv",), metavar="FILE", output="file"
+        ),
+    ] = None
     _checked: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
@@ -194,6 +220,13 @@ class Output:
         else:
             with new_file(path, size=len(data)) as file:
                 file.write(data)
+
+
+PlainOutput = Annotated[Output, ("force", "quiet", "verbose")]
+"""Of a command that writes no JSON."""
+JsonOutput = Annotated[Output, ("json_file", "force", "quiet", "verbose")]
+ManyOutput = Annotated[Output, ("json_file", "json_lines", "force", "quiet", "verbose")]
+"""Of a command that takes several inputs."""
 
 
 def is_stdout(path: Path | None) -> bool:

@@ -5,36 +5,15 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from msb.cli.camera_options import (
-    Assignments,
-    Background,
-    Cameras,
-    Chosen,
-    Ordering,
-    RendererName,
-    SamplingName,
-    Scale,
-    Size,
-    Supersample,
-    Tier,
-)
-from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog, is_given
-from msb.cli.output import Output, echo
-from msb.cli.scene_options import (
-    ImageFolder,
-    Split,
-    about_scene,
-    note_training,
-    refuse_beside_scene,
-    scene_for,
-    views_of,
-)
+from msb.base.option import Option
+from msb.cli.camera_options import Drawing, Source, Tier, Up, Views
+from msb.cli.command import Rule, Typed, command
+from msb.cli.output import JsonOutput, Output, echo
+from msb.cli.scene_options import about_scene, note_training, scene_for, views_of
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -43,83 +22,90 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.render import Frame, Renderer
     from msb.scenes import Camera
-    from msb.scenes.datasets import Scene
 
-EPILOG = epilog(
+SCHEMA = "msb.render/1"
+_COUNTS = "does not go with --scene, which draws what counts, at the size that counts"
+RULES = (
+    Rule("", "give --out FOLDER for images, --film FILE for a film, or both", needs="out film"),
+    Rule("depth ids", "needs --out FOLDER", needs="out"),
+    Rule("cameras turntable flight size", _COUNTS, excludes="scene"),
+    Rule("image_folder", "goes with --scene DIR", needs="scene"),
+    Rule("cameras", "does not go with --turntable, which makes its own", excludes="turntable"),
+    Rule("", "give one of --cameras PATH, --scene DIR and --turntable N", needs="cameras scene turntable"),
+    Rule("camera flight", "does not go with --turntable, which makes its own cameras", excludes="turntable"),
+    Rule("up", "goes with --turntable N", needs="turntable"),
+    Rule("film renderer", "goes with one tier, not with --tier both", excludes="tier=both"),
+)
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is drawn, and what is written of it."""
+
+    out: Annotated[
+        Path | None, Option("Where images go.", ("--out", "-o"), metavar="FOLDER", output="folder")
+    ] = None
+    tier: Annotated[
+        Literal["reference", "dedicated", "standard", "both"],
+        Option("How to draw; msb methods says what each tier keeps. both: dedicated, standard."),
+    ] = "standard"
+    scene: Annotated[
+        Path | None,
+        Option(
+            "A dataset's scene instead of --cameras: its test views, size and background as msb run has "
+            "them. --camera train or all draws others.",
+            metavar="DIR",
+        ),
+    ] = None
+    image_folder: Annotated[
+        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
+    ] = None
+    turntable: Annotated[
+        str | None,
+        Option(
+            "N cameras around the asset instead of --cameras, 20 degrees above the horizon or so many.",
+            metavar="N[,DEGREES]",
+        ),
+    ] = None
+    up: Annotated[Up | None, Option("Axis of the turntable that points up. Default: the asset's.")] = None
+    flight: Annotated[int | None, Option("N cameras on a smooth path through the chosen ones.")] = None
+    format: Annotated[Literal["png", "npy", "exr"], Option("Format of the images.")] = "png"
+    name: Annotated[
+        str | None,
+        Option(
+            "Names of the files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
+            metavar="TEMPLATE",
+        ),
+    ] = None
+    depth: Annotated[bool, Option("Also write depths (npy, or exr with it).")] = False
+    ids: Annotated[bool, Option("Also write face ids; -1 means no face.")] = False
+    film: Annotated[
+        Path | None, Option("Also write a film, .mp4 or .gif.", metavar="FILE", output="file")
+    ] = None
+    fps: Annotated[int, Option("Frames per second of the film.", least=1, most=240)] = 24
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """The tiers that are drawn, one after the other."""
+        return ("dedicated", "standard") if self.tier == "both" else (self.tier,)
+
+
+@command(
     "msb render --turntable 8 -o out/turn data_stubs/splat_like.triasset",
     "msb render --turntable 12 --film out/t.mp4 data_stubs/checkpoint",
     "msb render --cameras data_stubs/views.json -o out data_stubs/checkpoint",
     "msb render --tier both --turntable 2 -o out/both data_stubs/checkpoint",
     "msb render --scene data_stubs/scenes/nerf_synthetic/pebble -o out/test \\\n"
     "      data_stubs/models/pebble/two_dts",
+    rules=RULES,
 )
-SCHEMA = "msb.render/1"
-Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-
-
 def render(
-    context: typer.Context,
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Where images go.")
-    ] = None,
-    tier: Annotated[
-        Literal["reference", "dedicated", "standard", "both"],
-        typer.Option(help="How to draw; msb methods says what each tier keeps. both: dedicated, standard."),
-    ] = "standard",
-    cameras: Cameras = None,
-    scene: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="A dataset's scene instead of --cameras: views, size and background as msb run has them.",
-        ),
-    ] = None,
-    split: Annotated[Split, typer.Option(help="With --scene: which of its views to draw.")] = "test",
-    image_folder: ImageFolder = None,
-    chosen: Chosen = None,
-    turntable: Annotated[
-        int | None, typer.Option(metavar="N", help="N cameras around the asset instead of --cameras.")
-    ] = None,
-    up: Annotated[
-        Up | None, typer.Option(help="Axis of the turntable that points up. Default: the asset's.")
-    ] = None,
-    elevation: Annotated[
-        float, typer.Option(metavar="DEGREES", help="Angle of the turntable's cameras above the horizon.")
-    ] = 20.0,
-    flight: Annotated[
-        int | None, typer.Option(metavar="N", help="N cameras on a smooth path through the chosen ones.")
-    ] = None,
-    size: Size = None,
-    scale: Scale = None,
-    background: Background = None,
-    form: Annotated[
-        Literal["png", "npy", "exr"], typer.Option("--format", help="Format of the images.")
-    ] = "png",
-    template: Annotated[
-        str | None,
-        typer.Option(
-            "--name",
-            metavar="TEMPLATE",
-            help="Names of the files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
-        ),
-    ] = None,
-    depth: Annotated[bool, typer.Option("--depth", help="Also write depths (npy, or exr with it).")] = False,
-    ids: Annotated[bool, typer.Option("--ids", help="Also write face ids; -1 means no face.")] = False,
-    film: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write a film, .mp4 or .gif."), WRITTEN
-    ] = None,
-    fps: Annotated[int, typer.Option(min=1, max=240, help="Frames per second of the film.")] = 24,
-    assignments: Assignments = None,
-    supersample: Supersample = 1,
-    order: Ordering = None,
-    sampling: SamplingName = None,
-    renderer_name: RendererName = None,
-    device: DeviceName = None,
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    path: Source,
+    options: RenderOptions,
+    views: Views,
+    drawing: Drawing,
+    output: JsonOutput,
+    typed: Typed,
 ) -> None:
     """Draw an asset: images, and depth and face ids if asked for.
 
@@ -127,142 +113,100 @@ def render(
     exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
     all images; it is the same on the same device with the same versions.
     """
-    from msb.cli.camera_options import choose_cameras
-    from msb.cli.inputs import open_asset
-    from msb.scenes.datasets import scaled_note
-
-    output = Output(json_file, quiet, verbose, force)
-    if out is None and film is None:
-        raise UsageError("USAGE", "give --out FOLDER for images, --film FILE for a film, or both")
-    output.check_free(json_file)
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
-    place: Scene | None = None
-    if scene is not None:
-        refuse_beside_scene(cameras=cameras, turntable=turntable, flight=flight, size=size, scale=scale)
-        place = scene_for(asset, scene, image_folder)
-        for warning in place.warnings:
-            output.note(warning.to_line(warning.file or scene))
-        if (note := scaled_note([place])) is not None:
-            output.note(f"{scene}: {note}")
-        views = choose_cameras(views_of(place, split), chosen, None, None)
-    elif given := [name for name in ("split", "image_folder") if is_given(context, name)]:
-        raise UsageError("USAGE", f"--{given[0].replace('_', '-')} goes with --scene DIR")
-    else:
-        views = _views(asset, cameras, chosen, turntable, up, elevation, flight, size, scale, output)
-    tiers: tuple[Tier, ...] = ("dedicated", "standard") if tier == "both" else (tier,)
-    task = _Task(output, out, form, depth, ids, film, fps, tiers, template)
-    task.check(views)
     from msb.bench.machine import machine
-    from msb.cli.camera_options import chosen_modes, parse_background
+    from msb.cli.camera_options import parse_background
+    from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import check_supported, lean_options
 
-    color = parse_background(background, asset)
-    if place is not None and not is_given(context, "background"):
-        color = place.background  # a default that a file sets is no wish to draw what does not count
-    if place is not None:
-        note_training(asset, replace(place, background=color), path, output)
-    settings = _settings(asset, assignments)
-    modes = chosen_modes(order, sampling)
-    for each in tiers:
-        check_supported(asset, each)
-    if len(tiers) > 1 and renderer_name is not None:
-        raise UsageError("USAGE", "--renderer goes with one tier, not with --tier both")
+    with output.progress(f"reading {path.name}"):
+        asset = open_asset(path, output)
+    color = parse_background(views.background, asset)
+    about: dict[str, Any] = {}
+    if options.scene is not None:
+        scene = scene_for(asset, options.scene, options.image_folder, output)
+        if "background" not in typed:  # a default of a file is no wish to draw what does not count
+            color = scene.background
+        note_training(asset, replace(scene, background=color), path, output)
+        split, cameras = views_of(scene, views)
+        about = {"scene": about_scene(scene, split)}
+    else:
+        cameras = _cameras(asset, options, views, output)
+    images = _Images(options, output)
+    images.check(cameras)
+    settings = drawing.settings(asset)
+    for tier in options.tiers:
+        check_supported(asset, tier)
     documents = []
-    for each in tiers:
+    for tier in options.tiers:
         # With --tier both, order and sampling go to dedicated, --supersample to standard.
-        own = {} if len(tiers) > 1 and each == "standard" else modes
-        options = lean_options(each, renderer_name, ids=ids) | own
-        if supersample > 1 and (len(tiers) == 1 or each == "standard"):
-            options["supersample"] = supersample
-        with Renderer(asset, each, device, settings, name=renderer_name, **options) as renderer:
-            rows = task.run(renderer, views, color)
-            about = {"schema": SCHEMA, "path": str(path), "tier": each, "renderer": renderer.name, **own}
-            where = {} if place is None else {"scene": about_scene(place, split)}
-            drawn = {
-                "background": list(color),
-                "machine": machine(device, opencl=each != "reference", engine=renderer.device_info),
-                "memory": dict(renderer.memory()),
-                "frames": rows,
-            }
-            documents.append({**about, **where, **drawn})
+        alone = len(options.tiers) == 1
+        modes = drawing.modes if alone or tier == "dedicated" else {}
+        more = lean_options(tier, drawing.renderer, ids=options.ids) | modes
+        if drawing.supersample > 1 and (alone or tier == "standard"):
+            more["supersample"] = drawing.supersample
+        with Renderer(asset, tier, drawing.device, settings, name=drawing.renderer, **more) as renderer:
+            rows = images.draw(renderer, cameras, color)
+            documents.append(
+                {
+                    "schema": SCHEMA,
+                    "path": str(path),
+                    "tier": tier,
+                    "renderer": renderer.name,
+                    **modes,
+                    **about,
+                    "background": list(color),
+                    "machine": machine(
+                        drawing.device, opencl=tier != "reference", engine=renderer.device_info
+                    ),
+                    "memory": dict(renderer.memory()),
+                    "frames": rows,
+                }
+            )
     output.write_documents(documents)
 
 
-def _settings(asset: Asset, assignments: list[str] | None) -> dict[str, Any]:
-    from msb.asset.settings import parse_overrides
-
-    return dict(parse_overrides(asset.manifest.method, assignments or []))
-
-
-def _views(
-    asset: Asset,
-    cameras: str | None,
-    chosen: list[str] | None,
-    turntable: int | None,
-    up: str | None,
-    elevation: float,
-    flight: int | None,
-    size: str | None,
-    scale: float | None,
-    output: Output,
-) -> list[Camera]:
-    """Return the cameras that the options describe."""
-
-    from msb.cli.camera_options import around, cameras_at
+def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output) -> list[Camera]:
+    """Return the cameras of --cameras, or of a path through them, or of a turntable."""
+    from msb.cli.camera_options import parse_size
     from msb.scenes import interpolated
+    from msb.scenes.around import ELEVATION, around
 
-    if (cameras is None) == (turntable is None):
-        raise UsageError("USAGE", "give one of --cameras PATH, --scene DIR and --turntable N")
-    if turntable is not None:
-        if chosen or flight or scale is not None:
-            raise UsageError("USAGE", "--turntable goes without --camera, --flight and --scale")
-        return around(asset, turntable, size, up, elevation)
-    found = cameras_at(str(cameras), chosen, size, scale, output)
-    if flight is None:
-        return found
-    return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(interpolated(found, flight))]
+    if options.turntable is not None:
+        match = re.fullmatch(r"(\d{1,6})(?:,(-?\d{1,2}(?:\.\d{1,6})?))?", options.turntable)
+        if match is None:
+            raise UsageError(
+                "USAGE", f'--turntable is "{shorten(options.turntable, 40)}"; it must look like 8 or 8,45'
+            )
+        width, height = parse_size(views.size or "960x720")
+        return around(asset, int(match[1]), width, height, options.up, float(match[2] or ELEVATION))
+    cameras = views.read(output)
+    if options.flight is None:
+        return cameras
+    return [
+        replace(camera, name=f"{index:05d}")
+        for index, camera in enumerate(interpolated(cameras, options.flight))
+    ]
 
 
-class _Task:
-    """What is to be written for each frame, and where."""
+class _Images:
+    """What is written of each frame, and where."""
 
-    def __init__(
-        self,
-        output: Output,
-        out: Path | None,
-        form: str,
-        depth: bool,
-        ids: bool,
-        film: Path | None,
-        fps: int,
-        tiers: tuple[Tier, ...],
-        template: str | None,
-    ) -> None:
-        self.output, self.out, self.film, self.fps = output, out, film, fps
-        self.tiers = tiers
-        self.template = template or ("{camera}" if len(tiers) == 1 else "{camera}_{tier}")
-        self.form: Any = form
-        planes: Any = "exr" if form == "exr" else "npy"
-        self.planes = planes
-        self.kinds = ["image", *(["depth"] if depth else []), *(["ids"] if ids else [])]
-        if out is None and len(self.kinds) > 1:
-            raise UsageError("USAGE", "--depth and --ids need --out FOLDER")
-        if film is not None and len(tiers) > 1:
-            raise UsageError("USAGE", "--film goes with one tier, not with --tier both")
+    def __init__(self, options: RenderOptions, output: Output) -> None:
         from msb.render.images import check_film, check_format
 
-        check_format(form)
-        if film is not None:
-            check_film(film)
+        self.options, self.output = options, output
+        self.template = options.name or ("{camera}" if len(options.tiers) == 1 else "{camera}_{tier}")
+        self.planes: Literal["exr", "npy"] = "exr" if options.format == "exr" else "npy"
+        self.kinds = ["image", *(["depth"] if options.depth else []), *(["ids"] if options.ids else [])]
+        check_format(options.format)
+        if options.film is not None:
+            check_film(options.film)
 
     def check(self, views: list[Camera]) -> None:
         """Refuse to overwrite, before anything is rendered."""
-        if self.film is not None:
-            self.output.check_free(self.film)
-        names = [name for tier in self.tiers for name in self.names(views, tier)]
-        if self.out is not None:
+        names = [name for tier in self.options.tiers for name in self.names(views, tier)]
+        if self.options.out is not None:
             if len(set(names)) < len(names):
                 lacks = "{camera} or {index}" if len(views) > 1 else "{tier}"
                 text = f'--name "{self.template}" gives two images one name; it may lack {lacks}'
@@ -270,7 +214,7 @@ class _Task:
             for name in names:
                 for kind in self.kinds:
                     self.output.check_free(self.place(name, kind))
-        if self.film is not None and len({(view.width, view.height) for view in views}) > 1:
+        if self.options.film is not None and len({(view.width, view.height) for view in views}) > 1:
             raise UsageError("USAGE", "the cameras differ in size; --size WxH makes a film possible")
 
     def names(self, views: list[Camera], tier: str) -> list[str]:
@@ -279,24 +223,25 @@ class _Task:
 
         if PurePath(self.template).is_absolute() or ".." in PurePath(self.template).parts:
             raise UsageError("USAGE", f'--name "{shorten(self.template)}" leads out of --out FOLDER')
-        found = []
-        for index, camera in enumerate(image_names(views)):
-            known = {"camera": camera, "tier": tier, "index": f"{index:05d}"}
-            parts = re.split(r"{(\w*)}", self.template)
-            if wrong := set(parts[1::2]) - set(known):
-                text = f'--name: "{{{wrong.pop()}}}" is none of {{camera}}, {{tier}}, {{index}}'
-                raise UsageError("USAGE", text)
-            found.append("".join(known[part] if odd % 2 else part for odd, part in enumerate(parts)))
-        return found
+        parts = re.split(r"{(\w*)}", self.template)
+        if wrong := set(parts[1::2]) - {"camera", "tier", "index"}:
+            raise UsageError(
+                "USAGE", f'--name: "{{{wrong.pop()}}}" is none of {{camera}}, {{tier}}, {{index}}'
+            )
+        values = [
+            {"camera": camera, "tier": tier, "index": f"{index:05d}"}
+            for index, camera in enumerate(image_names(views))
+        ]
+        return ["".join(each[part] if odd % 2 else part for odd, part in enumerate(parts)) for each in values]
 
     def place(self, name: str, kind: str) -> Path:
         """Return the file for one kind of output of the frame `name`."""
-        folder = self.out or Path()
+        folder = self.options.out or Path()
         if kind == "image":
-            return folder / f"{name}.{self.form}"
+            return folder / f"{name}.{self.options.format}"
         return folder / f"{name}_{kind}.{self.planes}"
 
-    def run(
+    def draw(
         self, renderer: Renderer, views: list[Camera], color: tuple[float, float, float]
     ) -> list[dict[str, Any]]:
         """Render and write every view; return a row of JSON for each."""
@@ -312,8 +257,8 @@ class _Task:
                     step()
                     yield frame.image
 
-            if self.film is not None:
-                write_film(self.film, images(), self.fps)
+            if self.options.film is not None:
+                write_film(self.options.film, images(), self.options.fps)
             else:
                 for _ in images():
                     pass
@@ -334,7 +279,7 @@ class _Task:
         row["coverage"] = float(frame.alpha.mean())
         row["sha256"] = hashlib.sha256(frame.image.tobytes()).hexdigest()
         row["timings_ms"] = dict(frame.timings)
-        if self.out is None:
+        if self.options.out is None:
             return row
         planes = {"image": frame.image, "depth": frame.depth, "ids": frame.face_id}
         for kind in self.kinds:
@@ -342,16 +287,18 @@ class _Task:
             if plane is None:
                 raise UsageError("USAGE", "this tier and method have no face ids; leave out --ids")
             target = self.place(name, kind)
-            writers.submit(write_image, target, plane, self.form if kind == "image" else self.planes)
+            writers.submit(
+                write_image, target, plane, self.options.format if kind == "image" else self.planes
+            )
             row[kind] = str(target)
         return row
 
     def say(self, rows: list[dict[str, Any]], tier: str) -> None:
         """Print what was made, in a line or a few."""
-        where = [str(self.out)] if self.out is not None else []
-        where += [str(self.film)] if self.film is not None else []
+        where = [str(self.options.out)] if self.options.out is not None else []
+        where += [str(self.options.film)] if self.options.film is not None else []
         plural = "" if len(rows) == 1 else "s"
-        which = f", {tier}" if len(self.tiers) > 1 else ""
+        which = f", {tier}" if len(self.options.tiers) > 1 else ""
         total = hashlib.sha256("".join(row["sha256"] for row in rows).encode()).hexdigest()
         echo(f"{' and '.join(where)}: {len(rows)} view{plural}{which}, sha256 {total[:16]}")
         if self.output.verbose:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from msb.errors import UsageError
-
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.cli.camera_options import Views
     from msb.cli.output import Output
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
@@ -21,16 +20,21 @@ ImageFolder = Annotated[
 ]
 
 
-def scene_for(asset: Asset, path: Path, image_folder: str | None) -> Scene:
-    """Return a scene as a run evaluates the asset on it: views, size, camera convention and background."""
+def scene_for(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
+    """Return a scene as a run evaluates the asset on it, and print its warnings."""
     from msb.base.paths import given_path
-    from msb.scenes.datasets import dataset_of, scene_at, stated_background
+    from msb.scenes.datasets import dataset_of, scaled_note, scene_at, stated_background
 
     manifest = asset.manifest
     own = stated_background(manifest)
     dataset = dataset_of(path)
     at = scene_at(given_path(path), dataset, manifest.method, own_background=own, image_folder=image_folder)
-    return at.read()
+    scene = at.read()
+    for warning in scene.warnings:
+        output.note(warning.to_line(warning.file or path))
+    if (note := scaled_note([scene])) is not None:
+        output.note(f"{path}: {note}")
+    return scene
 
 
 def note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
@@ -44,18 +48,20 @@ def note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> Non
             output.note(found.to_line(path))
 
 
-def views_of(scene: Scene, split: Split) -> list[Camera]:
-    """Return the cameras of a split, all of them the training views first."""
-    train, test = scene.train, scene.test
-    return [*(train if split != "test" else ()), *(test if split != "train" else ())]
+def views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
+    """Return the cameras that are asked for, and their split: the test views unless --camera names others.
 
-
-def refuse_beside_scene(**others: object) -> None:
-    """Refuse options, by their names, that ask for other views or other sizes than those that count."""
-    given = [f"--{name}" for name, value in others.items() if value is not None]
-    if given:
-        text = f"{given[0]} does not go with --scene, which draws what counts, at the size that counts"
-        raise UsageError("USAGE", text)
+    ``train`` and ``all`` are the training views, and these before the test views. A number is that of a test
+    view, or after these of a training view.
+    """
+    train, test = list(scene.train), list(scene.test)
+    words = set(views.camera)
+    if words <= {"train", "test", "all"}:
+        split: Split = "test" if words <= {"test"} else "train" if words == {"train"} else "all"
+        return split, {"train": train, "test": test, "all": [*train, *test]}[split]
+    cameras = views.of([*test, *train])
+    known = {camera.name for camera in test}
+    return ("test" if all(camera.name in known for camera in cameras) else "all"), cameras
 
 
 def about_scene(scene: Scene, split: Split) -> dict[str, Any]:

@@ -14,8 +14,8 @@ import pytest
 from PIL import Image
 
 import msb as library
-from msb.cli.camera_options import around
 from msb.scenes import read_scene, turntable, write_cameras
+from msb.scenes.around import around
 from tests.adapters.models import GOLDEN
 from tests.conftest import ROOT
 
@@ -172,7 +172,7 @@ def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> 
 def test_orders_and_samplings_of_an_engine(msb: Msb, tmp_path: Path, tier: Tier) -> None:
     checkpoint = GOLDEN / "two_dts" / "orb_diffuse" / "checkpoint"
     asset = library.export(checkpoint)
-    (camera,) = around(asset, 1, "40x30", None, 20.0)
+    (camera,) = around(asset, 1, 40, 30)
     views = ("--turntable", "1", "--size", "40x30", "--tier", tier, "--format", "npy", "--json", "-")
     images = []
     for modes in ({}, {"order": "none"}, {"sampling": "engine"}, {"order": "global", "sampling": "engine"}):
@@ -229,7 +229,7 @@ def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_mo
     (model / "cfg_args").write_text("Namespace(white_background=True)")
     whole = read_scene(SCENE)
     for split, views in (("train", whole.train), ("all", (*whole.train, *whole.test))):
-        args = ("--scene", SCENE, "--split", split, "-o", tmp_path / split, "--json", "-")
+        args = ("--scene", SCENE, "--camera", split, "-o", tmp_path / split, "--json", "-")
         drawn = msb("render", *args, model).json
         assert drawn["background"] == [1, 1, 1]
         assert [(one["camera"], one["width"], one["height"]) for one in drawn["frames"]] == [
@@ -252,20 +252,21 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
     for args, status, text in (
         ((*views,), 2, "give --out FOLDER for images, --film FILE for a film, or both"),
         ((*out,), 2, "give one of --cameras PATH, --scene DIR and --turntable N"),
-        ((*views, *out, "--turntable", "3"), 2, "give one of --cameras PATH, --scene DIR and --turntable N"),
+        ((*views, *out, "--turntable", "3"), 2, "--cameras does not go with --turntable"),
+        ((*out, "--turntable", "3,x"), 2, '--turntable is "3,x"; it must look like 8 or 8,45'),
         (
             (*views, *out, "--camera", "nobody"),
             2,
             'there is no camera "nobody"; there are 3: turntable_00000',
         ),
         ((*views, *out, "--camera", "3"), 2, 'NAME_UNKNOWN: there is no camera "3"'),
-        ((*out, "--split", "all", "--turntable", "2"), 2, "--split goes with --scene DIR"),
+        ((*out, "--image-folder", "a", "--turntable", "2"), 2, "--image-folder goes with --scene DIR"),
         ((*views, *out, "--scene", SCENE), 2, "--cameras does not go with --scene, which draws what counts"),
         ((*out, "--scene", SCENE, "--size", "9x9"), 2, "--size does not go with --scene"),
         ((*out, "--scene", SCENE, "--image-folder", "none"), 3, "SCENE_IMAGE_MISSING"),
         ((*views, *out, "--size", "big"), 2, '--size is "big"; it must look like 1237x822'),
         ((*views, *out, "--size", "0x5"), 3, "width is 0"),
-        ((*views, *out, "--size", "9x9", "--scale", "2"), 2, "--size and --scale exclude each other"),
+        ((*views, *out, "--size", "9x9", "--scale", "2"), 2, "--size is given 2 times; it takes one value"),
         ((*views, *out, "--background", "mauve"), 2, '--background is "mauve"; it must be black, white'),
         ((*views, *out, "--background", "official"), 2, "none is recorded in the asset"),
         (

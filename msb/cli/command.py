@@ -1,0 +1,275 @@
+"""What makes a command of a function: options from the dataclasses that it takes, and rules between them.
+
+A function that is decorated with `command` has parameters of these kinds:
+
+- a dataclass, whose fields become options as their `Option` says; the function is handed the object. With a
+  tuple of names, ``Annotated[Views, ("cameras", "size")]``, only these fields do, and the others keep their
+  defaults. The files of `Output`, a dataclass as well, are checked before the function runs;
+- anything else that is annotated with an `Argument` or `Option`;
+- `Typed`, the names of the parameters that are on the command line.
+
+A parameter of the type Path is a path, and the `output` of its `Option` says whether it is written.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import typer
+
+from msb.base.atomic import forget_free_places
+from msb.base.option import Argument, Option
+from msb.cli.options import epilog
+from msb.cli.output import Output, check_apart, open_log
+from msb.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Everywhere:
+    """The options of every command. A command with an option of the same name keeps its own."""
+
+    color: Annotated[
+        Literal["auto", "always", "never"] | None,
+        Option("Colour the output: on terminals (auto), always or never."),
+    ] = None
+    log_file: Annotated[
+        Path | None,
+        Option("Append notes, errors, steps and their times to FILE.", metavar="FILE", output="own"),
+    ] = None
+    debug: Annotated[bool, Option("Show the traceback of an error.", only_typed=True)] = False
+
+
+class Typed(frozenset[str]):
+    """The names of the parameters that are on the command line: not set by a file or variable."""
+
+
+class Rule(NamedTuple):
+    """Options that may not be given, or that must be.
+
+    Attributes
+    ----------
+    options : str
+        Parameters, separated by blanks. Without any, the rule is that something is missing.
+    text : str
+        What is wrong; the name of the first of `options` that is typed stands before it.
+    needs, excludes : str
+        The rule is broken unless, or if, one of these parameters has a value, or this value:
+        ``tier=dedicated``.
+    """
+
+    options: str
+    text: str
+    needs: str = ""
+    excludes: str = ""
+
+
+class _Declared(NamedTuple):
+    """A parameter of a command line."""
+
+    name: str
+    type: Any
+    option: Option
+    default: Any
+
+    @property
+    def label(self) -> str:
+        """What it is called in the help."""
+        if isinstance(self.option, Argument):
+            return str(self.option.metavar).rstrip(".")
+        return next((flag for flag in self.flags if flag.startswith("--")), self.flags[0])
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """How it is typed."""
+        return self.option.flags or (f"--{self.name.replace('_', '-')}",)
+
+    @property
+    def is_path(self) -> bool:
+        """Whether its values are paths."""
+        return Path in (self.type, *get_args(self.type))
+
+    @property
+    def parameter(self) -> inspect.Parameter:
+        """What the command-line library reads."""
+        option, kind = self.option, self.type
+        if get_origin(kind) is tuple:
+            kind = list[get_args(kind)[0]]  # type: ignore[misc]
+        default = [] if self.default == () else self.default
+        number = {int: "N", float: "X"}.get(
+            next((one for one in (kind, *get_args(kind)) if one in (int, float)), str)
+        )
+        shared: dict[str, Any] = {
+            "help": option.help,
+            "metavar": option.metavar or (None if option.count else number),
+            "min": option.least,
+            "max": option.most,
+            # A file that may not be read is for its reader to report, with its code and status.
+            "readable": False,
+        }
+        if isinstance(option, Argument):
+            info = typer.Argument(hidden=True, **shared)  # `Command` writes its line of the help
+        else:
+            info = typer.Option(*self.flags, count=option.count, show_default=not option.count, **shared)
+        given = inspect.Parameter.empty if default is MISSING else default
+        return inspect.Parameter(
+            self.name, inspect.Parameter.KEYWORD_ONLY, default=given, annotation=Annotated[kind, info]
+        )
+
+
+class _Group(NamedTuple):
+    """A dataclass that a function takes, and the options that its fields become."""
+
+    kind: type
+    declared: tuple[_Declared, ...]
+
+    def made(self, values: dict[str, Any]) -> Any:
+        """Return the object, its values taken out of `values`."""
+        return self.kind(**{each.name: values.pop(each.name) for each in self.declared})
+
+
+def command(
+    *examples: str, rules: Sequence[Rule] = (), name: str = "", **settings: Any
+) -> Callable[..., Any]:
+    """Return the decorator that makes a command of a function; `settings` are the command-line library's."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        return _command(
+            function, epilog(*examples), tuple(rules), name or function.__name__.replace("_", "-"), settings
+        )
+
+    return decorate
+
+
+def _command(
+    function: Callable[..., Any],
+    end_of_help: str,
+    rules: tuple[Rule, ...],
+    name: str,
+    settings: dict[str, Any],
+) -> Callable[..., Any]:
+    groups: dict[str, _Group] = {}
+    declared: list[_Declared] = []
+    taken = inspect.signature(function, eval_str=True).parameters
+    for each in taken.values():
+        kind, *marks = (
+            get_args(each.annotation) if get_origin(each.annotation) is Annotated else [each.annotation]
+        )
+        if kind is Typed:
+            continue
+        if isinstance(kind, type) and is_dataclass(kind):
+            names = next((mark for mark in marks if isinstance(mark, tuple)), None)
+            groups[each.name] = _Group(kind, tuple(_fields(kind, names)))
+            declared += groups[each.name].declared
+        else:
+            option = next(mark for mark in marks if isinstance(mark, Option))
+            default = MISSING if each.default is inspect.Parameter.empty else each.default
+            declared.append(_Declared(each.name, kind, option, default))
+    own = {each.name for each in declared}
+    everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in own)
+    declared += everywhere
+    outputs = next((key for key, group in groups.items() if issubclass(group.kind, Output)), None)
+
+    def run(context: typer.Context, **values: Any) -> Any:
+        values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+        _check_apart(declared, values)
+        _prepare(_Group(Everywhere, everywhere).made(dict(values)))
+        typed = Typed(key for key in values if _is_typed(context, key))
+        _check_rules(rules, declared, values, typed)
+        objects = {key: group.made(dict(values)) for key, group in groups.items()}
+        if outputs is not None:
+            _check_free(declared, values, objects[outputs])
+        alone = {key: values.get(key, typed) for key in taken if key not in groups}
+        try:
+            return function(**objects, **alone)
+        finally:
+            forget_free_places()
+
+    functools.update_wrapper(run, function)
+    context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    run.__signature__ = inspect.Signature([context, *(each.parameter for each in declared)])  # type: ignore[attr-defined]
+    run.__annotations__ = {"context": typer.Context}
+    run.declared = {each.name: each for each in declared}  # type: ignore[attr-defined]
+    run.paths = {  # type: ignore[attr-defined]
+        each.name: each.option.output in ("file", "own") for each in declared if each.is_path
+    }
+    run.epilog, run.name, run.settings = end_of_help, name, settings  # type: ignore[attr-defined]
+    return run
+
+
+def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
+    hints = get_type_hints(kind, include_extras=True)
+    known = {field.name: field for field in fields(kind)}
+    for name in names or known:
+        option = next((mark for mark in get_args(hints[name]) if isinstance(mark, Option)), None)
+        if option is not None:
+            yield _Declared(name, get_args(hints[name])[0], option, known[name].default)
+
+
+def _prepare(everywhere: Everywhere) -> None:
+    """Set the variables of colour, which what prints reads, our child processes included; open the log."""
+    for variable, wish in (("FORCE_COLOR", "always"), ("NO_COLOR", "never")):
+        if everywhere.color is not None:
+            os.environ.pop(variable, None)
+        if everywhere.color == wish:
+            os.environ[variable] = "1"
+    if everywhere.log_file is not None:
+        open_log(everywhere.log_file)
+
+
+def _check_apart(declared: Sequence[_Declared], values: dict[str, Any]) -> None:
+    """Refuse to write over inputs, and to write two outputs to one place."""
+    named = []
+    for each in declared:
+        value = values.get(each.name)
+        if each.is_path and value is not None:
+            written = each.option.output in ("file", "own")
+            named += [
+                (each.label, path, written) for path in (value if isinstance(value, tuple) else (value,))
+            ]
+    if any(written for _, _, written in named):
+        check_apart(named)
+
+
+def _check_rules(
+    rules: Sequence[Rule], declared: Sequence[_Declared], values: dict[str, Any], typed: Typed
+) -> None:
+    """Raise UsageError for the first rule that is broken."""
+    known = {each.name: each for each in declared}
+
+    def holds(conditions: str) -> bool:
+        for condition in conditions.split():
+            key, equals, wanted = condition.partition("=")
+            if values[key] == wanted if equals else values[key] not in (None, False, ()):
+                return True
+        return False
+
+    for rule in rules:
+        if holds(rule.needs) or (rule.excludes and not holds(rule.excludes)):
+            continue
+        if not rule.options:
+            raise UsageError("USAGE", rule.text)
+        for key in rule.options.split():
+            if key in typed and values[key] not in (None, False, ()):
+                raise UsageError("USAGE", f"{known[key].label} {rule.text}")
+
+
+def _is_typed(context: typer.Context, name: str) -> bool:
+    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+
+
+def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
+    """Refuse files to write that have a wrong ending or are there already."""
+    for each in declared:
+        path = values.get(each.name)
+        if each.option.output == "file" and path is not None:
+            if each.option.endings:
+                from msb.api.saving import checked_ending
+
+                checked_ending(path, each.label, each.option.endings)
+            output.check_free(path)
