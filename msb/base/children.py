@@ -1,39 +1,136 @@
-"""Child processes of our own modules: how one is started, ended, and what is said of how it ended.
+"""Functions of ours that are called in child processes of their own, with limits.
 
-Foreign code that may hang or crash runs in one, so that it costs what it was asked and nothing else.
+Foreign code that may hang, crash or take too much memory runs in one, so that it costs what was asked of it
+and nothing else. Arguments and results travel as files in a temporary folder.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from msb.base.atomic import DISK_ERRORS
-from msb.errors import OutputError, shorten
+from msb.base.files import read_file
+from msb.base.npz import write_npy
+from msb.errors import OutputError, UsageError, shorten
 
+Arrays = Mapping[str, NDArray[Any]]
+Work = Callable[[str, Arrays], tuple[Any, Arrays]]
+"""A function of a module: it takes a word and named arrays, and returns JSON data and named arrays."""
+_POLL = 0.02
+_REPLY, _ERRORS = "reply.json", "errors"
+_MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16
 _UNWRITTEN = 74
 """The status of a child that could not write what it made: EX_IOERR of sysexits.h."""
+_OF_MEMORY = re.compile(r"MemoryError|bad_alloc|[Oo]ut of memory|[Cc]annot allocate|Unable to allocate")
+_PR_SET_PDEATHSIG = 1
+"""A constant of linux/prctl.h."""
 
 
-def module_command(module: str, *words: str) -> list[str]:
-    """Return the command line of a child that runs `module` of this package."""
-    # -P: a file in the current folder that is named like a module must not be run in its stead.
-    return [sys.executable or "python3", "-P", "-m", module, *words]
+@dataclass(frozen=True)
+class Limits:
+    """What a call in a child process may take.
+
+    Attributes
+    ----------
+    seconds : float
+        Of the clock, its start and its files included.
+    memory : float, optional
+        GiB of memory that the process may write to (on Linux: RLIMIT_DATA); None sets no limit.
+    """
+
+    seconds: float = 60.0
+    memory: float | None = 4.0
+
+    def __post_init__(self) -> None:
+        for name, value in (("seconds", self.seconds), ("memory", self.memory)):
+            if value is not None and not (isinstance(value, Real) and 0 < value < math.inf):
+                raise UsageError("USAGE", f"the limit of {name} is {value}; it must be a positive number")
+
+    @property
+    def limits_memory(self) -> bool:
+        """Whether the system holds a process to its memory limit; only Linux does it as is meant here."""
+        return sys.platform == "linux" and self.memory is not None
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Return them as JSON data; the memory is None where there is no such limit."""
+        return {"seconds": self.seconds, "memory_gib": self.memory if self.limits_memory else None}
 
 
-def environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the variables of a child, which finds this package whatever its folder is."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(path), **(more or {})}
+@dataclass(frozen=True)
+class Reply:
+    """What became of a call.
+
+    `why` says why there is neither data nor arrays, in the words of the exception or ours; it is empty where
+    there are. `ended_by` says what ended a call that did not end by itself. `seconds` are those that the
+    function took, or its limit; None where the process died.
+    """
+
+    data: Any = None
+    arrays: Arrays = field(default_factory=dict)
+    why: str = ""
+    ended_by: Literal["time", "memory", "crash"] | None = None
+    seconds: float | None = None
+
+
+def run_apart(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply:
+    """Call `work(word, arrays)` in a process of its own.
+
+    The process is ended at its limit, by whatever ends this call (an interrupt, an error), and with this
+    process.
+    """
+    return run_each(work, [word], arrays, limits)[word]
+
+
+def run_each(
+    work: Work, words: Sequence[str], arrays: Arrays, limits: Limits, *, at_once: int = 1
+) -> dict[str, Reply]:
+    """Call `work(word, arrays)` for each word as `run_apart` does, so many at once."""
+    replies: dict[str, Reply] = {}
+    running: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
+    waiting = list(words)
+    with _shared_folder() as folder:
+        (folder / "given").mkdir()
+        for name, array in arrays.items():
+            write_npy(folder / "given" / f"{name}.npy", array)
+        try:
+            while waiting or running:
+                while waiting and len(running) < at_once:
+                    word, own = waiting.pop(0), folder / str(len(waiting))
+                    running[word] = _start(work, word, own, limits), own, time.monotonic() + limits.seconds
+                for word, (child, own, deadline) in list(running.items()):
+                    if child.poll() is not None:
+                        replies[word] = _reply(own, child.returncode, limits)
+                    elif time.monotonic() > deadline:
+                        why = f"it did not end within {limits.seconds:g} s"
+                        replies[word] = Reply(why=why, ended_by="time", seconds=limits.seconds)
+                    else:
+                        continue
+                    _end(running.pop(word)[0])
+                if running:
+                    time.sleep(_POLL)
+        finally:
+            for child, _, _ in running.values():
+                _end(child)
+    return replies
 
 
 def apart() -> dict[str, Any]:
@@ -46,26 +143,70 @@ def apart() -> dict[str, Any]:
     return {"start_new_session": True}
 
 
-def end(child: subprocess.Popen[bytes]) -> None:
-    """End a child, if it is still running, and wait until it is gone."""
+def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
+    folder.mkdir()
+    # -P: a file in the current folder that is named like a module must not be run in its stead.
+    command = [sys.executable or "python3", "-P", "-m", "msb.base.children"]
+    function = f"{work.__module__}:{work.__qualname__}"
+    root = str(Path(__file__).resolve().parents[2])  # where the child finds this package
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
+    with (folder / _ERRORS).open("wb") as errors:
+        return subprocess.Popen(
+            [*command, function, word, str(folder), str(limits.memory or 0)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,  # libraries print
+            stderr=errors,
+            env={**os.environ, "PYTHONPATH": path},
+            cwd=folder,
+            **apart(),
+        )
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End a child and what it has started, if it is still running, and wait until it is gone."""
     if child.poll() is None:
-        child.kill()
+        if sys.platform == "win32":
+            child.kill()
+        else:
+            os.killpg(child.pid, signal.SIGKILL)
     child.wait()
 
 
-def ending(status: int) -> str:
-    """Return how a process ended: the signal that ended it, or its status."""
-    if status < 0:
+def _reply(folder: Path, status: int, limits: Limits) -> Reply:
+    if status == _UNWRITTEN:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    printed = _printed(folder)
+    try:
+        reply = json.loads(read_file(folder / _REPLY, _MOST_REPLY))
+        why, seconds = str(reply["why"]), float(reply["seconds"])
+        if not why:
+            made = {path.stem: np.load(path, allow_pickle=False) for path in folder.glob("*.npy")}
+            return Reply(reply["data"], made, seconds=seconds)
+    except Exception:  # it wrote none, or not all of it
+        how, seconds = f"status {status}", None
         with contextlib.suppress(ValueError):
-            return signal.Signals(-status).name
-    return f"status {status}"
+            how = signal.Signals(-status).name
+        lines = [line.strip() for line in printed.splitlines() if line.strip()]
+        why = f"it crashed ({how})" + (f": {shorten(lines[-1], 200)}" if lines else "")
+    if limits.memory is not None and _OF_MEMORY.search(f"{why}\n{printed}"):
+        return Reply(
+            why=f"it needs more memory than {limits.memory:g} GiB", ended_by="memory", seconds=seconds
+        )
+    return Reply(why=why, ended_by="crash" if seconds is None else None, seconds=seconds)
+
+
+def _printed(folder: Path) -> str:
+    """Return the end of what a child wrote to standard error."""
+    with (folder / _ERRORS).open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _MOST_ERRORS))
+        return file.read().decode(errors="replace")
 
 
 @contextlib.contextmanager
-def shared_folder(prefix: str) -> Iterator[Path]:
-    """Yield a temporary folder for what a child is given and what it leaves."""
+def _shared_folder() -> Iterator[Path]:
+    """Yield a temporary folder for what children are given and what they leave."""
     try:
-        with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
+        with tempfile.TemporaryDirectory(prefix="msb-apart-", ignore_cleanup_errors=True) as name:
             yield Path(name)
     except OSError as error:
         if error.errno not in DISK_ERRORS:
@@ -74,24 +215,58 @@ def shared_folder(prefix: str) -> Iterator[Path]:
         raise OutputError("OUTPUT_UNWRITABLE", text, file=tempfile.gettempdir()) from error
 
 
-@contextlib.contextmanager
-def leaving() -> Iterator[None]:
-    """Let a child, which writes what it made in this block, end with a status of its own if it cannot."""
+def _serve(function: str, word: str, folder: Path, memory: float) -> None:
+    """Do what a child does: call the function, and leave the reply in `folder`."""
+    module, _, name = function.partition(":")
+    if sys.platform == "linux":
+        _end_with_parent()
+    work: Work = getattr(import_module(module), name)
+    given = {path.stem: np.load(path, allow_pickle=False) for path in (folder.parent / "given").glob("*.npy")}
+    if memory and sys.platform == "linux":
+        _limit_memory(memory)
+    data: Any = None
+    arrays: Arrays = {}
+    why = ""
+    start = time.perf_counter()
     try:
-        yield
+        data, arrays = work(word, given)
+    except Exception as error:  # the library's words are the result
+        why = shorten(f"{error}" or type(error).__name__, 200)
+        if isinstance(error, MemoryError):
+            why = f"MemoryError: {why}"
+    reply = {"data": data, "why": why, "seconds": time.perf_counter() - start}
+    text = json.dumps(reply, allow_nan=False)
+    try:
+        for name, array in arrays.items():
+            write_npy(folder / f"{name}.npy", array)
+        (folder / "partial").write_text(text, "utf-8")
+        (folder / "partial").rename(folder / _REPLY)
     except OSError as error:
         if error.errno in DISK_ERRORS:
             raise SystemExit(_UNWRITTEN) from error
         raise
 
 
-def check_written(status: int) -> None:
-    """Raise what `shared_folder` turns into our error, if a child ended because it could not write."""
-    if status == _UNWRITTEN:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def _end_with_parent() -> None:
+    """Let Linux kill this process when its parent ends in whatever way."""
+    import ctypes
+
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
-def last_line(text: str, limit: int = 200) -> str:
-    """Return the last line of what a child printed that is not empty, shortened."""
-    lines = (line.strip() for line in reversed(text.split("\n")))
-    return shorten(next((line for line in lines if line), ""), limit)
+def _limit_memory(gib: float) -> None:
+    """Hold this process to `gib` GiB.
+
+    RLIMIT_DATA counts what may be written to. RLIMIT_AS would also count what libraries only reserve, such
+    as the arenas of threads, and end them far below the memory they take.
+    """
+    import resource
+
+    most = int(gib * 2**30)
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
+if __name__ == "__main__":
+    _serve(sys.argv[1], sys.argv[2], Path(sys.argv[3]), float(sys.argv[4]))

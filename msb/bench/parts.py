@@ -85,7 +85,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
     The cell's folder gets a picture of each.
     """
     from msb.base.atomic import new_folder
-    from msb.trial.limits import Limits
+    from msb.base.children import Limits
     from msb.trial.run import try_asset
 
     asset, cameras, wanted = _to_try(job)

@@ -9,33 +9,34 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
+import os
 import platform
-import subprocess
 import threading
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from msb._version import __version__
 from msb.base.atomic import new_file
-from msb.base.children import ending, environment, last_line, module_command
+from msb.base.children import Arrays, Limits, run_apart
 from msb.cl import mend
 from msb.cl.kernel_text import OWN, resolve
-from msb.cl.loader import user_cache
-from msb.errors import OutputError, one_line, shorten
+from msb.cl.loader import opencl, user_cache
+from msb.errors import DeviceError, OutputError, one_line, shorten
 
 if TYPE_CHECKING:
+    from msb.cl.device import Device
     from msb.cl.records import DeviceRecord
 
 _SECONDS = 120.0
 """Seconds that a trial may take on a busy machine, the compiler's own start included; it mostly takes a
 tenth."""
+_COUNT = 64
+"""Work-items of the trial."""
 _MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
-_CHILD = "msb.cl.trial_child"
-ANSWER = "msb-trial "
-"""The text that precedes the child's answer in its output."""
 
 _lock = threading.Lock()
 _known: dict[int, Trial] = {}
@@ -103,29 +104,51 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
 
 def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     """Try in a child process; return None or what went wrong, and whether its compiler said so."""
-    # A kernel out of a cache says nothing of the compiler.
-    variables = environment({"POCL_KERNEL_CACHE": "0"})
-    words = module_command(_CHILD, record.selector, str(int(mended)))
+    word = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
-        child = subprocess.run(
-            words,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_SECONDS,
-            env=variables,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return f"its compiler did not answer within {_SECONDS:g} s", False
-    except OSError as error:
+        reply = run_apart(try_here, word, {}, Limits(_SECONDS, None))
+    except (OSError, OutputError) as error:
         return f"no process could be started to try it: {shorten(str(error), 100)}", False
-    answers = [line for line in child.stdout.splitlines() if line.startswith(ANSWER)]
-    if child.returncode == 0 and answers:
-        why: str | None = json.loads(answers[-1].removeprefix(ANSWER))
-        return why, True
-    how = f"({ending(child.returncode)}) {last_line(child.stderr, 150)}".rstrip()
-    return f"its compiler ended the process {how}", False
+    if reply.why:
+        return f"trying it in a process of its own failed: {reply.why}", False
+    return reply.data, True
+
+
+def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
+    """Build and run trial.cl in this process, which is a child; return why the device does not work, or None.
+
+    `word` is the device's selector, and whether its compiler is mended first; there are no `arrays`.
+    """
+    os.environ["POCL_KERNEL_CACHE"] = "0"  # a kernel out of a cache says nothing of the compiler
+    from msb.cl.device import Device
+    from msb.cl.devices import found_devices
+
+    cl = opencl()
+    selector, _, state = word.partition(" ")
+    for record, handle in found_devices(cl):
+        if record.selector != selector:
+            continue
+        if state == "mended" and not mend.mend(handle):
+            return "its compiler's processor could not be named", {}
+        try:
+            with Device(cl, handle, record) as device:
+                return (None if _is_right(device) else "it computes a small kernel wrongly"), {}
+        except DeviceError as error:
+            return str(error.value or error.message), {}
+    return f"{selector} is not there in a process of its own", {}
+
+
+def _is_right(device: Device) -> bool:
+    given = (np.arange(8 * _COUNT, dtype=np.float32) / 16).reshape(_COUNT, 8)
+    halves = device.allocate(given.shape, np.float32)
+    rounded = device.allocate(given.shape, np.int32)
+    program = device.program("trial")
+    program.trial(_COUNT, 1, device.upload(given), halves, rounded, np.uint32(_COUNT))
+    wanted = np.maximum(np.sqrt(given), 1) / 2
+    return bool(
+        np.allclose(halves.read(), wanted, rtol=1e-6, atol=0)
+        and (rounded.read() == given.astype(np.int32) - (given > 4)).all()
+    )
 
 
 def _key(handle: Any, record: DeviceRecord) -> str:

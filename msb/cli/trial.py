@@ -24,9 +24,9 @@ from msb.cli.output import Output, echo, failure, plain_table
 from msb.errors import GateFailed, MsbError, UsageError, one_line
 
 if TYPE_CHECKING:
+    from msb.base.children import Limits
     from msb.scenes import Camera
     from msb.topology.weld import Weld
-    from msb.trial.limits import Limits
     from msb.trial.run import Trial, Trials
     from msb.trial.task import Outcome
 
@@ -94,9 +94,9 @@ def trial(
     repaired, on request), in a process that is ended at its limits. How the results look is judged by
     --cameras, else by the cameras of the training where they lie beside the model, else by views round it.
     """
+    from msb.base.children import Limits
     from msb.cli.inputs import expand
     from msb.repair.plan import DEFAULT, parse_plan
-    from msb.trial.limits import Limits
     from msb.trial.registry import check_libraries, chosen_tasks
 
     output = Output(json_file, quiet, verbose, force, json_lines)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
+from msb.base.children import Limits
 from msb.errors import MeshError, UsageError
 from msb.repair.carry import carry
 from msb.repair.plan import BY_PEER
@@ -292,9 +293,8 @@ def _step(name: str, work: _Work, options: Options) -> Change:
     if options.peer is not None and name in BY_PEER[options.peer]:
         from msb.topology.crosscheck.repairs import repair_by_peer
 
-        return repair_by_peer(
-            options.peer, name, points, faces, seconds=options.seconds, memory_gib=options.memory_gib
-        )
+        limits = Limits(options.seconds, options.memory_gib)
+        return repair_by_peer(options.peer, name, points, faces, limits)
     if name == "orient":
         return orient(faces, len(points))
     if name == "cut":

@@ -1,11 +1,11 @@
-"""The mesh that tasks are tried on: arrays with a colour at every vertex, and how they travel as files."""
+"""The mesh that tasks are tried on: arrays with a colour at every vertex."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
-from msb.base.npz import write_npy
 from msb.errors import about
 from msb.meshes import Mesh
 from msb.topology import audit_arrays
@@ -71,31 +70,38 @@ class TriedMesh:
         """Return it as what mesh files hold."""
         return Mesh(self.vertices, self.faces, self.colors, vertex_uvs=self.uv)
 
-    def save(self, folder: Path, name: str = "mesh") -> None:
-        """Write its arrays into `folder`, a file each."""
-        for key in ("vertices", "faces", "colors", "uv"):
-            array = getattr(self, key)
-            if array is not None:
-                write_npy(folder / f"{name}.{key}.npy", array)
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return its arrays by their names."""
+        found = {"vertices": self.vertices, "faces": self.faces, "colors": self.colors}
+        return found if self.uv is None else {**found, "uv": self.uv}
 
+    @classmethod
+    def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TriedMesh:
+        """Return the mesh of `arrays`; what a library made of it may be of other types and shapes.
 
-def load_mesh(folder: Path, name: str = "mesh") -> TriedMesh:
-    """Return the mesh that `TriedMesh.save` wrote; what a library made may be of other types and shapes."""
-    found: dict[str, NDArray[Any]] = {}
-    kinds = {"vertices": (3, "f"), "faces": (3, "iu"), "colors": (3, "f"), "uv": (2, "f")}
-    for key, (width, kind) in kinds.items():
-        path = folder / f"{name}.{key}.npy"
-        if key == "uv" and not path.exists():
-            continue
-        array = np.load(path, allow_pickle=False)
-        if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in kind:
-            raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"{key} of the mesh {name} are not all finite")
-        found[key] = array if key == "vertices" else array.astype(np.int64 if key == "faces" else np.float32)
-    if found["faces"].size and not 0 <= found["faces"].min() <= found["faces"].max() < len(found["vertices"]):
-        raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")
-    return TriedMesh(**found)
+        ValueError says what is wrong with the mesh of this name.
+        """
+        found: dict[str, Any] = {}
+        for key, width, kind in (
+            ("vertices", 3, "f"),
+            ("faces", 3, "iu"),
+            ("colors", 3, "f"),
+            ("uv", 2, "f"),
+        ):
+            if key == "uv" and key not in arrays:
+                continue
+            array = arrays[key]
+            if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in kind:
+                raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"{key} of the mesh {name} are not all finite")
+            found[key] = (
+                array if key == "vertices" else array.astype(np.int64 if key == "faces" else np.float32)
+            )
+        faces = found["faces"]
+        if faces.size and not 0 <= faces.min() <= faces.max() < len(found["vertices"]):
+            raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")
+        return cls(**found)
 
 
 def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:

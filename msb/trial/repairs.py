@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.tiers import why_not
+from msb.base.children import Limits
 from msb.errors import MsbError, OutputError
 from msb.render import Renderer
 from msb.render.backend import lean_options
@@ -17,7 +18,6 @@ from msb.repair.assets import repair_asset
 from msb.repair.pictures import keep_picture
 from msb.topology import audit_arrays
 from msb.topology.halfedge import NONE
-from msb.trial.limits import Limits
 from msb.trial.look import BACKGROUND, likeness
 from msb.trial.run import try_asset
 from msb.views import choose_views

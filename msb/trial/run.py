@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 from msb.api.opening import as_asset
 from msb.asset.look import written_up
 from msb.base.atomic import new_file
+from msb.base.children import Limits
 from msb.base.extras import install
-from msb.errors import AssetError, UsageError, about, shorten
+from msb.errors import AssetError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import as_held
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
 from msb.topology.weld import parse_weld
-from msb.trial.children import run_attempt
-from msb.trial.limits import Limits
+from msb.trial.attempts import run_attempt
 from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.registry import able, chosen_tasks, missing_modules
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.scenes import Camera
     from msb.topology.weld import Weld
-    from msb.trial.task import Attempt, Made, Numbers, Outcome, Reply, Task
+    from msb.trial.task import Attempt, Attempted, Made, Numbers, Outcome, Task
     from msb.views import Views
 
 SCHEMA = "msb.trial/1"
@@ -199,8 +199,6 @@ def try_asset(
     """
     chosen = chosen_tasks(tasks)
     limits = Limits() if limits is None else limits
-    if not isinstance(limits, Limits):
-        raise UsageError("USAGE", f"limits is {shorten(repr(limits), 40)}; it must be msb.trial.Limits()")
     weld = None if weld is None else parse_weld(weld)
     plan = None if repair is None else parse_plan(repair)
     mesh = mesh_to_try(asset, weld)
@@ -274,7 +272,7 @@ class _Trying:
 
     def replies(
         self, attempts: Iterable[Attempt], arrays: Mapping[str, NDArray[Any]], limits: Limits
-    ) -> dict[str, Reply]:
+    ) -> dict[str, Attempted]:
         """Make those attempts whose libraries are installed; audit what they made."""
         found = {
             one.library: run_attempt(self.task, one, self.mesh, arrays, limits) for one in able(attempts)
@@ -284,7 +282,7 @@ class _Trying:
                 made.numbers["verdict"] = {"level": mesh.verdict.level, "sentence": mesh.verdict.sentence}
         return found
 
-    def judged(self, replies: dict[str, Reply], made: dict[str, Made]) -> Judgement:
+    def judged(self, replies: dict[str, Attempted], made: dict[str, Made]) -> Judgement:
         """Return the task's own judgement, with what is to be said of attempts that failed."""
         failed = {name: reply for name, reply in replies.items() if reply.made is None}
         why = "; ".join(f"{name}: {reply.why}" for name, reply in failed.items())

@@ -32,7 +32,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One library's way to do a task. It runs in a child process (`msb.trial.children`).
+    """One library's way to do a task. It runs in a child process (`msb.trial.attempts`).
 
     Attributes
     ----------
@@ -55,20 +55,11 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Reply:
-    """What became of an attempt.
+class Attempted:
+    """What became of an attempt: what it made, or why there is nothing, in the library's words or ours.
 
-    Attributes
-    ----------
-    made : Made, optional
-        None where the attempt failed.
-    why : str
-        Why it failed, in the library's words or ours; empty if it did not.
-    ended_by : {"time", "memory", "crash"}, optional
-        What ended it, where it did not end by itself.
-    seconds : float, optional
-        The time that the library took; None where it did not run.
-    version : str, optional
+    `ended_by` says what ended it, where it did not end by itself; `seconds` is the time that the library
+    took, None where it did not run.
     """
 
     made: Made | None

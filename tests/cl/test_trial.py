@@ -6,8 +6,6 @@ What a mended wheel draws, `tests.machines unknown` holds to the golden images.
 from __future__ import annotations
 
 import dataclasses
-import re
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from msb.base.children import Reply, run_apart
 from msb.cl import devices, loader, mend, trial
 from msb.cl.devices import choose_device, found_devices, open_device, shared_device
 from msb.cl.trial import Trial, try_device
-from msb.errors import DeviceError
+from msb.errors import DeviceError, OutputError
 from tests.cl.conftest import SELECTOR, answer
 from tests.cl.test_devices import INTEL, NVIDIA, other
 
@@ -107,16 +106,15 @@ def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any,
     trial.forget()
 
 
-def children(monkeypatch: pytest.MonkeyPatch, code: str | None = None) -> list[Any]:
-    """Count the processes that are started to try a device, and let them run other code."""
-    started: list[Any] = []
-    run = subprocess.run
+def children(monkeypatch: pytest.MonkeyPatch, reply: Reply | None = None) -> list[str]:
+    """Count the processes that are started to try a device, and let them reply something else."""
+    started: list[str] = []
 
-    def counted(command: list[str], **options: Any) -> Any:
-        started.append(command)
-        return run(command if code is None else [command[0], "-c", code], **options)
+    def counted(work: Any, word: str, *rest: Any) -> Reply:
+        started.append(word)
+        return run_apart(work, word, *rest) if reply is None else reply
 
-    monkeypatch.setattr(trial.subprocess, "run", counted)
+    monkeypatch.setattr(trial, "run_apart", counted)
     return started
 
 
@@ -153,26 +151,28 @@ def test_a_damaged_cache_says_nothing(real: tuple[Any, DeviceRecord], tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("code", "why"),
-    [
-        ("import os; os.abort()", r"ended the process \(SIGABRT\)"),
-        (
-            "import sys; print('LLVM ERROR: no such intrinsic', file=sys.stderr); sys.exit(8)",
-            "status 8.*LLVM ERROR",
-        ),
-        (f"import json; print('msb-trial ' + json.dumps({UNKNOWN!r}))", UNKNOWN),
-    ],
+    "reply", [Reply(UNKNOWN), Reply(why="it crashed (status 8): LLVM ERROR: no such intrinsic")]
 )
-def test_a_compiler_that_ends_the_process_ends_the_childs(
-    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, code: str, why: str, tmp_path: Path
+def test_a_compiler_that_fails_or_ends_its_process_has_its_words_told(
+    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, reply: Reply, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(mend.MEND_VARIABLE, "0")
-    children(monkeypatch, code)
-    found = try_device(*real)
-    assert not found.builds
-    assert re.search(why, found.why or "")
+    children(monkeypatch, reply)
+    tried = try_device(*real)
+    assert not tried.builds
+    assert (reply.data or reply.why) in (tried.why or "")
     # What a compiler says is so the next time; a process that died may have died of something else.
-    assert (tmp_path / "meshsplatbench").exists() == (why == UNKNOWN)
+    assert (tmp_path / "meshsplatbench").exists() == (reply.data == UNKNOWN)
+
+
+def test_without_room_for_temporary_files_a_device_is_not_tried(
+    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> Reply:
+        raise OutputError("OUTPUT_UNWRITABLE", "temporary files cannot be written", file="/tmp")
+
+    monkeypatch.setattr(trial, "run_apart", refuse)
+    assert "temporary files cannot be written" in (try_device(*real).why or "")
 
 
 # The processor that the wheel does not know
@@ -182,7 +182,7 @@ from msb.cl import loader, mend
 from msb.cl.devices import open_device
 from msb.cl.trial import try_device
 from msb.cl.devices import found_devices
-from msb.errors import DeviceError
+from msb.errors import DeviceError, OutputError
 wheel = next((r, h) for r, h in found_devices(loader.opencl()) if r.driver == mend.DRIVER)
 print(mend.compiler_cpu(wheel[1]))
 try:

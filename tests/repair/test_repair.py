@@ -225,6 +225,6 @@ def test_a_peer_does_a_step_in_our_stead(splat: Asset, peer: str, step: str) -> 
 @pytest.mark.oracle
 def test_a_peer_that_takes_too_long_is_ended_and_named() -> None:
     pytest.importorskip("igl")
-    with pytest.raises(MsbError, match=r"cut by igl: it did not answer within 0\.001 s") as found:
+    with pytest.raises(MsbError, match=r"cut by igl: it did not end within 0\.001 s") as found:
         repair_asset(mesh_asset(*BOOK), ("cut",), Options(peer="igl", seconds=0.001))
     assert found.value.code == "PEER_FAILED"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from importlib.util import find_spec
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -18,15 +20,15 @@ from msb.errors import MeshError, UsageError
 from msb.meshes import read_mesh
 from msb.topology import audit_arrays
 from msb.topology.crosscheck import PEERS, CrossCheck, Row, compare, cross_check
-from msb.topology.crosscheck.children import Reply, ask_peers
 from msb.topology.crosscheck.expected import Facts
 from msb.topology.crosscheck.pairs import pair_numbers
+from msb.topology.crosscheck.peers import Answers, ask, ask_peers
 from msb.topology.explain import explain
 from tests.conftest import BOOK, TETRAHEDRON
-from tests.topology.forked_peers import ForkedPeers
 from tests.topology.meshes import CASE, CASES, GOLDEN, random_mesh
 
 WITH_FACES = [c for c in CASES if c.valid and len(c.faces)]
+Forked = Callable[..., dict[str, Answers | str]]
 IN_PROCESS = ("libigl", "trimesh", "NetworkX")
 """PyMeshLab is right in a fresh process only, and manifold3d may crash."""
 
@@ -41,7 +43,7 @@ def check_in_process(peer: str, points: np.ndarray, faces: np.ndarray) -> list[R
     report, analysis = audit_arrays(points, faces)
     with np.errstate(all="ignore"):  # trimesh computes with infinite coordinates
         answers = PEERS[peer].ask(np.asarray(points, np.float64), faces.astype(np.int64))
-    return compare(peer, Reply("-", answers), Facts(report, analysis))[0]
+    return compare(peer, answers, Facts(report, analysis))[0]
 
 
 def check(points: Any, faces: Any, **options: Any) -> CrossCheck:
@@ -61,10 +63,20 @@ def assert_explained(rows: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def forked() -> Iterator[ForkedPeers]:
-    made = ForkedPeers()
-    yield made
-    made.close()
+def forked() -> Iterator[Forked]:
+    """Stand in for `ask_peers`: processes are forked from one that has imported the peers."""
+    context = get_context("forkserver")
+    modules = [peer.module for peer in PEERS.values() if find_spec(peer.module)]
+    context.set_forkserver_preload(["msb.topology.crosscheck", *modules])
+    with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as pool:
+
+        def ask_forked(
+            names: Sequence[str], vertices: Any, faces: Any, timeout: float = 60
+        ) -> dict[str, Answers | str]:
+            mesh = {"vertices": np.asarray(vertices, np.float64), "faces": faces.astype(np.int64)}
+            return {name: pool.submit(ask, name, mesh).result(timeout)[0] for name in names}
+
+        yield ask_forked
 
 
 # --- the peers themselves
@@ -103,31 +115,31 @@ CHILD_CASES = [
     "repeated_index_beside_triangle", "unreferenced_vertex", "cone_over_theta",
     "book_with_detached_triangle_at_spine", "nan_vertex",
 ]  # fmt: skip
-"""Those of the specification's table (section 5), where the peers differ; a process each."""
+"""Those where the peers differ; a process each."""
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CHILD_CASES)
-def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str, forked: ForkedPeers) -> None:
+def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str, forked: Forked) -> None:
     need("PyMeshLab", "manifold3d")
     case = CASE[name]
-    replies = forked.ask(["PyMeshLab", "manifold3d"], case.vertices, case.faces)
+    replies = forked(["PyMeshLab", "manifold3d"], case.vertices, case.faces)
     facts = Facts(*audit_arrays(case.vertices, case.faces))
-    for peer, reply in replies.items():
-        assert isinstance(reply, Reply), (peer, reply)
-        assert_explained(compare(peer, reply, facts)[0])
+    for peer, answers in replies.items():
+        assert isinstance(answers, dict), (peer, answers)
+        assert_explained(compare(peer, answers, facts)[0])
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("file", ["synthetic_splat_small.ply", "synthetic_splat_medium.ply"])
 def test_all_five_peers_explain_a_synthetic_splat_mesh(
-    file: str, forked: ForkedPeers, monkeypatch: pytest.MonkeyPatch
+    file: str, forked: Forked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     need(*PEERS)
     if "small" in file:
-        monkeypatch.setattr(package, "ask_peers", forked.ask)
+        monkeypatch.setattr(package, "ask_peers", forked)
     mesh = read_mesh(GOLDEN / file)
     result = check(mesh.vertices, mesh.faces)
     assert_explained(result.rows)
@@ -139,12 +151,10 @@ def test_all_five_peers_explain_a_synthetic_splat_mesh(
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_all_five_peers_explain_a_large_random_mesh(
-    forked: ForkedPeers, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_five_peers_explain_a_large_random_mesh(forked: Forked, monkeypatch: pytest.MonkeyPatch) -> None:
     """A few hundred faces glued at random: every count of the audit is far from 0 at once."""
     need(*PEERS)
-    monkeypatch.setattr(package, "ask_peers", forked.ask)
+    monkeypatch.setattr(package, "ask_peers", forked)
     random = np.random.default_rng(7)
     points, faces = random.normal(size=(150, 3)), random.integers(0, 140, (400, 3))
     faces = np.concatenate([faces, random.integers(0, 12, (30, 3)), faces[:5], faces[5:9, ::-1]])
@@ -198,9 +208,9 @@ def test_book_differs_only_where_pymeshlab_skips_edge_endpoints(capfd: pytest.Ca
 @pytest.mark.oracle
 def test_rows_that_hang_pymeshlab_are_turned_first() -> None:
     need("PyMeshLab")
-    reply = ask_peers(["PyMeshLab"], np.zeros((3, 3)), np.array([[2, 1, 2]]), timeout=60)["PyMeshLab"]
-    assert isinstance(reply, Reply)
-    assert reply.answers["edges"] == 2
+    answers = ask_peers(["PyMeshLab"], np.zeros((3, 3)), np.array([[2, 1, 2]]), timeout=60)["PyMeshLab"]
+    assert isinstance(answers, dict)
+    assert answers["edges"] == 2
 
 
 # --- a wrong audit
@@ -221,20 +231,20 @@ NOT_COMPARED = {
     [([], 1), ([], -1), ([[0, 1, 1], [5, 5, 5]], 100)],
     ids=["one too many", "one too few", "definitions differ too"],
 )
-def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int, forked: ForkedPeers) -> None:
+def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int, forked: Forked) -> None:
     need(*PEERS)
     points, faces = splat_like(8)
     faces = np.concatenate([faces, np.array(more, np.int32).reshape(-1, 3)])
     report, analysis = audit_arrays(points, faces)
-    replies = forked.ask(["PyMeshLab"], points, faces)
+    replies = forked(["PyMeshLab"], points, faces)
     for peer in IN_PROCESS:
-        replies[peer] = Reply("-", PEERS[peer].ask(points.astype(float), faces.astype(np.int64)))
+        replies[peer] = PEERS[peer].ask(points.astype(float), faces.astype(np.int64))
     for key, right in vars(report.counts).items():
         wrong = replace(report, counts=replace(report.counts, **{key: right + off}))
         rows: list[Row] = []
-        for peer, reply in replies.items():
-            assert isinstance(reply, Reply)
-            rows += compare(peer, reply, Facts(wrong, analysis))[0]
+        for peer, answers in replies.items():
+            assert isinstance(answers, dict)
+            rows += compare(peer, answers, Facts(wrong, analysis))[0]
         found = {r.quantity for r in rows if r.verdict == "disagrees"}
         assert (key in found) == (key not in NOT_COMPARED), key
 
@@ -251,16 +261,15 @@ def test_wrong_loops_winding_and_areas_disagree_on_a_manifold_mesh() -> None:
     )
     found = set()
     for peer in ("libigl", "trimesh"):
-        reply = Reply("-", PEERS[peer].ask(case.vertices, case.faces))
-        found |= {
-            r.quantity for r in compare(peer, reply, Facts(wrong, analysis))[0] if r.verdict == "disagrees"
-        }
+        answers = PEERS[peer].ask(case.vertices, case.faces)
+        rows, _ = compare(peer, answers, Facts(wrong, analysis))
+        found |= {r.quantity for r in rows if r.verdict == "disagrees"}
     assert found == {"boundary_loops", "winding_consistent", "total_area"}
 
 
 def test_disagreement_says_what_was_expected() -> None:
-    reply = Reply("9", {"closed_oriented": True})
-    (row,), _ = compare("manifold3d", reply, Facts(*audit_arrays(*BOOK)))
+    need("manifold3d")
+    (row,), _ = compare("manifold3d", {"closed_oriented": True}, Facts(*audit_arrays(*BOOK)))
     assert row.verdict == "disagrees"
     assert row.why == "status should give False, and gives True"
     assert CrossCheck((row,), {}).disagreements == (row,)
@@ -289,8 +298,7 @@ def test_missing_extra_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, here: s
 
 
 @pytest.mark.parametrize("name", ["empty", "points_only"])
-def test_mesh_without_faces_is_shown_to_no_peer(name: str, child: Callable[[str], None]) -> None:
-    child("raise SystemExit('asked')")
+def test_mesh_without_faces_is_shown_to_no_peer(name: str) -> None:
     result = check(CASE[name].vertices, CASE[name].faces)
     assert result.rows == ()
     assert set(result.skipped) == set(PEERS)
@@ -305,8 +313,21 @@ def test_networkx_is_not_asked_about_large_meshes(monkeypatch: pytest.MonkeyPatc
     assert result.skipped["trimesh"] == "not today"
 
 
-def test_bad_index_is_an_error_before_any_peer_is_asked(child: Callable[[str], None]) -> None:
-    child("raise SystemExit('asked')")
+@pytest.mark.slow
+def test_a_peer_that_fails_or_hangs_is_skipped_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    need("trimesh", "NetworkX")
+    monkeypatch.setattr(package, "PATIENCE", 0.001)
+    skipped = check(*BOOK).skipped
+    assert {why for peer, why in skipped.items() if find_spec(PEERS[peer].module)} == {
+        "it did not end within 0.001 s"
+    }
+    result = ask_peers(["trimesh", "NetworkX"], np.zeros((1, 3)), BOOK[1], timeout=60)
+    assert "index" in str(result["trimesh"])
+    assert isinstance(result["NetworkX"], dict)
+
+
+def test_bad_index_is_an_error_before_any_peer_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(package, "ask_peers", None)
     report, analysis = audit_arrays(*BOOK)
     with pytest.raises(MeshError, match="face 0"):
         cross_check(BOOK[0], [[0, 1, 99]], report, analysis)

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from msb.base.children import Limits
 from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics.likeness import decibels
 from msb.topology import audit_arrays
 from msb.trial import run
-from msb.trial.limits import Limits
 from msb.trial.mesh import TriedMesh
 from msb.trial.run import try_asset
-from msb.trial.task import Made, Reply
+from msb.trial.task import Attempted, Made
 from tests.trial.conftest import box, grid, made_of, pages, soup
 
 if TYPE_CHECKING:
@@ -33,14 +33,14 @@ def replying(monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, Made | s
     """Return a function that puts answers, or reasons for none, in the place of those of libraries."""
 
     def become(answers: Mapping[str, Made | str]) -> None:
-        def reply(task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Any, _limits: Any) -> Reply:
+        def reply(task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Any, _limits: Any) -> Attempted:
             answer = answers.get(attempt.library)
             if answer is None:
                 try:
-                    return Reply(attempt.work(mesh, task.parameters, arrays))
+                    return Attempted(attempt.work(mesh, task.parameters, arrays))
                 except ValueError as error:
-                    return Reply(None, str(error))
-            return Reply(None, answer, "time", 60.0) if isinstance(answer, str) else Reply(answer)
+                    return Attempted(None, str(error))
+            return Attempted(None, answer, "time", 60.0) if isinstance(answer, str) else Attempted(answer)
 
         monkeypatch.setattr(run, "run_attempt", reply)
         monkeypatch.setattr(run, "able", list)
@@ -147,9 +147,9 @@ def round_sheet() -> TriedMesh:
 def test_what_stands_in_for_a_library_has_time_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, float] = {}
 
-    def reply(_task: Task, attempt: Attempt, _mesh: TriedMesh, _arrays: Any, limits: Limits) -> Reply:
+    def reply(_task: Task, attempt: Attempt, _mesh: TriedMesh, _arrays: Any, limits: Limits) -> Attempted:
         given[attempt.library] = limits.seconds
-        return Reply(None, "no", "time", limits.seconds)
+        return Attempted(None, "no", "time", limits.seconds)
 
     monkeypatch.setattr(run, "run_attempt", reply)
     monkeypatch.setattr(run, "able", list)

@@ -1,27 +1,27 @@
 """What five peer libraries say of the same mesh, and whether each agrees or differs by definition.
 
 Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge) and NetworkX. `peers.py` asks these
-peers, each in a process of its own (`children.py`); `expected.py` computes from their definitions what they
+peers, each in a process of its own; `expected.py` computes from their definitions what they
 should say; this module compares the two.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.base.extras import install, is_installed, need_extra
 from msb.topology.arrays import mesh_arrays
-from msb.topology.crosscheck.children import Reply, ask_peers
 from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts
-from msb.topology.crosscheck.peers import PEERS
+from msb.topology.crosscheck.peers import PEERS, ask_peers
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from msb.topology.analysis import Analysis
     from msb.topology.audit import Audit
-    from msb.topology.crosscheck.peers import Answer
+    from msb.topology.crosscheck.peers import Answer, Answers
 
 __all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
 
@@ -120,30 +120,29 @@ def cross_check(
     facts = Facts(report, analysis) if replies else None
     rows: list[Row] = []
     for peer in asked:
-        reply = replies[peer]
-        if isinstance(reply, str) or facts is None:
-            skipped[peer] = str(reply)
+        answers = replies[peer]
+        if isinstance(answers, str) or facts is None:
+            skipped[peer] = str(answers)
             continue
-        compared, left_out = compare(peer, reply, facts)
+        compared, left_out = compare(peer, answers, facts)
         rows += compared
         skipped |= left_out
     return CrossCheck(tuple(rows), skipped)
 
 
-def compare(peer: str, reply: Reply, facts: Facts) -> tuple[list[Row], dict[str, str]]:
+def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Row], dict[str, str]]:
     """Return the rows of one peer, and what it left out."""
     rows, left_out = [], {}
+    release = version(PEERS[peer].distribution)
     for expected in EXPECTED[peer](facts):
         if expected.unfit:
             left_out[f"{peer} {expected.quantity}"] = f"{expected.call}: {expected.unfit}"
             continue
-        theirs = reply.answers.get(expected.answer)
+        theirs = answers.get(expected.answer)
         if theirs is not None and expected.plus:
             theirs += expected.plus
         verdict, why = _judge(expected, theirs)
-        rows.append(
-            Row(peer, reply.version, expected.quantity, expected.ours, theirs, verdict, why, expected.call)
-        )
+        rows.append(Row(peer, release, expected.quantity, expected.ours, theirs, verdict, why, expected.call))
     return rows, left_out
 
 

@@ -2,14 +2,14 @@
 
 Every function here takes a mesh that has at least one face and no index out of range, and returns the
 peer's own answers under the names `expected.py` compares them by. It runs in a process of its own
-(`children.py`), because peers print, hang or crash on meshes that an audit must survive. These notes were
+(`ask_peers`), because peers print, hang or crash on meshes that an audit must survive. These notes were
 made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,6 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Limits, run_each
+
+AT_ONCE = 2
+"""Peers that are asked at once: each uses one core and a multiple of the mesh's memory."""
 Answer = bool | int | float | None
 Answers = dict[str, Answer]
 
@@ -208,3 +212,20 @@ PEERS: dict[str, Peer] = {
     )
 }
 """The peers by name, in the order of reports."""
+
+
+def ask_peers(
+    names: Sequence[str], vertices: NDArray[Any], faces: NDArray[Any], timeout: float
+) -> dict[str, Answers | str]:
+    """Return each peer's answers about a mesh of at least one face, or why there are none.
+
+    Each has `timeout` seconds, in a process of its own: a crash or a hang costs that peer alone.
+    """
+    mesh = {"vertices": vertices.astype(np.float64), "faces": faces.astype(np.int64)}
+    replies = run_each(ask, names, mesh, Limits(timeout, None), at_once=AT_ONCE)
+    return {name: reply.why or reply.data for name, reply in replies.items()}
+
+
+def ask(peer: str, mesh: Mapping[str, NDArray[Any]]) -> tuple[Answers, dict[str, NDArray[Any]]]:
+    """Ask the peer of this name about a mesh; runs in the child process."""
+    return PEERS[peer].ask(mesh["vertices"], mesh["faces"]), {}

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import leaving, shared_folder
+from msb.base.children import Limits, run_apart
 from msb.base.extras import need_extra
-from msb.base.npz import write_npy
 from msb.errors import Unsupported
-from msb.topology.crosscheck.children import leave_mesh, run_children
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged
 
-if TYPE_CHECKING:
-    from msb.topology.crosscheck.peers import Answers
-
-    Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-
-_RESULT = ("faces", "vertex_map", "face_map")
+Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+"""New faces, vertex map and face map."""
 
 
 @dataclass(frozen=True)
@@ -73,63 +66,32 @@ PEER_STEPS: dict[str, PeerStep] = {
 """The peers' steps, by PEER-STEP."""
 
 
-def repair_by_peer(
-    peer: str,
-    step: str,
-    points: NDArray[Any],
-    faces: NDArray[Any],
-    *,
-    seconds: float,
-    memory_gib: float,
-) -> Change:
-    """Return what a peer's step does to a mesh; faces that name a vertex twice are left out.
+def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
+    """Return what a peer's step, together a key of `PEER_STEPS`, does to a mesh.
 
-    Parameters
-    ----------
-    peer, step : str
-        Together a key of `PEER_STEPS`.
-    points : (V, 3) floating
-    faces : (F, 3) integers
-    seconds, memory_gib : float
-        Limits of the child process. Only POSIX systems can limit memory.
+    Faces that name a vertex twice are left out.
     """
     name = f"{peer}-{step}"
-    need_extra("crosscheck", PEER_STEPS[name].module, what=f"{step} by {peer}")
+    chosen = PEER_STEPS[name]
+    need_extra("crosscheck", chosen.module, what=f"{step} by {peer}")
     proper = np.flatnonzero(~names_vertex_twice(faces))
     if len(proper) == 0:  # some peers abort on no faces
         return unchanged(faces, len(points))
-    with shared_folder("msb-repair-") as folder:
-        leave_mesh(folder, points, faces[proper])
-        (folder / "memory.json").write_text(json.dumps(memory_gib), "utf-8")
-        reply = run_children([name], folder, seconds)[name]
-        if isinstance(reply, str):
-            raise Unsupported("PEER_FAILED", f"{step} by {peer}: {reply}")
-        new, vertex_map, face_map = (np.load(folder / f"new-{key}.npy") for key in _RESULT)
-    same = (vertex_map[new] == faces[proper][face_map]).all(axis=1)
-    if not same.all():
+    given = {"vertices": points.astype(np.float64), "faces": faces[proper].astype(np.int64)}
+    reply = run_apart(repair, name, given, limits)
+    if reply.why:
+        raise Unsupported("PEER_FAILED", f"{step} by {peer}: {reply.why}")
+    new, vertex_map, face_map = (reply.arrays[key] for key in ("faces", "vertex_map", "face_map"))
+    if not (vertex_map[new] == faces[proper][face_map]).all():
         raise Unsupported("PEER_FAILED", f"{step} by {peer}: its faces have corners in another order")
-    limit = "" if reply.answers["memory_limited"] else "; this system sets no limit of memory"
-    notes = (f"by {peer} {reply.version}{limit}",)
+    limit = "" if limits.limits_memory else "; this system sets no limit of memory"
+    notes = (f"by {peer} {version(chosen.distribution)}{limit}",)
     turned = np.zeros(len(new), bool)
     return Change(new.astype(faces.dtype), vertex_map, proper[face_map], turned, notes=notes)
 
 
-def work_in(folder: Path, name: str, vertices: NDArray[Any], faces: NDArray[Any]) -> Answers:
-    """Do the step in this process, which is a child, and leave the mesh in `folder`."""
-    limited = _limit_memory(float(json.loads((folder / "memory.json").read_text("utf-8"))))
-    made = PEER_STEPS[name].work(vertices, faces)
-    with leaving():
-        for key, array in zip(_RESULT, made, strict=True):
-            write_npy(folder / f"new-{key}.npy", np.asarray(array, np.int64))
-    return {"memory_limited": limited}
-
-
-def _limit_memory(gib: float) -> bool:
-    """Limit the address space of this process; return whether the system can."""
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (int(gib * 2**30),) * 2)
-    except (ImportError, OSError, ValueError):
-        return False
-    return True
+def repair(name: str, mesh: Mapping[str, NDArray[Any]]) -> tuple[None, dict[str, NDArray[np.int64]]]:
+    """Do the step of this name; runs in the child process."""
+    made = PEER_STEPS[name].work(mesh["vertices"], mesh["faces"])
+    keys = ("faces", "vertex_map", "face_map")
+    return None, {key: np.asarray(array, np.int64) for key, array in zip(keys, made, strict=True)}

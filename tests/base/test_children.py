@@ -1,0 +1,171 @@
+"""Functions in child processes: what they make comes back; a hang, a crash or a hunger costs them alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msb.base import children
+from msb.base.children import Limits, Reply, run_apart, run_each
+from msb.errors import OutputError, UsageError
+from tests.base.children_work import describe, misbehave
+from tests.conftest import ROOT
+
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has this")
+
+
+def fail(way: str, limits: Limits | None = None) -> Reply:
+    return run_apart(misbehave, way, {}, limits or Limits())
+
+
+def test_data_and_arrays_travel_both_ways(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("numpy.py", "json.py"):  # files of the current folder are not run
+        (tmp_path / name).write_text("raise SystemExit('taken over')")
+    given = {"mesh.faces": np.arange(6, dtype=np.int32).reshape(2, 3), "points": np.ones((2, 3), np.float32)}
+    reply = run_apart(describe, "a word", given, Limits())
+    assert reply.why == "", reply
+    assert reply.data == {"word": "a word", "arrays": {"mesh.faces": ["<i4", 2, 3], "points": ["<f4", 2, 3]}}
+    assert {name: array.tolist() for name, array in reply.arrays.items()} == {
+        name: (2 * array).tolist() for name, array in given.items()
+    }
+    assert reply.seconds is not None
+    assert reply.ended_by is None
+    assert {path.name for path in tmp_path.iterdir()} == {"numpy.py", "json.py"}
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("way", "why", "ended_by"),
+    [
+        ("raise", "there are holes", None),
+        ("raise without words", "KeyError", None),
+        ("abort", "it crashed (SIGABRT)", "crash"),
+        ("exit", f"it crashed (status 1): {'x' * 197}...", "crash"),
+        ("exit without words", "it crashed (status 0)", "crash"),
+        ("half a reply", "it crashed (status 0)", "crash"),
+        ("bad_alloc", "it needs more memory than 4 GiB", "memory"),
+    ],
+)
+def test_the_reason_is_that_of_the_library_or_the_system(way: str, why: str, ended_by: str | None) -> None:
+    reply = fail(way)
+    assert (reply.data, reply.arrays, reply.ended_by) == (None, {}, ended_by)
+    assert reply.why == why or (way == "exit" and reply.why.startswith("it crashed (status 1): xxx"))
+    assert len(reply.why) < 300
+
+
+def test_data_that_is_no_json_is_a_crash() -> None:
+    reply = fail("no JSON")
+    assert (reply.why[:31], reply.ended_by) == ("it crashed (status 1): ValueErr", "crash")
+
+
+def test_a_hang_ends_at_its_limit() -> None:
+    start = time.monotonic()
+    reply = fail("hang", Limits(0.3))
+    assert reply == Reply(why="it did not end within 0.3 s", ended_by="time", seconds=0.3)
+    assert time.monotonic() - start < 30
+
+
+@pytest.mark.slow
+@LINUX
+def test_a_hang_takes_its_children_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)  # which remembers the folder
+    assert fail("hang with a child", Limits(10.0)).ended_by == "time"
+    assert is_gone(int((tmp_path / "pid").read_text()))
+    assert [path.name for path in tmp_path.iterdir()] == ["pid"]
+
+
+@LINUX
+@pytest.mark.parametrize("way", ["memory of NumPy", "memory of Python"])
+def test_too_much_memory_is_reported_with_the_limit(way: str) -> None:
+    reply = fail(way, Limits(memory=1.0))
+    assert (reply.why, reply.ended_by) == ("it needs more memory than 1 GiB", "memory")
+
+
+def test_one_that_crashes_costs_no_other() -> None:
+    replies = run_each(misbehave, ["abort", "one", "raise", "two"], {}, Limits(), at_once=2)
+    assert {word: reply.data or reply.why for word, reply in replies.items()} == {
+        "abort": "it crashed (SIGABRT)",
+        "one": "one",
+        "raise": "there are holes",
+        "two": "two",
+    }
+
+
+def test_a_full_disk_blames_the_folder_of_temporary_files() -> None:
+    with pytest.raises(OutputError, match="temporary files cannot be written: No space left") as caught:
+        fail("full disk")
+    assert (caught.value.code, caught.value.file) == ("OUTPUT_UNWRITABLE", tempfile.gettempdir())
+
+
+def test_an_interrupt_leaves_no_child_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+    honest = children._start
+
+    def start(*args: Any) -> Any:
+        started.append(honest(*args))
+        return started[-1]
+
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(children, "_start", start)
+    monkeypatch.setattr(children.time, "sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_each(misbehave, ["hang", "hang too", "hang again"], {}, Limits(), at_once=2)
+    assert [child.returncode for child in started] == [-signal.SIGKILL] * 2
+
+
+@pytest.mark.slow
+@LINUX
+def test_a_child_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    code = (
+        "from msb.base.children import Limits, run_apart\nfrom tests.base.children_work import misbehave\n"
+        "run_apart(misbehave, 'hang with a child', {}, Limits())"
+    )
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    parent = subprocess.Popen([sys.executable, "-c", code], env=variables)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "pid").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    grandchild = int((tmp_path / "pid").read_text())
+    child = int(Path(f"/proc/{grandchild}/stat").read_text("ascii").rpartition(")")[2].split()[1])
+    parent.kill()
+    parent.wait()
+    try:
+        assert is_gone(child)
+    finally:
+        os.kill(grandchild, signal.SIGKILL)  # which nobody promised to end
+
+
+def is_gone(number: int) -> bool:
+    """Return whether a process ends within a while; one that nobody waited for is a zombie."""
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline:
+        try:
+            if Path(f"/proc/{number}/stat").read_text("ascii").rpartition(")")[2].split()[0] == "Z":
+                return True
+        except OSError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.parametrize(
+    "limits", [{"seconds": 0.0}, {"memory": -1.0}, {"seconds": float("nan")}, {"seconds": "x"}]
+)
+def test_limits_are_positive_numbers(limits: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="it must be a positive number"):
+        Limits(**limits)

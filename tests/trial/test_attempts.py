@@ -1,0 +1,129 @@
+"""Attempts in child processes, their reasons and limits; which tasks and libraries there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.base import extras
+from msb.base.children import Limits, Reply
+from msb.errors import MeshError, UsageError
+from msb.trial import attempts, registry
+from msb.trial.attempts import run_attempt
+from msb.trial.registry import TASKS, chosen_tasks
+from msb.trial.run import try_asset
+from tests.trial.conftest import box
+
+if TYPE_CHECKING:
+    from msb.trial.task import Attempted
+
+
+def ask(limits: Limits | None = None) -> Attempted:
+    task = TASKS["solid"]
+    return run_attempt(task, task.attempts[1], box(), {}, limits or Limits())
+
+
+def test_what_is_made_comes_back() -> None:
+    tried = ask()
+    assert tried.made is not None, tried.why
+    assert tried.made.numbers["volume"] == pytest.approx(1)
+    assert tried.version
+    assert tried.seconds is not None
+
+
+def test_meshes_and_arrays_travel_as_arrays() -> None:
+    meshes, further = {"again": box(), "more": box(2.0)}, {"rows": np.arange(3)}
+    made, others = attempts._parted(attempts._joined(meshes, further))
+    assert {name: mesh.sha256 for name, mesh in made.items()} == {
+        name: mesh.sha256 for name, mesh in meshes.items()
+    }
+    assert others["rows"].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("reply", "expected"),
+    [
+        (
+            Reply(why="it did not end within 1 s", ended_by="time", seconds=1.0),
+            ("it did not end within 1 s (--seconds gives more)", "time", 1.0, False),
+        ),
+        (Reply(why="there are holes", seconds=2.0), ("there are holes", None, 2.0, True)),
+        (
+            Reply({}, {f"a.{key}": np.full((1, 3), np.nan) for key in ("vertices", "faces", "colors")}),
+            ("vertices of the mesh a are not all finite", "crash", None, False),
+        ),
+    ],
+)
+def test_why_nothing_was_made_is_told(
+    reply: Reply, expected: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(attempts, "run_apart", lambda *_: reply)
+    tried = ask()
+    assert (tried.why, tried.ended_by, tried.seconds, tried.version is not None) == expected
+    assert tried.made is None
+
+
+def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch, demo_asset: Path) -> None:
+    monkeypatch.setattr(registry, "is_installed", lambda module: module not in ("coacd", "igl"))
+    found = try_asset(msb.load(demo_asset), ["collision", "subdivide"])
+    assert [one.outcome for one in found.trials] == ["not_run", "not_run"]
+    assert found.trials[1].why is not None
+    assert "coacd and igl not installed" in found.trials[1].why
+    assert 'pip install "meshsplatbench[trial]"' in found.trials[1].why
+
+
+@pytest.mark.parametrize(
+    ("tasks", "absent", "said"),
+    [
+        ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd",
+         "trying uv, decimate_50, decimate_25, decimate_10, subdivide, boolean, collision needs the extra"),
+        ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd",
+         "solid and self_intersections can be tried without it"),
+        ("uv", "xatlas", "trying uv needs the extra trial (xatlas is not installed)"),
+        ("uv,intersections", "xatlas", "self_intersections can be tried without it"),
+        ("uv,boolean", "xatlas", None),
+        ("solid", "manifold3d", None),
+        ("intersections", "manifold3d", None),
+    ],
+)  # fmt: skip
+def test_where_no_library_is_there_for_some_task_the_extra_is_missing(
+    monkeypatch: pytest.MonkeyPatch, tasks: str, absent: str, said: str | None
+) -> None:
+    for module in (registry, extras):
+        monkeypatch.setattr(module, "is_installed", lambda name: name not in absent.split())
+    chosen = chosen_tasks([tasks] if tasks else [])
+    if said is None:
+        registry.check_libraries(chosen)
+        return
+    with pytest.raises(UsageError) as caught:
+        registry.check_libraries(chosen)
+    assert caught.value.code == "EXTRA_MISSING"
+    assert said in caught.value.message
+
+
+@pytest.mark.parametrize("weld", [-1e-3, 0, True, float("nan"), float("inf"), "EXACT"])
+def test_a_weld_that_is_none_is_refused_as_an_audit_refuses_it(weld: Any, demo_asset: Path) -> None:
+    with pytest.raises(MeshError) as caught:
+        msb.trial(demo_asset, "intersections", weld=weld)
+    assert caught.value.code == "WELD_DISTANCE"
+
+
+@pytest.mark.parametrize("wrong", [{"tasks": 3}, {"tasks": [3]}])
+def test_what_is_no_task_is_wrong_usage(wrong: dict[str, Any], demo_asset: Path) -> None:
+    with pytest.raises(UsageError):
+        msb.trial(demo_asset, **wrong)
+
+
+def test_a_word_of_a_name_chooses_all_tasks_that_have_it() -> None:
+    names = [task.name for task in chosen_tasks(["intersections", "decimate"])]
+    assert names == ["decimate_50", "decimate_25", "decimate_10", "self_intersections"]
+    assert [task.name for task in chosen_tasks("solid")] == ["solid"]
+    assert [task.name for task in chosen_tasks("solid, uv")] == ["uv", "solid"]
+    assert [task.name for task in chosen_tasks(["solid,uv"])] == ["uv", "solid"]
+    assert [task.name for task in chosen_tasks([])] == list(TASKS)
+    with pytest.raises(UsageError, match="there is no task"):
+        chosen_tasks(["uvs"])
