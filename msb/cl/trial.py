@@ -134,7 +134,7 @@ def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
             with Device(cl, handle, record) as device:
                 return (None if _is_right(device) else "it computes a small kernel wrongly"), {}
         except DeviceError as error:
-            return str(error.value or error.message), {}
+            return error.message, {}
     return f"{selector} is not there in a process of its own", {}
 
 
