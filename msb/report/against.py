@@ -10,11 +10,12 @@ from msb.bench.aggregate import expected_scenes
 from msb.bench.gaps import gap_between
 from msb.errors import UsageError, shorten
 from msb.report.finding import Finding
+from msb.report.layout import difference_cell
 from msb.report.metric_format import SHOWN, digits, title
 from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title
 from msb.report.results import Place
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
-from msb.report.tables.gaps import REASONS
+from msb.report.tables.gaps import REASONS, gap_cell
 
 if TYPE_CHECKING:
     from msb.bench.gaps import Gap
@@ -80,22 +81,32 @@ def _gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
 
 def against_table(found: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return a row per comparison."""
-    p = [one.gap.interval.p for one in found if one.gap.interval is not None]
-    together = iter(_holm([value for value in p if value is not None]))
-    rows = []
-    for one in found:
-        key, interval = one.key, one.gap.interval
-        labels = (condition_title(key.condition), title(key.metric), method_title(key.method))
-        holm = next(together) if interval is not None and interval.p is not None else None
-        rows.append(Row(labels, _cells(one, holm, numbers, other), dataset_title(key.dataset)))
-    count = sum(value is not None for value in p)
-    tests = (
-        "p: of the two-sided t test that there is no difference; p, Holm: adjusted for the "
-        f"{count} tests of this table, of which some fall below 0.05 by chance (Holm, 1979)"
-    )
-    caption = f"Every method against {method_title(other)}, view by view, under the same condition."
-    heads = ("Condition", "Metric", "Method")
-    return Table(LABEL, caption, heads, _COLUMNS, tuple(rows), (*_NOTES, tests)).with_common_notes()
+    tested = [
+        n for n, one in enumerate(found) if one.gap.interval is not None and one.gap.interval.p is not None
+    ]
+    p = [
+        one.gap.interval.p for one in found if one.gap.interval is not None and one.gap.interval.p is not None
+    ]
+    adjusted = dict(zip(tested, _holm(p), strict=True))
+    return Table(
+        LABEL,
+        f"Every method against {method_title(other)}, view by view, under the same condition.",
+        ("Condition", "Metric", "Method"),
+        _COLUMNS,
+        tuple(
+            Row(
+                (condition_title(one.key.condition), title(one.key.metric), method_title(one.key.method)),
+                _cells(one, adjusted.get(n), numbers, other),
+                dataset_title(one.key.dataset),
+            )
+            for n, one in enumerate(found)
+        ),
+        (
+            *_NOTES,
+            "p: of the two-sided t test that there is no difference; p, Holm: adjusted for the "
+            f"{len(p)} tests of this table, of which some fall below 0.05 by chance (Holm, 1979)",
+        ),
+    ).with_common_notes()
 
 
 def against_findings(found: list[Comparison], other: str) -> Iterator[Finding]:
@@ -141,28 +152,17 @@ def _cells(one: Comparison, holm: float | None, numbers: Numbers, other: str) ->
     key, gap, interval = one.key, one.gap, one.gap.interval
     if gap.signed is None or interval is None:
         return (Cell(NOT_THERE, reason=REASONS.get(gap.reason or "", gap.reason)),) + (Cell(NOT_THERE),) * 5
-    shown = SHOWN[key.metric]
     both = [numbers.number(key._replace(method=method)) for method in (key.method, other)]
-    notes = tuple(dict.fromkeys(note for number in both for note in number.notes))
-    count = f" ({gap.scenes}/{gap.expected})" if gap.partial else ""
-    ends = interval.ends or (None, None)
+    absent = Cell(NOT_THERE, reason=interval.reason)
     return (
-        Cell(
-            digits(gap.signed, shown.decimals, sign=True) + count, gap.signed, key.metric, shown.unit,
-            notes=notes, present=gap.scenes, expected=gap.expected, interval=interval,
-        ),
+        gap_cell(key.metric, gap.signed, gap, both),
         *(
-            Cell(NOT_THERE, reason=interval.reason)
-            if end is None
-            else Cell(digits(end, shown.decimals, sign=True), end, key.metric, shown.unit)
-            for end in ends
+            absent if end is None else difference_cell(key.metric, end)
+            for end in interval.ends or (None, None)
         ),
-        *(
-            Cell(NOT_THERE, reason=interval.reason) if p is None else Cell(p_text(p), p)
-            for p in (interval.p, holm)
-        ),
+        *(absent if p is None else Cell(p_text(p), p) for p in (interval.p, holm)),
         Cell(interval.over, interval.over),
-    )  # fmt: skip
+    )
 
 
 def _holm(p: list[float]) -> list[float]:

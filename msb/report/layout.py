@@ -2,103 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 from msb.bench.aggregate import METRICS
-from msb.report.metric_format import SHOWN, printed_value, text
-from msb.report.numbers import ON_CPU
+from msb.report.metric_format import SHOWN, digits, printed_value, text, title
+from msb.report.numbers import ON_CPU, Key, Number, Numbers
 from msb.report.table import Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    from msb.report.numbers import Key, Number, Numbers
 
 PAPER_ROW = "in the paper"
 
 
 @dataclass(frozen=True)
 class Line:
-    """A row before its numbers: labels, and the key of each cell. `bold` prints the whole row bold."""
+    """A row before its numbers: labels, and the fields it gives to the keys of its cells.
+
+    `bold` prints the whole row bold.
+    """
 
     labels: tuple[str, ...]
-    keys: tuple[Key, ...]
+    of: Mapping[str, str]
     section: str = ""
     strong: bool = False
     bold: bool = False
 
 
-@dataclass(frozen=True)
-class Layout:
-    """A table before its numbers.
+def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[Column]:
+    """Return a column per metric under the headings `groups`; `of` are more fields of its keys."""
+    return [Column(title(metric), groups, {"metric": metric, **of}) for metric in metrics]
 
-    `best_of` returns the group in which a cell competes for being the best, or None if it does not compete.
-    `definitions` are notes on how we measure; the paper's own tables are printed without them.
+
+def make_table(
+    numbers: Numbers,
+    paper: Numbers | None,
+    label: str,
+    caption: str,
+    heads: tuple[str, ...],
+    columns: Sequence[Column],
+    lines: Iterable[Line],
+    of: Mapping[str, str],
+    *,
+    best_of: Sequence[str] = (),
+    definitions: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """Return the table of the numbers whose keys are made of the fields of `of`, a column and a line.
+
+    The paper's numbers stand under each row that has one. Numbers of one metric whose keys agree in the
+    fields `best_of` compete for being the best, the paper's apart. `definitions` are notes on how we measure;
+    the paper's own tables are printed without them.
     """
-
-    label: str
-    caption: str
-    heads: tuple[str, ...]
-    columns: tuple[Column, ...]
-    lines: tuple[Line, ...]
-    best_of: Callable[[Key], Hashable] | None = None
-    definitions: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-def make_table(layout: Layout, numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the table of `layout`.
-
-    Parameters
-    ----------
-    layout : Layout
-    numbers : Numbers
-    paper : Numbers, optional
-        The paper's numbers, set under each row that has one; they never compete for being the best.
-    """
-    ours = _rows(layout, layout.lines, numbers)
-    if paper is None:
-        return _finished(layout, ours, numbers)
-    known = [line for line in layout.lines if any(paper.value(key) is not None for key in line.keys)]
-    theirs = iter(_rows(layout, known, paper))
-    rows: list[Row] = []
-    for line, row in zip(layout.lines, ours, strict=True):
-        rows.append(row)
-        if line in known:
-            rows.append(
-                replace(next(theirs), labels=(*line.labels[:-1], PAPER_ROW), strong=False, paper=True)
-            )
-    return _finished(layout, rows, numbers)
+    grid = [(line, [Key(**{**of, **column.of, **line.of}) for column in columns]) for line in lines]
+    rows = _rows(numbers, grid, best_of)
+    if paper is not None:
+        known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
+        theirs = _rows(paper, [grid[n] for n in known], best_of)
+        for n, row in reversed(list(zip(known, theirs, strict=True))):
+            labels = (*row.labels[:-1], PAPER_ROW)
+            rows.insert(n + 1, replace(row, labels=labels, strong=False, paper=True))
+    notes = notes if numbers.of_paper else (*definitions, *notes)
+    return Table(label, caption, heads, tuple(columns), tuple(rows), notes).with_common_notes()
 
 
 def number_cell(metric: str, number: Number) -> Cell:
     """Return the cell of one number."""
+    parts: dict[str, Any] = {"notes": number.notes, "present": number.present, "expected": number.expected}
     unit = SHOWN[metric].unit
     if number.value is None:
-        return Cell(
-            number.absent, None, metric, unit, reason=number.reason, notes=number.notes,
-            present=number.present, expected=number.expected,
-        )  # fmt: skip
-    printed = text(metric, number.value)
-    if number.present < number.expected:
-        printed += f" ({number.present}/{number.expected})"
-    value = printed_value(metric, number.value)
-    return Cell(
-        printed, value, metric, unit, notes=number.notes, present=number.present, expected=number.expected,
-        interval=number.interval,
-    )  # fmt: skip
+        return Cell(number.absent, None, metric, unit, reason=number.reason, **parts)
+    value, printed = printed_value(metric, number.value), text(metric, number.value)
+    return Cell(printed + _count(parts), value, metric, unit, interval=number.interval, **parts)
+
+
+def difference_cell(metric: str, value: float, *, sign: bool = True, more: int = 0, **parts: Any) -> Cell:
+    """Return the cell of a difference, printed with `more` decimals than the metric; `parts` are others."""
+    shown = SHOWN[metric]
+    printed = digits(value, shown.decimals + more, sign=sign)
+    return Cell(printed + _count(parts), value, metric, shown.unit, **parts)
+
+
+def _count(parts: Mapping[str, Any]) -> str:
+    """Return of how many scenes a mean is, where some are missing."""
+    present, expected = parts.get("present", 1), parts.get("expected", 1)
+    return f" ({present}/{expected})" if present < expected else ""
 
 
 def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool) -> list[Cell]:
     """Return `cells` with the best of each group bold, and with it all that are printed alike.
 
-    Parameters
-    ----------
-    cells : sequence of Cell
-    groups : sequence of hashable
-        The group of each cell; a cell of None does not compete.
-    alone : bool
-        Whether a value without a rival is the best.
+    A cell of the group None does not compete; `alone` says whether a value without a rival is the best.
     """
     rivals: dict[tuple[Hashable, str], list[int]] = {}
     for place, (cell, group) in enumerate(zip(cells, groups, strict=True)):
@@ -112,8 +105,7 @@ def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool)
         # What is printed decides: a reader sees no more.
         best = choose(_as_printed(cells[place]) for place in places)
         for place in places:
-            if _as_printed(cells[place]) == best:
-                marked[place] = replace(cells[place], bold=True)
+            marked[place] = replace(cells[place], bold=_as_printed(cells[place]) == best)
     return marked
 
 
@@ -122,24 +114,22 @@ def _as_printed(cell: Cell) -> float:
     return round(cell.value, SHOWN[cell.metric].decimals)
 
 
-def _rows(layout: Layout, lines: Sequence[Line], numbers: Numbers) -> list[Row]:
-    keys = [key for line in lines for key in line.keys]
-    cells = [number_cell(key.metric, numbers.number(key)) for key in keys]
-    if layout.best_of is not None:
-        noted = [any(note.startswith(ON_CPU) for note in numbers.number(key).notes) for key in keys]
-        groups = [None if cpu else layout.best_of(key) for key, cpu in zip(keys, noted, strict=True)]
-        cells = mark_best(cells, groups, alone=numbers.of_paper)  # as the paper does
-    rows, start = [], 0
-    for line in lines:
-        own = cells[start : start + len(line.keys)]
-        start += len(line.keys)
-        if line.bold:
-            own = [replace(cell, bold=cell.value is not None) for cell in own]
-        rows.append(Row(line.labels, tuple(own), line.section, line.strong))
+def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequence[str]) -> list[Row]:
+    keys = [key for _, own in grid for key in own]
+    found = [numbers.number(key) for key in keys]
+    groups = [
+        tuple(getattr(key, field) for field in best_of) if best_of and not _is_of_cpu(number) else None
+        for key, number in zip(keys, found, strict=True)
+    ]
+    made = [number_cell(key.metric, number) for key, number in zip(keys, found, strict=True)]
+    cells = iter(mark_best(made, groups, alone=numbers.of_paper))  # as the paper does
+    rows = []
+    for line, own in grid:
+        row = [next(cells) for _ in own]
+        row = [replace(cell, bold=cell.value is not None) for cell in row] if line.bold else row
+        rows.append(Row(line.labels, tuple(row), line.section, line.strong))
     return rows
 
 
-def _finished(layout: Layout, rows: Sequence[Row], numbers: Numbers) -> Table:
-    notes = layout.notes if numbers.of_paper else (*layout.definitions, *layout.notes)
-    table = Table(layout.label, layout.caption, layout.heads, layout.columns, tuple(rows), notes)
-    return table.with_common_notes()
+def _is_of_cpu(number: Number) -> bool:
+    return any(note.startswith(ON_CPU) for note in number.notes)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from msb.metrics.registry import IMAGE_METRICS
@@ -82,10 +83,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """One column of values. `groups` are headings that span it and its neighbours, outermost first."""
+    """One column of values. `groups` are headings that span it and its neighbours, outermost first.
+
+    `of` are the fields that it gives to the keys of its numbers (`msb.report.layout`).
+    """
 
     title: str
     groups: tuple[str, ...] = ()
+    of: Mapping[str, str] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)

@@ -5,86 +5,81 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from msb.report.layout import Layout, Line, make_table
-from msb.report.metric_format import SHOWN, printed_value, text, title, title_with_unit
-from msb.report.numbers import QUALITY, Key, condition_title, method_title
+from msb.report.layout import Line, make_table, number_cell
+from msb.report.metric_format import SHOWN, text, title_with_unit
+from msb.report.numbers import QUALITY, Number, condition_title, method_title
 from msb.report.paper import methods_in, paper_row
-from msb.report.table import NOT_THERE, Cell, Column, Row, Table
+from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.gaps import scene_gaps_table
 from msb.report.tables.runtime import DRIVER_NOTE
-from msb.report.tables.structure import CONNECTIVITY
+from msb.report.tables.structure import connectivity_columns
 
 if TYPE_CHECKING:
     from msb.bench.records import Memory, Result
     from msb.report.numbers import Numbers
     from msb.report.results import Place
 
-_MIB = float(1 << 20)
 _TIMES = ("fps", "p50_ms", "p95_ms", "memory", "asset_size")
-_BYTES = ("geometry", "appearance", "scratch", "targets")
+_BYTES = ("geometry", "appearance", "scratch", "targets", "total")
 
 
 def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) -> dict[str, Table]:
     """Return the tables "conditions", "gaps", "memory" and "structure" of an asset that have numbers."""
     found = {}
-    conditions = [
-        condition for condition in numbers.conditions(place.dataset) if (*place, condition) in _known(numbers)
-    ]
-    if conditions:
+    known = {key.condition for key in numbers.values if key[:3] == place}
+    if conditions := [name for name in numbers.conditions(place.dataset) if name in known]:
         found["conditions"] = make_table(
-            Layout(
-                "conditions",
-                "Quality, speed and memory under each condition.",
-                ("Condition",),
-                tuple(Column(title_with_unit(metric)) for metric in (*QUALITY, *_TIMES)),
-                tuple(
-                    Line(
-                        (condition_title(condition),),
-                        tuple(Key(*place, condition, metric) for metric in (*QUALITY, *_TIMES)),
-                    )
-                    for condition in conditions
-                ),
-            ),
             numbers,
+            None,
+            "conditions",
+            "Quality, speed and memory under each condition.",
+            ("Condition",),
+            [Column(title_with_unit(metric), (), {"metric": metric}) for metric in (*QUALITY, *_TIMES)],
+            [Line((condition_title(condition),), {"condition": condition}) for condition in conditions],
+            place._asdict(),
         )
         found["gaps"] = scene_gaps_table(numbers, place)
-    held = {condition: record.memory for condition, record in records.items() if record.memory is not None}
-    if held:
-        told = any(memory.driver_bytes is not None for memory in held.values())
-        rows = tuple(
-            Row(
-                (condition_title(condition),),
-                tuple(_bytes(getattr(memory, name)) for name in (*_BYTES, "total"))
-                + ((_by_the_driver(memory),) if told else ()),
-            )
-            for condition, memory in held.items()
-        )
-        names = (*map(str.capitalize, (*_BYTES, "total")), *((SHOWN["driver_memory"].title,) if told else ()))
-        found["memory"] = Table(
-            "memory",
-            "Device memory by what it is for, MiB.",
-            ("Condition",),
-            tuple(map(Column, names)),
-            rows,
-            (DRIVER_NOTE,) if told else (),
-        )
+    if held := {name: record.memory for name, record in records.items() if record.memory is not None}:
+        found["memory"] = _memory_table(held)
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     if audit is not None:
-        metrics = [metric for block in CONNECTIVITY.values() for metric in block]
-        heads = tuple(
-            Column(title(metric), (block,)) for block, own in CONNECTIVITY.items() for metric in own
-        )
-        paper = paper_row("mesh_connectivity", scene="mean")
-        rows = (
-            Row(("this mesh",), tuple(_metric(metric, getattr(audit.metrics, metric)) for metric in metrics)),
-            Row(
-                (f"{', '.join(map(method_title, methods_in('mesh_connectivity')))}, mean in the paper",),
-                tuple(_metric(metric, paper[metric]) for metric in metrics),
-                paper=True,
-            ),
-        )
-        found["structure"] = Table("structure", "The mesh, as stored.", ("",), heads, rows)
+        found["structure"] = _structure_table(dict(audit.metrics))
     return found
+
+
+def _memory_table(held: Mapping[str, Memory]) -> Table:
+    by_driver = any(memory.driver_bytes is not None for memory in held.values())
+    rows = []
+    for condition, memory in held.items():
+        own: list[tuple[float | None, str | None]] = [(getattr(memory, name), None) for name in _BYTES]
+        own += [(memory.driver_bytes, memory.driver_reason or "not measured")] if by_driver else []
+        cells = (number_cell("memory", Number(value, reason=reason)) for value, reason in own)
+        rows.append(Row((condition_title(condition),), tuple(cells)))
+    names = (*map(str.capitalize, _BYTES), *((SHOWN["driver_memory"].title,) if by_driver else ()))
+    return Table(
+        "memory",
+        "Device memory by what it is for, MiB.",
+        ("Condition",),
+        tuple(map(Column, names)),
+        tuple(rows),
+        (DRIVER_NOTE,) if by_driver else (),
+    )
+
+
+def _structure_table(metrics: Mapping[str, float | None]) -> Table:
+    paper = paper_row("mesh_connectivity", scene="mean")
+    methods = ", ".join(map(method_title, methods_in("mesh_connectivity")))
+    columns = connectivity_columns()
+
+    def cells(values: Mapping[str, float | None]) -> tuple[Cell, ...]:
+        own = [(column.of["metric"], values.get(column.of["metric"])) for column in columns]
+        return tuple(number_cell(name, Number(value, reason="nothing to divide by")) for name, value in own)
+
+    rows = (
+        Row(("this mesh",), cells(metrics)),
+        Row((f"{methods}, mean in the paper",), cells(paper), paper=True),
+    )
+    return Table("structure", "The mesh, as stored.", ("",), tuple(columns), rows)
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
@@ -122,23 +117,3 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
 
 def _plain(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _known(numbers: Numbers) -> set[tuple[str, ...]]:
-    return {key[:4] for key in numbers.values}
-
-
-def _metric(metric: str, value: float | None) -> Cell:
-    if value is None:
-        return Cell(NOT_THERE, reason="nothing to divide by")
-    return Cell(text(metric, value), printed_value(metric, value), metric)
-
-
-def _by_the_driver(found: Memory) -> Cell:
-    if found.driver_bytes is None:
-        return Cell(NOT_THERE, reason=found.driver_reason or "not measured")
-    return _bytes(found.driver_bytes)
-
-
-def _bytes(count: int) -> Cell:
-    return Cell(text("memory", count), count / _MIB, "memory", "MiB")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from msb.bench.gaps import PAIRS
-from msb.report.layout import PAPER_ROW
-from msb.report.metric_format import SHOWN, digits, title
+from msb.report.layout import PAPER_ROW, difference_cell
+from msb.report.metric_format import SHOWN, title
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -23,7 +23,7 @@ from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
 if TYPE_CHECKING:
-    from msb.bench.gaps import Gap, GapName, Gaps
+    from msb.bench.gaps import Gap, GapName
     from msb.report.numbers import Number, Numbers
     from msb.report.results import Place
 
@@ -39,20 +39,23 @@ REASONS = {
     "whole_command": "the own renderer's time is of a whole command, loading and writing included",
 }
 """`Gap.reason` in words; "unsupported" prints N/A."""
-_GAPS: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
-NOTES = (
-    "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard; each from "
-    "its own definition, deploy is never a sum",
-    "loss: the same with its sign, positive where something is lost",
-    "monotone: Dedicated lies between the other two",
-    "excess: adapt + port - deploy, 0 where monotone",
-)
-_COLUMNS = (
-    *(Column(name, ("Gap",)) for name in _GAPS.values()),
-    *(Column(name, ("Loss, signed",)) for name in _GAPS.values()),
-    Column("Monotone"),
-    Column("Excess"),
-)
+_NAMES: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
+NOTES = {
+    "adapt": "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard; "
+    "each from its own definition, deploy is never a sum",
+    "loss": "loss: the same with its sign, positive where something is lost",
+    "monotone": "monotone: Dedicated lies between the other two",
+    "excess": "excess: adapt + port - deploy, 0 where monotone",
+    "mean": "mean scene gap: the mean of the scenes' absolute deploy gaps, never less than the gap of the "
+    "means",
+}
+_COLUMNS = {
+    **{name: Column(title, ("Gap",)) for name, title in _NAMES.items()},
+    **{f"{name}_signed": Column(title, ("Loss, signed",)) for name, title in _NAMES.items()},
+    "monotone": Column("Monotone"),
+    "excess": Column("Excess"),
+    "mean": Column("Mean scene gap"),
+}
 _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 
 
@@ -69,18 +72,18 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
                 if not key.own_tiers and key not in numbers.gaps:
                     continue
                 labels = (title(metric), gap_title(key))
-                rows.append(Row(labels, _cells(numbers, key)))
+                rows.append(Row(labels, tuple(_cells(numbers, key).values())))
                 if paper is not None and key in paper.gaps:
-                    rows.append(Row((labels[0], PAPER_ROW), _cells(paper, key), paper=True))
-    caption = f"{dataset_title(dataset)}: deployment gaps between the means over scenes."
-    columns = (*_COLUMNS, Column("Mean scene gap"))
-    note = (
-        "mean scene gap: the mean of the scenes' absolute deploy gaps, never less than the gap of the means"
-    )
-    table = Table(
-        f"gaps-{slug(dataset)}", caption, ("Metric", "Method"), columns, tuple(rows), (*NOTES, note)
-    )
-    return table.with_common_notes()
+                    cells = tuple(_cells(paper, key).values())
+                    rows.append(Row((labels[0], PAPER_ROW), cells, paper=True))
+    return Table(
+        f"gaps-{slug(dataset)}",
+        f"{dataset_title(dataset)}: deployment gaps between the means over scenes.",
+        ("Metric", "Method"),
+        tuple(_COLUMNS.values()),
+        tuple(rows),
+        tuple(NOTES.values()),
+    ).with_common_notes()
 
 
 def gap_title(key: GapKey) -> str:
@@ -91,23 +94,26 @@ def gap_title(key: GapKey) -> str:
 
 def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
     """Return the gaps of one method on one scene, through Dedicated and through each of its variants."""
-    shown = (0, 1, 2, 6)
-    through = [
+    shown = (*_NAMES, "monotone")
+    variants = [
         name
-        for name in ("dedicated", *numbers.in_place_of(place.dataset, "dedicated"))
-        if name == "dedicated" or Key(*place, name, "psnr") in numbers.values
+        for name in numbers.in_place_of(place.dataset, "dedicated")
+        if Key(*place, name, "psnr") in numbers.values
     ]
     rows = []
     for metric in QUALITY:
-        for dedicated in through:
+        for dedicated in ("dedicated", *variants):
             cells = _cells(numbers, GapKey(*place, metric, dedicated=dedicated))
-            labels = (title(metric), *([condition_title(dedicated)] if len(through) > 1 else []))
-            rows.append(Row(labels, tuple(cells[number] for number in shown)))
-    columns = tuple(_COLUMNS[number] for number in shown)
-    notes = (NOTES[0], NOTES[2])
-    heads = ("Metric", "Through") if len(through) > 1 else ("Metric",)
-    table = Table("gaps", "What is lost from condition to condition.", heads, columns, tuple(rows), notes)
-    return table.with_common_notes()
+            labels = (title(metric), *([condition_title(dedicated)] if variants else []))
+            rows.append(Row(labels, tuple(cells[name] for name in shown)))
+    return Table(
+        "gaps",
+        "What is lost from condition to condition.",
+        ("Metric", "Through") if variants else ("Metric",),
+        tuple(_COLUMNS[name] for name in shown),
+        tuple(rows),
+        (NOTES["adapt"], NOTES["monotone"]),
+    ).with_common_notes()
 
 
 def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
@@ -122,62 +128,69 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
                 key = GapKey(dataset, MEAN, method, "fps", dedicated=dedicated)
                 labels = dataset_title(dataset), gap_title(key)
                 rows.append(Row(labels, _ratio_cells(numbers, key)))
-                if paper is not None and any(one == (*key[:1], method, *both[::-1]) for one in paper.ratios):
+                if paper is not None and RatioKey(dataset, method, "standard", dedicated) in paper.ratios:
                     rows.append(Row((labels[0], PAPER_ROW), _ratio_cells(paper, key), paper=True))
-    columns = tuple(
-        Column(of, (f"{condition_title(above)} / {condition_title(below)}",))
-        for above, below in _RATIOS
-        for of in ("Means", "Scenes")
-    )
-    notes = (
-        "ratios of frame rates, of the means over scenes and from the lowest to the highest scene",
-        "the rates are end to end, so a ratio attributes nothing to sorting, blending or any other step",
-    )
-    table = Table(
-        "slowdown", "Frame rates against each other.", ("Dataset", "Method"), columns, tuple(rows), notes
-    )
-    return table.with_common_notes()
+    return Table(
+        "slowdown",
+        "Frame rates against each other.",
+        ("Dataset", "Method"),
+        tuple(
+            Column(of, (f"{condition_title(above)} / {condition_title(below)}",))
+            for above, below in _RATIOS
+            for of in ("Means", "Scenes")
+        ),
+        tuple(rows),
+        (
+            "ratios of frame rates, of the means over scenes and from the lowest to the highest scene",
+            "the rates are end to end, so a ratio attributes nothing to sorting, blending or any other step",
+        ),
+    ).with_common_notes()
 
 
-def _cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
+def _cells(numbers: Numbers, key: GapKey) -> dict[str, Cell]:
+    """Return the cells of one gap, by the keys of `_COLUMNS`."""
     gaps = numbers.gaps.get(key)
-    found = {name: None if gaps is None else gaps[name] for name in _GAPS}
-    absent = {name: _why_absent(numbers, key, name, gap) for name, gap in found.items()}
+    absent = {}
+    for name in _NAMES:
+        reason = "missing" if gaps is None else gaps[name].reason
+        absent[name] = absent_cell(_ends(numbers, key, name), reason, key.metric)
 
     def cell(name: GapName, value: str) -> Cell:
-        gap = found[name]
-        number = None if gap is None else getattr(gap, value)
-        if gap is None or number is None:
+        number = None if gaps is None else getattr(gaps[name], value)
+        if gaps is None or number is None:
             return absent[name]
-        count = f" ({gap.scenes}/{gap.expected})" if gap.partial else ""
-        text = digits(number, SHOWN[key.metric].decimals, sign=value == "signed") + count
-        notes = tuple(dict.fromkeys(note for end in _ends(numbers, key, name) for note in end.notes))
-        unit = SHOWN[key.metric].unit
-        made = Cell(text, number, key.metric, unit, notes=notes, present=gap.scenes, expected=gap.expected)
-        return replace(made, interval=gap.interval) if value == "signed" else made
+        gap, signed = gaps[name], value == "signed"
+        return gap_cell(key.metric, number, gap, _ends(numbers, key, name), sign=signed, interval=signed)
 
-    return (
-        *(cell(name, "value") for name in _GAPS),
-        *(cell(name, "signed") for name in _GAPS),
-        *_shape(
-            gaps,
-            key.metric,
-            [absent[name] for name, gap in found.items() if gap is None or gap.value is None],
-        ),
-        Cell(NOT_THERE) if numbers.of_paper else cell("deploy", "mean_abs_scene_gap"),
-    )
-
-
-def _shape(gaps: Gaps | None, metric: str, absent: list[Cell]) -> tuple[Cell, Cell]:
-    """Return whether the gaps add up, and if they do not, their excess."""
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
+        # Why the gaps do not add up: N/A of one of them before another reason.
+        missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
         other = Cell(NOT_THERE, reason="the gaps are not over the same scenes")
-        cell = min(absent, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
-        return cell, cell
-    text = digits(gaps.triangle_excess, SHOWN[metric].decimals)
-    return (
-        Cell("yes" if gaps.monotone else "no", gaps.monotone),
-        Cell(text, gaps.triangle_excess, metric, SHOWN[metric].unit),
+        monotone = excess = min(missing, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
+    else:
+        monotone = Cell("yes" if gaps.monotone else "no", gaps.monotone)
+        excess = difference_cell(key.metric, gaps.triangle_excess, sign=False)
+    return {
+        **{name: cell(name, "value") for name in _NAMES},
+        **{f"{name}_signed": cell(name, "signed") for name in _NAMES},
+        "monotone": monotone,
+        "excess": excess,
+        "mean": Cell(NOT_THERE) if numbers.of_paper else cell("deploy", "mean_abs_scene_gap"),
+    }
+
+
+def gap_cell(
+    metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
+) -> Cell:
+    """Return the cell of a value of a gap, with the notes of its two `ends`."""
+    return difference_cell(
+        metric,
+        value,
+        sign=sign,
+        notes=tuple(dict.fromkeys(note for end in ends for note in end.notes)),
+        present=gap.scenes,
+        expected=gap.expected,
+        interval=gap.interval if interval else None,
     )
 
 
@@ -187,11 +200,6 @@ def _ends(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
     return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in conditions]
 
 
-def _why_absent(numbers: Numbers, key: GapKey, name: GapName, gap: Gap | None) -> Cell:
-    """Return the cell of a missing gap: N/A if one of its two numbers is N/A."""
-    return _absent(_ends(numbers, key, name), "missing" if gap is None else gap.reason, key.metric)
-
-
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
     cells: list[Cell] = []
     for pair in _RATIOS:
@@ -199,20 +207,18 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
         ratio = numbers.ratios.get(RatioKey(key.dataset, key.method, *own))
         if ratio is None or ratio.value is None:
             ends = [numbers.number(Key(*key[:3], condition, "fps")) for condition in own]
-            cells += [_absent(ends, "missing" if ratio is None else ratio.reason, "fps")] * 2
+            cells += [absent_cell(ends, "missing" if ratio is None else ratio.reason, "fps")] * 2
             continue
         rates = ratio.per_scene.values()
         count = f" ({len(rates)}/{ratio.expected})" if ratio.partial else ""
         cells.append(Cell(f"{ratio.value:.2f}{count}", ratio.value, "fps", "1"))
-        if rates:
-            low, high = min(rates), max(rates)
-            cells.append(Cell(f"{low:.2f} to {high:.2f}", f"{low!r} to {high!r}"))
-        else:
-            cells.append(Cell(NOT_THERE))
+        low, high = min(rates, default=0.0), max(rates, default=0.0)
+        range_ = Cell(f"{low:.2f} to {high:.2f}", f"{low!r} to {high!r}")
+        cells.append(range_ if rates else Cell(NOT_THERE))
     return tuple(cells)
 
 
-def _absent(ends: list[Number], reason: str | None, metric: str) -> Cell:
+def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> Cell:
     """Return the cell of a missing value: N/A if a number that it is made of is N/A."""
     unit = SHOWN[metric].unit
     for end in ends:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
-from msb.report.layout import Layout, Line, make_table
-from msb.report.metric_format import SHOWN, digits, title
+from msb.report.layout import difference_cell, make_table, metric_columns
+from msb.report.metric_format import SHOWN, digits
 from msb.report.numbers import (
     MEAN,
     MEANS,
@@ -20,6 +19,7 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
+from msb.report.tables.quality import native_lines
 
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 """`Key.source` -> its heading: a method's own paper, its public code, the benchmark's paper, and ours."""
@@ -47,31 +47,19 @@ def reproducibility(
     sources: tuple[str, ...] = tuple(SOURCES),
 ) -> Table:
     """Return a row per dataset and method, a block per source; in it a dataset's best is bold."""
-    both = numbers if paper is None else _with_published(numbers, paper)
+    published = {} if paper is None else {key: number for key, number in paper.values.items() if key.source}
+    both = numbers if paper is None else Numbers({**numbers.values, **published})
     known = {(key.dataset, key.method) for key in both.values if key.source}
-    lines = [
-        Line(
-            (dataset_title(dataset), method_title(method)),
-            tuple(
-                Key(dataset, MEAN, method, "non_engine", metric, source)
-                for source in sources
-                for metric in QUALITY
-            ),
-        )
-        for dataset in numbers.datasets()
-        for method in numbers.methods(dataset, "non_engine")
-        if (dataset, method) in known
-    ]
     return make_table(
-        Layout(
-            label,
-            "Reproducibility: published results, and ours with the methods' own renderers.",
-            ("Dataset", "Method"),
-            tuple(Column(title(metric), (SOURCES[source],)) for source in sources for metric in QUALITY),
-            tuple(lines),
-            best_of=lambda key: (key.dataset, key.source),
-        ),
         both,
+        None,
+        label,
+        "Reproducibility: published results, and ours with the methods' own renderers.",
+        ("Dataset", "Method"),
+        [column for source in sources for column in metric_columns(QUALITY, SOURCES[source], source=source)],
+        [line for line in native_lines(numbers) if (line.of["dataset"], line.of["method"]) in known],
+        {"scene": MEAN, "condition": "non_engine"},
+        best_of=("dataset", "source"),
     )
 
 
@@ -95,29 +83,18 @@ def pairs(numbers: Numbers, paper: Numbers) -> list[Pair]:
 
 def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
     """Return n, mean |d|, max |d| and the worst pair of each metric and source (d = ours - published)."""
-    rows = tuple(_statistics(pairs(numbers, paper)))
+    groups: dict[tuple[str, bool, str], list[Pair]] = {}
+    for pair in pairs(numbers, paper):
+        groups.setdefault((pair.key.source, pair.key.scene in MEANS, pair.key.metric), []).append(pair)
+    order = [(source, means, metric) for source in SOURCES for means in (False, True) for metric in QUALITY]
     return Table(
         "reproducibility_statistics",
         "Differences from published results, d = ours - published, over all pairs of which both are known.",
         ("Compared with", "Of", "Metric"),
         tuple(map(Column, ("n", "mean |d|", "max |d|", "max |d| / published (%)", "Worst pair"))),
-        rows,
+        tuple(_statistics_row(*group, groups[group]) for group in order if group in groups),
         ("a partial mean is compared with nothing",),
     )
-
-
-def _statistics(found: list[Pair]) -> Iterator[Row]:
-    for source in SOURCES:
-        for means in (False, True):
-            for metric in QUALITY:
-                own = [
-                    pair
-                    for pair in found
-                    if (pair.key.source, pair.key.metric) == (source, metric)
-                    and (pair.key.scene in MEANS) == means
-                ]
-                if own:
-                    yield _statistics_row(source, means, metric, own)
 
 
 def _statistics_row(source: str, means: bool, metric: str, own: list[Pair]) -> Row:
@@ -130,18 +107,12 @@ def _statistics_row(source: str, means: bool, metric: str, own: list[Pair]) -> R
     where = [method_title(key.method), dataset_title(key.dataset)]
     where += [] if key.scene == MEAN else [scene_title(key.scene)]
     where += [] if key.condition == "non_engine" else [condition_title(key.condition)]
-    unit, decimals = SHOWN[metric].unit, SHOWN[metric].decimals + 1
+    signed = digits(worst.difference, SHOWN[metric].decimals + 1, sign=True)
     cells = (
         Cell(str(len(own)), float(len(own))),
-        Cell(f"{mean:.{decimals}f}", mean, metric, unit),
-        Cell(f"{abs(worst.difference):.{decimals}f}", abs(worst.difference), metric, unit),
+        difference_cell(metric, mean, sign=False, more=1),
+        difference_cell(metric, abs(worst.difference), sign=False, more=1),
         Cell(NOT_THERE) if relative is None else Cell(f"{relative:.2f}", relative, metric, "%"),
-        Cell(f"{', '.join(where)} ({digits(worst.difference, decimals, sign=True)})", ", ".join(where)),
+        Cell(f"{', '.join(where)} ({signed})", ", ".join(where)),
     )
-    of = "means of datasets" if means else "scenes"
-    return Row((SOURCES[source], of, SHOWN[metric].title), cells)
-
-
-def _with_published(numbers: Numbers, paper: Numbers) -> Numbers:
-    published = {key: number for key, number in paper.values.items() if key.source}
-    return Numbers({**numbers.values, **published})
+    return Row((SOURCES[source], "means of datasets" if means else "scenes", SHOWN[metric].title), cells)

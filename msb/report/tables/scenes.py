@@ -2,66 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
 
 from msb.bench.aggregate import scene_groups
 from msb.report.layout import Line
-from msb.report.numbers import MEAN, MEANS, scene_title
+from msb.report.numbers import MEAN, MEANS, Numbers, scene_title
 
-if TYPE_CHECKING:
-    from msb.report.numbers import Key, Numbers
-
-INDOOR_FIRST = ("indoor_mean", "outdoor_mean")
-OUTDOOR_FIRST = ("outdoor_mean", "indoor_mean")
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
 def scene_lines(
     numbers: Numbers,
     dataset: str,
-    keys_of: Callable[[str], Iterable[Key]],
     *,
-    groups: Sequence[str] = INDOOR_FIRST,
+    groups: Sequence[str] = tuple(_GROUPS),
     group_means: bool = True,
-    bold_mean: bool = False,
     prefix: str = "",
-) -> tuple[Line, ...]:
-    """Return a line per scene and per mean; without any scene of a dataset, the mean alone.
+    of: Mapping[str, str] | None = None,
+) -> Iterator[Line]:
+    """Yield a line per scene and per mean; without any scene of a dataset, the mean alone.
 
-    Parameters
-    ----------
-    numbers : Numbers
-    dataset : str
-    keys_of : function
-        Scene or mean -> the places of its cells.
-    groups : sequence of str
-        The order of a dataset's groups of scenes.
-    group_means : bool
-        End each group with its mean.
-    bold_mean : bool
-        Print the last row bold.
-    prefix : str
-        Starts each section's name.
+    `groups` is the order of a dataset's groups, each of which ends with its mean, or else (`group_means`) the
+    last row is bold. `prefix` starts each section's name; `of` are fields of all keys.
     """
-    scenes = numbers.scenes(dataset)
     members = scene_groups(dataset)
-    lines: list[Line] = []
 
-    def add(scene: str, section: str, *, bold: bool = False) -> None:
-        label = scene_title(scene)
-        heading = ", ".join(filter(None, (prefix, section)))
-        lines.append(Line((label,), tuple(keys_of(scene)), heading, scene in MEANS, bold))
+    def line(scene: str, *section: str, bold: bool = False) -> Line:
+        heading = ", ".join(filter(None, (prefix, *section)))
+        return Line((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
 
+    left = numbers.scenes(dataset)
     for group in groups if members else ():
-        own = [scene for scene in scenes if scene in members[group]]
-        for scene in own:
-            add(scene, _GROUPS[group])
-        if own and group_means:
-            add(group, _GROUPS[group])
-    grouped = {scene for group in members.values() for scene in group}
-    for scene in scenes:
-        if scene not in grouped:
-            add(scene, "other scenes" if members else "")
-    add(MEAN, "all scenes" if members and prefix else "", bold=bold_mean)
-    return tuple(lines)
+        own = [scene for scene in left if scene in members[group]]
+        left = [scene for scene in left if scene not in own]
+        for name in (*own, *([group] if own and group_means else [])):
+            yield line(name, _GROUPS[group])
+    for scene in left:
+        yield line(scene, "other scenes" if members else "")
+    yield line(MEAN, "all scenes" if members and prefix else "", bold=not group_means)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.report.collect import SOUP
-from msb.report.layout import Layout, make_table
-from msb.report.metric_format import title
-from msb.report.numbers import MEAN, Key, dataset_title, method_title
+from msb.report.layout import make_table, metric_columns
+from msb.report.numbers import MEAN, Key, Numbers, dataset_title, method_title
 from msb.report.safe_names import slug
-from msb.report.table import Column
-from msb.report.tables.scenes import OUTDOOR_FIRST, scene_lines
+from msb.report.tables.scenes import scene_lines
 
 if TYPE_CHECKING:
-    from msb.report.numbers import Numbers
-    from msb.report.table import Table
+    from msb.report.table import Column, Table
 
 CONNECTIVITY = {
     "Local reuse": ("vf_ratio", "mean_valence"),
@@ -31,6 +28,11 @@ STATEMENTS = (
 """What must be known to read them (paper, "Interpretation")."""
 
 
+def connectivity_columns() -> list[Column]:
+    """Return the columns of the diagnostics of a mesh."""
+    return [column for block, metrics in CONNECTIVITY.items() for column in metric_columns(metrics, block)]
+
+
 def mesh_connectivity(
     numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
 ) -> Table:
@@ -41,32 +43,26 @@ def mesh_connectivity(
         return SOUP in numbers.number(mean).notes
 
     methods = sorted(numbers.methods(dataset, "exported_mesh"), key=is_soup)
-    metrics = [metric for block in CONNECTIVITY.values() for metric in block]
-    lines = [
-        line
-        for method in methods
-        for line in scene_lines(
-            numbers,
-            dataset,
-            lambda scene, method=method: [  # type: ignore[misc]
-                Key(dataset, scene, method, "exported_mesh", metric) for metric in metrics
-            ],
-            groups=OUTDOOR_FIRST,
-            group_means=False,
-            bold_mean=True,
-            prefix=method_title(method) if len(methods) > 1 else "",
-        )
-    ]
     who = "" if len(methods) != 1 else f" of {method_title(methods[0])}"
     return make_table(
-        Layout(
-            label or f"mesh_connectivity-{slug(dataset)}",
-            f"{dataset_title(dataset)}: the structure of the exported meshes{who}, as stored.",
-            ("Scene",),
-            tuple(Column(title(metric), (block,)) for block, own in CONNECTIVITY.items() for metric in own),
-            tuple(lines),
-            definitions=STATEMENTS,
-        ),
         numbers,
         paper,
+        label or f"mesh_connectivity-{slug(dataset)}",
+        f"{dataset_title(dataset)}: the structure of the exported meshes{who}, as stored.",
+        ("Scene",),
+        connectivity_columns(),
+        [
+            line
+            for method in methods
+            for line in scene_lines(
+                numbers,
+                dataset,
+                groups=("outdoor_mean", "indoor_mean"),
+                group_means=False,
+                prefix=method_title(method) if len(methods) > 1 else "",
+                of={"method": method},
+            )
+        ],
+        {"dataset": dataset, "condition": "exported_mesh"},
+        definitions=STATEMENTS,
     )
