@@ -43,7 +43,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
         found["memory"] = _memory_table(held)
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     if audit is not None:
-        found["structure"] = _structure_table(dict(audit.metrics))
+        found["structure"] = _structure_table(vars(audit.metrics))
     return found
 
 
