@@ -321,8 +321,6 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
 
 #if LANES == 8
 #define FACE_POINTER __global const struct Face *
-#define FACE_FLOATS __global const float *
 #else
 #define FACE_POINTER __local const struct Face *
-#define FACE_FLOATS __local const float *
 #endif

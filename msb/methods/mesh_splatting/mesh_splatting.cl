@@ -3,9 +3,9 @@
 
 #include "splat_common.cl"
 #include "splat_color.cl"
-#include "splat_window.cl"
 
 #define MAX_ALPHA 0.999f
+#define SIGMA (view->own.sigma)
 #define MARGIN 5.0f
 #define BLENDS_CROSSING 0
 #define VERTEX_COLORS 1
@@ -34,12 +34,7 @@
     }
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
-#if ENGINE
-#include "splat_engine.cl"
-#define PHI(f, s) ((s)->phi)
-#else
-#define PHI(f, s) ((s)->nearest * (f)->inverse)
-#endif
+#include "edge_window.cl"
 
 // The product of unsigned extents is 0 upstream for an empty box; it never is negative here.
 Box corner_tiles(__constant View *view, const Window *w)
@@ -109,12 +104,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     *depth = w.depth;
     *official = corner_tiles(view, &w);
     kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
-    for (int k = 0; k < 3; k++) {
-        f->normal_x[k] = w.edge_normal[k].x;
-        f->normal_y[k] = w.edge_normal[k].y;
-        f->offset[k] = w.edge_offset[k];
-    }
-    f->inverse = 1.0f / w.inradius[2];
+    keep_window(view, &w, rim, f);
     vec2 e1 = sub2(w.corners[1], w.corners[0]), e2 = sub2(w.corners[2], w.corners[0]);
     f->origin[0] = w.corners[0].x;
     f->origin[1] = w.corners[0].y;
@@ -127,14 +117,6 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->depth[0] = affine(z, p[0]);
     f->depth[1] = affine(z, p[1]) - f->depth[0];
     f->depth[2] = affine(z, p[2]) - f->depth[0];
-    f->normal[0] = w.normal.x;
-    f->normal[1] = w.normal.y;
-    f->normal[2] = w.normal.z;
-    Box box = window_box(view, &w, rim);
-    f->x0 = box.x0;
-    f->y0 = box.y0;
-    f->x1 = box.x1;
-    f->y1 = box.y1;
 #endif
     return kept;
 }
@@ -149,44 +131,6 @@ void color_faces(const size_t *rows, const Source *source, __constant View *view
         color[3 * k + 1] = here.y;
         color[3 * k + 2] = here.z;
     }
-}
-
-#if !ENGINE
-typedef struct {
-    EdgeColumns edges;
-    real x;
-} Columns;
-typedef struct {
-    real nearest, alpha;
-} Sample;
-
-Columns columns_of(FACE_POINTER f, real x, __constant View *view)
-{
-    Columns c;
-    for (int k = 0; k < 3; k++)
-        c.edges.edge[k] = f->normal_x[k] * x;
-    c.x = x - f->origin[0];
-    return c;
-}
-
-#if LANES == 8
-mask reaches(FACE_POINTER f, float left, real y)
-{
-    return window_reaches(f->normal_x, f->normal_y, f->offset, left, y);
-}
-#endif
-
-mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
-{
-    s->nearest = nearest_edge(f->normal_y, f->offset, &c->edges, y);
-    return s->nearest <= 0.0f;
-}
-#endif
-
-mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
-{
-    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), view->own.sigma));
-    return within & (s->alpha >= MIN_ALPHA);
 }
 
 // Officially colours are interpolated linearly on the screen, not perspective-correctly.
@@ -204,7 +148,5 @@ void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb
     for (int k = 0; k < 3; k++)
         rgb[k] = MAD(b2, (real)f->color[6 + k], MAD(b1, (real)f->color[3 + k], (real)f->color[k]));
 }
-
-float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }
 
 #include "splat_stages.cl"

@@ -3,9 +3,9 @@
 
 #include "splat_common.cl"
 #include "splat_soup.cl"
-#include "splat_window.cl"
 
 #define MAX_ALPHA 0.99f
+#define SIGMA (f->sigma)
 #define MIN_DETERMINANT 1e-3f
 #define BLENDS_CROSSING 0
 #define SMALL_IS_DROPPED 1
@@ -27,12 +27,7 @@
     }
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
-#if ENGINE
-#include "splat_engine.cl"
-#define PHI(f, s) ((s)->phi)
-#else
-#define PHI(f, s) ((s)->nearest * (f)->inverse)
-#endif
+#include "edge_window.cl"
 
 // The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected. The rim
 // beyond it, down to alpha = 1/255, is seen only in tiles that the contour touches.
@@ -90,21 +85,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     *official = contour_tiles(view, &w, coverage[2]);
     // As upstream: the product of unsigned extents, so a face all of whose corners were skipped is kept.
     kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
-    for (int k = 0; k < 3; k++) {
-        f->normal_x[k] = w.edge_normal[k].x;
-        f->normal_y[k] = w.edge_normal[k].y;
-        f->offset[k] = w.edge_offset[k];
-    }
-    f->inverse = 1.0f / w.inradius[2];
+    keep_window(view, &w, coverage[3], f);
     f->depth = w.depth;
-    f->normal[0] = w.normal.x;
-    f->normal[1] = w.normal.y;
-    f->normal[2] = w.normal.z;
-    Box box = window_box(view, &w, coverage[3]);
-    f->x0 = box.x0;
-    f->y0 = box.y0;
-    f->x1 = box.x1;
-    f->y1 = box.y1;
 #endif
     return kept;
 }
@@ -119,40 +101,6 @@ void color_faces(const size_t *rows, const Source *source, __constant View *view
     color_of(view, source->f_dc, source->f_rest, rows, seen, color);
 }
 
-#if !ENGINE
-typedef EdgeColumns Columns;
-typedef struct {
-    real nearest, alpha;
-} Sample;
-
-Columns columns_of(FACE_POINTER f, real x, __constant View *view)
-{
-    Columns c;
-    for (int k = 0; k < 3; k++)
-        c.edge[k] = f->normal_x[k] * x;
-    return c;
-}
-
-#if LANES == 8
-mask reaches(FACE_POINTER f, float left, real y)
-{
-    return window_reaches(f->normal_x, f->normal_y, f->offset, left, y);
-}
-#endif
-
-mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
-{
-    s->nearest = nearest_edge(f->normal_y, f->offset, c, y);
-    return s->nearest <= 0.0f;
-}
-#endif
-
-mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
-{
-    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), f->sigma));
-    return within & (s->alpha >= MIN_ALPHA);
-}
-
 void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb, real *z)
 {
     rgb[0] = f->color[0];
@@ -164,7 +112,5 @@ void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb
     *z = f->depth;
 #endif
 }
-
-float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }
 
 #include "splat_stages.cl"

@@ -1,6 +1,15 @@
-// What Triangle-Splatting and MeshSplatting share: projected triangles, their incentre and edge distances.
+// The falloff of Triangle-Splatting and MeshSplatting: projected triangles, their incentre and edge distances.
+// A method's file includes this after its structs of faces, and defines MAX_ALPHA, the cap of alpha, and SIGMA,
+// the exponent of the falloff of face `f`.
 // Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
 // meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
+
+#if ENGINE
+#include "splat_engine.cl"
+#define PHI(f, s) ((s)->phi)
+#else
+#define PHI(f, s) ((s)->nearest * (f)->inverse)
+#endif
 
 #define NEAREST 0.2f
 #define GRAZING 0.001f
@@ -96,21 +105,78 @@ Box window_box(__constant View *view, const Window *w, real rim)
     return box;
 }
 
+#if !ENGINE
+// Leaves in `f` what blending needs of its window, whose alpha is 1/255 or more up to phi = `rim`.
+void keep_window(__constant View *view, const Window *w, real rim, Faces *f)
+{
+    for (int k = 0; k < 3; k++) {
+        f->normal_x[k] = w->edge_normal[k].x;
+        f->normal_y[k] = w->edge_normal[k].y;
+        f->offset[k] = w->edge_offset[k];
+    }
+    f->inverse = 1.0f / w->inradius[2];
+    f->normal[0] = w->normal.x;
+    f->normal[1] = w->normal.y;
+    f->normal[2] = w->normal.z;
+    Box box = window_box(view, w, rim);
+    f->x0 = box.x0;
+    f->y0 = box.y0;
+    f->x1 = box.x1;
+    f->y1 = box.y1;
+}
+
 // ---- at the samples of a row
 
 typedef struct {
     real edge[3]; // n.x x: what of an edge's distance the row does not change
-} EdgeColumns;
+#if VERTEX_COLORS
+    real x; // from corner 0
+#endif
+} Columns;
+typedef struct {
+    real nearest, alpha;
+} Sample;
 
-// Returns the largest of the three distances n.x x + n.y y + t, summed in this order as upstream; outside is
-// where it is positive.
-real nearest_edge(FACE_FLOATS normal_y, FACE_FLOATS offset, const EdgeColumns *c, float y)
+Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 {
-    real e0 = (c->edge[0] + normal_y[0] * y) + offset[0];
-    real e1 = (c->edge[1] + normal_y[1] * y) + offset[1];
-    real e2 = (c->edge[2] + normal_y[2] * y) + offset[2];
-    return greater(greater(e0, e1), e2);
+    Columns c;
+    for (int k = 0; k < 3; k++)
+        c.edge[k] = f->normal_x[k] * x;
+#if VERTEX_COLORS
+    c.x = x - f->origin[0];
+#endif
+    return c;
 }
+
+// Sets the largest of the three distances n.x x + n.y y + t, summed in this order as upstream; outside is
+// where it is positive.
+mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
+{
+    real e0 = (c->edge[0] + f->normal_y[0] * y) + f->offset[0];
+    real e1 = (c->edge[1] + f->normal_y[1] * y) + f->offset[1];
+    real e2 = (c->edge[2] + f->normal_y[2] * y) + f->offset[2];
+    s->nearest = greater(greater(e0, e1), e2);
+    return s->nearest <= 0.0f;
+}
+
+#if LANES == 8
+// Which pairs of rows y, y + 1 (a lane a pair) an edge leaves samples of the eight columns from `left` on:
+// where its distance at the corner of those samples that is farthest inside is not positive, give or take
+// rounding.
+mask reaches(FACE_POINTER f, float left, real y)
+{
+    mask found = (mask)-1;
+    for (int k = 0; k < 3; k++) {
+        float inwards = (f->normal_x[k] < 0.0f ? 7.0f * f->normal_x[k] : 0.0f) +
+                        (f->normal_y[k] < 0.0f ? f->normal_y[k] : 0.0f);
+        float slack = 0.01f + 1e-6f * (f->offset[k] < 0.0f ? -f->offset[k] : f->offset[k]);
+        float start = f->normal_x[k] * left + f->offset[k] + inwards - slack;
+        found &= MAD((real)f->normal_y[k], y, (real)start) <= 0.0f;
+    }
+    return found;
+}
+#endif
+#endif
 
 // phi^sigma, as exp2(sigma log2 phi); 0 where phi is 0. The clamp keeps the fast exp2 in its range; below it
 // coverage is under 1/255 anyway.
@@ -120,20 +186,10 @@ real window_power(real phi, float sigma)
     return phi > (real)1e-30f ? value : (real)0.0f;
 }
 
-#if LANES == 8
-// Which pairs of rows y, y + 1 (a lane a pair) an edge leaves samples of the eight columns from `left` on:
-// where its distance at the corner of those samples that is farthest inside is not positive, give or take
-// rounding.
-mask window_reaches(FACE_FLOATS normal_x, FACE_FLOATS normal_y, FACE_FLOATS offset, float left, real y)
+mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
 {
-    mask found = (mask)-1;
-    for (int k = 0; k < 3; k++) {
-        float inwards = (normal_x[k] < 0.0f ? 7.0f * normal_x[k] : 0.0f) +
-                        (normal_y[k] < 0.0f ? normal_y[k] : 0.0f);
-        float slack = 0.01f + 1e-6f * (offset[k] < 0.0f ? -offset[k] : offset[k]);
-        float start = normal_x[k] * left + offset[k] + inwards - slack;
-        found &= MAD((real)normal_y[k], y, (real)start) <= 0.0f;
-    }
-    return found;
+    s->alpha = lesser((real)MAX_ALPHA, f->opacity * window_power(PHI(f, s), SIGMA));
+    return within & (s->alpha >= MIN_ALPHA);
 }
-#endif
+
+float3 normal_of(FACE_POINTER f) { return vload3(0, f->normal); }
