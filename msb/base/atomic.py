@@ -19,7 +19,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from msb.base.renaming import rename_to_new
 from msb.errors import OutputError, UsageError
 
 
@@ -31,15 +30,8 @@ def new_file(
 
     Missing parent folders are made. On any failure the temporary file is removed and `path` is as before.
     A symbolic link at `path` is itself replaced, not what it points to; only one that leads to a device or
-    pipe is followed (`is_stream`).
-
-    Parameters
-    ----------
-    path : path-like
-    size : int, optional
-        Bytes that will be written, if known; the error about a full disk then says how many.
-    overwrite : bool
-        What is there may be replaced; a device or pipe is written through in any case.
+    pipe is followed (`is_stream`), and written through. `size` are the bytes that will be written, if known,
+    for the error about a full disk. Without `overwrite` nothing is replaced that is there or comes meanwhile.
     """
     target = _target(path)
     if is_stream(target):
@@ -57,8 +49,10 @@ def new_file(
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            if not _moved_to_free_place(temporary, target, overwrite):
+            if overwrite:
                 temporary.replace(target)
+            else:
+                _move_to_new(temporary, target)
         except BaseException:
             with contextlib.suppress(OSError):
                 temporary.unlink()
@@ -71,14 +65,8 @@ def new_folder(
 ) -> Iterator[Path]:
     """Yield a new folder that takes the place of `path` when the block ends without an error.
 
-    The old folder or file is moved aside, the new one moved in, the old one removed.
-
-    Parameters
-    ----------
-    path : path-like
-    size : int, optional
-    overwrite : bool
-        The same as for `new_file`.
+    The old folder or file is moved aside, the new one moved in, the old one removed; `size` and `overwrite`
+    are as for `new_file`.
     """
     target = _target(path)
     temporary, aside = _beside(target), _beside(target)
@@ -90,7 +78,9 @@ def new_folder(
             temporary.mkdir()
             yield temporary
             try:
-                if not _moved_to_free_place(temporary, target, overwrite):
+                if not overwrite:
+                    _move_to_new(temporary, target)
+                else:
                     if os.path.lexists(target):
                         target.rename(aside)
                     temporary.rename(target)
@@ -116,18 +106,10 @@ def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputEr
     return error.at(target / file.relative_to(temporary))
 
 
-def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: bool = False) -> None:
-    """Refuse a place where nothing can be written, before hours are spent on what should go there.
+def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
+    """Refuse a place where no file, or no folder, can be written, before hours are spent on what goes there.
 
-    Parameters
-    ----------
-    path : path-like
-        The path of a file or folder to be written; its parent folders need not exist.
-    folder : bool
-        Whether a folder is to be written.
-    free : bool
-        Whether nothing is there yet. What another program writes there later must then not be replaced:
-        `new_file` and `new_folder` write only where there still is nothing, until `forget_free_places`.
+    Its parent folders need not exist.
     """
     target = _target(path)
     if is_stream(target):
@@ -137,8 +119,6 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: boo
             text = f"it cannot be written: {os.strerror(errno.EACCES)}"
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
         return
-    if free:
-        _FREE.add(os.path.abspath(target))  # noqa: PTH100 - the name itself, not what a link there leads to
     with _translated(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.lstat()  # which leaves: a name too long
@@ -147,11 +127,6 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False, free: boo
         if not os.access(above, os.W_OK | os.X_OK):
             text = f"it cannot be written: {os.strerror(errno.EACCES)}: {above}"
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
-
-
-def forget_free_places() -> None:
-    """Allow outputs at places that were found free to be replaced again; called at the end of a command."""
-    _FREE.clear()
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
@@ -169,8 +144,6 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
 
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What a write fails with where the place is at fault: no room, or no way to write there."""
-_FREE: set[str] = set()
-"""Places where nothing was when `check_place` looked."""
 _IS_FOLDER = "it is a folder; a file is to be written"
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
@@ -203,7 +176,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 def _descriptor(path: str | os.PathLike[str]) -> int | None:
     """Return the number of the open file of this process that `path` is another name of."""
-    place = Path(os.path.abspath(path))  # noqa: PTH100 - see check_place
+    place = Path(os.path.abspath(path))  # noqa: PTH100 - the name itself, not what a link there leads to
     if str(place.parent) == "/dev" and place.name in _STANDARD:
         return _STANDARD.index(place.name)
     opened = ("/dev/fd", f"/proc/{os.getpid()}/fd")
@@ -234,22 +207,26 @@ def _refuse_stream(target: Path) -> None:
 
 def _refuse_existing(target: Path, overwrite: bool) -> None:
     if not overwrite and os.path.lexists(target):
-        raise UsageError("OUTPUT_EXISTS", "it exists; overwrite=True replaces it", file=target)
+        raise _exists(target)
 
 
-def _moved_to_free_place(temporary: Path, target: Path, overwrite: bool) -> bool:
-    """Move in, if the place was found free and still is; return False if what is there may be replaced."""
-    place = os.path.abspath(target)  # noqa: PTH100 - see check_place
-    if overwrite and place not in _FREE:
-        return False
+def _exists(target: Path) -> UsageError:
+    return UsageError("OUTPUT_EXISTS", "it exists; overwrite=True replaces it", file=target)
+
+
+def _move_to_new(temporary: Path, target: Path) -> None:
+    """Rename a file or folder to a name that nothing has; what came there meanwhile stays: an error."""
     try:
-        rename_to_new(temporary, target)
+        if not temporary.is_dir():
+            target.hardlink_to(temporary)
+            temporary.unlink()
+            return
     except FileExistsError as error:
-        how = "--force" if overwrite else "overwrite=True"
-        text = f"it was made while this ran, by another program; {how} replaces it"
-        raise UsageError("OUTPUT_EXISTS", text, file=target) from error
-    _FREE.discard(place)
-    return True
+        raise _exists(target) from error
+    except OSError:  # the file system has no hard links
+        pass
+    _refuse_existing(target, overwrite=False)
+    temporary.rename(target)  # a folder replaces no file, and no folder that holds anything
 
 
 _STANDARD = ("stdin", "stdout", "stderr")

@@ -23,7 +23,6 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, ge
 
 import typer
 
-from msb.base.atomic import forget_free_places
 from msb.base.option import Argument, Option
 from msb.cli.options import epilog
 from msb.cli.output import Output, check_apart, open_log
@@ -185,10 +184,7 @@ def _command(
         if outputs is not None:
             _check_free(declared, values, objects[outputs])
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
-        try:
-            return function(**objects, **alone)
-        finally:
-            forget_free_places()
+        return function(**objects, **alone)
 
     functools.update_wrapper(run, function)
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)

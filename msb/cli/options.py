@@ -14,7 +14,6 @@ import typer
 from typer.core import TyperCommand
 from typer.models import ArgumentInfo
 
-from msb.base.atomic import forget_free_places
 from msb.cli.help_pages import Context
 from msb.errors import UsageError
 
@@ -226,10 +225,7 @@ def with_shared(command: Callable[..., None]) -> Callable[..., None]:
             from msb.cli.output import open_log
 
             open_log(given["log_file"])
-        try:
-            command(**values)
-        finally:
-            forget_free_places()
+        command(**values)
 
     parameters = [*own.parameters.values(), *added]
     run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]

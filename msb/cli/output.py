@@ -164,15 +164,14 @@ class Output:
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
         """Refuse to overwrite `path` without --force, and a place where nothing can be written.
 
-        A device or pipe is written through, and a `folder` cannot be. What another program writes there from
-        now on is not replaced either without --force: `msb.base.atomic`.
+        A device or pipe is written through, and a `folder` cannot be.
         """
         if path is None or is_stdout(path):
             return
         replaced = not is_stream(path)
         if replaced and os.path.lexists(path) and not self.force:
             raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
-        check_place(path, folder=folder, free=not self.force)
+        check_place(path, folder=folder)
         place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image
         if replaced and place in self._checked:
             raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)

@@ -8,13 +8,15 @@ import re
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from msb.base.atomic import check_place, is_leftover, new_file, new_folder, remove_leftovers
-from msb.errors import OutputError
+from msb.errors import OutputError, UsageError
 from tests.conftest import ROOT
 from tests.robustness.conftest import bound, disk, read_only
 
@@ -129,6 +131,47 @@ def test_a_folder_that_cannot_move_in_is_moved_back(
     assert (held(tmp_path), len(calls)) == ({"a/a": b"old"}, 3)
 
 
+@KINDS
+@pytest.mark.parametrize("links", [True, False])
+def test_without_overwrite_what_is_there_or_comes_meanwhile_stays(
+    kind: str, links: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "no hard links here")
+
+    if not links:
+        monkeypatch.setattr(Path, "hardlink_to", refuse)
+    make = new_file if kind == "file" else new_folder
+    (tmp_path / "old").write_bytes(b"theirs")
+    for place in (tmp_path / "old", tmp_path / "new"):
+        with pytest.raises(UsageError, match="it exists; overwrite=True"), make(place, overwrite=False):
+            (tmp_path / "new").write_bytes(b"theirs")
+    with make(tmp_path / "free", overwrite=False):
+        pass
+    assert (tmp_path / "free").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["free", "new", "old"]
+    assert {(tmp_path / name).read_bytes() for name in ("old", "new")} == {b"theirs"}
+
+
+def test_of_programs_that_make_one_file_at_once_only_one_succeeds(tmp_path: Path) -> None:
+    together = threading.Barrier(8)
+
+    def make(number: int) -> str:
+        try:
+            with new_file(tmp_path / "a", overwrite=False) as file:
+                file.write(str(number).encode())
+                together.wait()
+        except UsageError as error:
+            return error.code
+        return str(number)
+
+    with ThreadPoolExecutor(8) as pool:
+        codes = list(pool.map(make, range(8)))
+    (winner,) = set(codes) - {"OUTPUT_EXISTS"}
+    assert codes.count("OUTPUT_EXISTS") == 7
+    assert held(tmp_path) == {"a": winner.encode()}
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_the_error_says_what_is_free_and_needed(number: int, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"[\d,]+ bytes are free, 7 are needed"):  # noqa: SIM117
@@ -226,7 +269,7 @@ def test_a_link_is_replaced_and_not_what_it_leads_to(kind: str, tmp_path: Path) 
 _REFUSED = """
 import sys
 from msb.base.atomic import check_place, new_file, new_folder
-from msb.errors import OutputError
+from msb.errors import OutputError, UsageError
 for attempt in (check_place, lambda path: check_place(path, folder=True), new_file, new_folder):
     try:
         with attempt(sys.argv[1]):

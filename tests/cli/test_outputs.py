@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +14,9 @@ import pytest
 from typer.main import get_command
 
 import msb as library
-from msb.base import atomic, renaming
-from msb.base.atomic import check_place, forget_free_places, new_file, new_folder
+from msb.base.atomic import new_folder
 from msb.cli.app import app
-from msb.errors import OutputError, UsageError
+from msb.errors import OutputError
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -29,12 +25,6 @@ if TYPE_CHECKING:
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")
 SOURCE = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
-
-
-@pytest.fixture(autouse=True)
-def _forgetting() -> Iterator[None]:
-    yield
-    forget_free_places()
 
 
 # --- devices and pipes ---------------------------------------------------------------------------------
@@ -105,116 +95,6 @@ def test_a_folder_is_not_written_onto_a_device(msb: Msb, tmp_path: Path) -> None
     with pytest.raises(OutputError, match="a device or pipe"), new_folder(null):
         pass
     assert null.is_symlink()
-
-
-# --- two at once ---------------------------------------------------------------------------------------
-
-_WAITING = """
-import sys, msb.base.atomic
-move = msb.base.atomic._moved_to_free_place
-def wait(*arguments):
-    print("ready", flush=True)
-    sys.stdin.readline()
-    return move(*arguments)
-msb.base.atomic._moved_to_free_place = wait
-from msb.cli import main
-main()
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("form", ["packed", "folder"])
-def test_of_programs_that_make_one_new_output_at_once_only_one_succeeds(tmp_path: Path, form: str) -> None:
-    target = tmp_path / "new.triasset"
-    line = [sys.executable, "-c", _WAITING, "convert", "--form", form, str(SOURCE), str(target)]
-    pipe = subprocess.PIPE
-    started = [
-        subprocess.Popen(line, cwd=ROOT, text=True, stdin=pipe, stdout=pipe, stderr=pipe) for _ in range(3)
-    ]
-    streams = [(one.stdin, one.stdout) for one in started if one.stdin and one.stdout]
-    assert [out.readline() for _, out in streams] == ["ready\n"] * 3
-    for begin, _ in streams:
-        begin.write("go\n")
-        begin.flush()
-    said = [process.communicate(timeout=60)[1] for process in started]
-    assert sorted(process.returncode for process in started) == [0, 2, 2]
-    text = f"OUTPUT_EXISTS: {target}: it was made while this ran, by another program; --force replaces it\n"
-    assert sorted(said) == ["", text, text]
-    assert [path.name for path in tmp_path.iterdir()] == ["new.triasset"]
-    assert library.load(target).manifest.method == "mesh"
-
-
-@pytest.mark.parametrize("folder", [False, True])
-@pytest.mark.parametrize("lacks", ["nothing", "the call", "hard links, too"])
-def test_a_free_name_is_taken_once_whatever_the_file_system_knows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacks: str, folder: bool
-) -> None:
-    def refuse(*_: object) -> None:
-        raise PermissionError(errno.EPERM, "no hard links here")
-
-    if lacks != "nothing":
-        monkeypatch.setattr(renaming, "_renamed_by_the_system", lambda *_: False)
-    if lacks == "hard links, too":
-        monkeypatch.setattr(Path, "hardlink_to", refuse)
-    check_place(tmp_path / "a", free=True)
-    together = threading.Barrier(8)
-
-    def make(number: int) -> str:
-        try:
-            with new_folder(tmp_path / "a") if folder else new_file(tmp_path / "a") as made:
-                if isinstance(made, Path):
-                    (made / "number").write_text(str(number))
-                else:
-                    made.write(str(number).encode())
-                together.wait()
-        except UsageError as error:
-            return error.code
-        return str(number)
-
-    # The first that succeeds would let the place be replaced, by this process: here it stays free.
-    monkeypatch.setattr(atomic, "_FREE", _Kept(atomic._FREE))
-    with ThreadPoolExecutor(8) as pool:
-        codes = list(pool.map(make, range(8)))
-    (winner,) = set(codes) - {"OUTPUT_EXISTS"}
-    assert codes.count("OUTPUT_EXISTS") == 7
-    assert (tmp_path / "a" / "number" if folder else tmp_path / "a").read_text() == winner
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-
-
-class _Kept(set[str]):
-    """Free places that stay so when something has moved in, as they do for other programs."""
-
-    def discard(self, _place: str) -> None:
-        return
-
-
-def test_a_file_found_free_is_not_replaced_but_others_are(tmp_path: Path) -> None:
-    check_place(tmp_path / "a", free=True)
-    with pytest.raises(UsageError, match="made while this ran"), new_file(tmp_path / "a"):
-        (tmp_path / "a").write_bytes(b"theirs")
-    assert (tmp_path / "a").read_bytes() == b"theirs"
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    forget_free_places()
-    for text in (b"ours", b"ours again"):
-        with new_file(tmp_path / "a") as file:
-            file.write(text)
-        assert (tmp_path / "a").read_bytes() == text
-
-
-def test_a_name_that_was_taken_is_given_back_when_the_renaming_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object) -> None:
-        raise OSError(errno.EIO, "Input/output error")
-
-    monkeypatch.setattr(renaming, "_renamed_by_the_system", lambda *_: False)
-    monkeypatch.setattr(Path, "hardlink_to", fail)
-    monkeypatch.setattr(Path, "replace", fail)
-    for name, context in (("file", new_file), ("folder", new_folder)):
-        check_place(tmp_path / name, free=True)
-        with pytest.raises(OutputError, match="Input/output error"), context(tmp_path / name):
-            pass
-    assert list(tmp_path.iterdir()) == []
 
 
 # --- places that are taken within one command ----------------------------------------------------------
