@@ -59,7 +59,7 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
         packed.append(packer.compress(bytes(-array.nbytes % 4)))
     packed.append(packer.flush())
     meta = {**_meta(model, state, up), "arrays": layout}
-    return filled("page.html", "page.js", meta, base64.b64encode(b"".join(packed)))
+    return filled("msb_viewers", meta, base64.b64encode(b"".join(packed)))
 
 
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:

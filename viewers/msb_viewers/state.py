@@ -123,6 +123,16 @@ class ViewState:
         self.coloring = choices[at % len(choices)]
         self.message = {"own": "its own colours", "grey": "grey"}.get(self.coloring, "components by size")
 
+    def toggle_components(self) -> None:
+        """Colour components by size, or the mesh as it is."""
+        plain: Coloring = "own" if self.model.colors is not None else "grey"
+        self.coloring = "components" if self.coloring != "components" else plain
+
+    def toggle_through(self) -> None:
+        """See layers through the surface, or not."""
+        self.through = not self.through
+        self.message = "layers are seen through the surface" if self.through else "the surface hides layers"
+
     def step(self, by: int) -> bool:
         """Choose the next element of the active layer that can be flown to; return whether there is one."""
         layer = self.model.layers[self.active]

@@ -1,4 +1,4 @@
-"""Pages of one file: a template, its data as JSON, and its script. A page loads nothing else."""
+"""Pages of one file: the shell that both viewers share, a viewer's own parts, and its data. A page loads nothing."""
 
 from __future__ import annotations
 
@@ -11,33 +11,21 @@ from typing import Any
 _MARK = re.compile(r"@([A-Z]+)@")
 
 
-def filled(template: str, script: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
-    """Return a page, UTF-8.
+def filled(package: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
+    """Return a page, UTF-8, with the style, body and script that lie in a package as page.css, .html and .js.
 
-    Parameters
-    ----------
-    template, script : str
-        Files of this package. In the template @META@, @DATA@, @SCRIPT@ and @STYLE@ are replaced. The text
-        in their place is not searched again, because a file name may look like a mark.
-    meta : mapping
-        What the script reads as `meta`.
-    data : bytes
-        ASCII without "<".
+    `meta` is what the script reads under that name; `data` is ASCII without "<". What replaces a mark of the
+    shell is not searched again, because a file name may look like a mark.
     """
+    shell, own = files("msb_viewers"), files(package)
     # "</" would end the element it stands in, whatever a file is called.
     text = json.dumps(meta, allow_nan=False).replace("<", "\\u003c")
     values = {
         "META": text.encode(),
         "DATA": data,
-        "SCRIPT": (_text("common.js") + _text(script)).encode(),
-        "STYLE": _text("common.css").encode(),
+        "SCRIPT": (shell / "shell.js").read_bytes() + (own / "page.js").read_bytes(),
+        "STYLE": (shell / "shell.css").read_bytes() + (own / "page.css").read_bytes(),
+        "BODY": (own / "page.html").read_bytes(),
     }
-    parts = _MARK.split(_text(template))
+    parts = _MARK.split((shell / "shell.html").read_text("utf-8"))
     return b"".join(values[part] if index % 2 else part.encode() for index, part in enumerate(parts))
-
-
-def _text(name: str) -> str:
-    place = files("msb_viewers")
-    for part in name.split("/"):
-        place = place / part
-    return place.read_text("utf-8")

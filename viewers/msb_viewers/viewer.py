@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from msb.base.matrices import inverse
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
-from msb_viewers.controls import Controls
+from msb_viewers.controls import TopologyControls
 from msb_viewers.inset import Inset, background, size_of
 from msb_viewers.legend import legend_panel, legend_width
 from msb_viewers.palette import HIGHLIGHT
@@ -21,7 +20,7 @@ from msb_viewers.picking import pick
 from msb_viewers.sheet import Panel, help_panel, line_panel
 from msb_viewers.stage import Stage
 from msb_viewers.state import HELP, ViewState
-from msb_viewers.window import GAP, open_plotter, text_scale, write_png
+from msb_viewers.window import GAP, Window
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
@@ -30,20 +29,11 @@ _SAMPLES = 4
 _FLIGHT_FRAMES = 14
 
 
-class TopologyViewer:
+class TopologyViewer(Window):
     """A mesh with its offending elements, in a window or off-screen.
 
-    Parameters
-    ----------
-    model : ViewModel
-    size : (int, int)
-        Width and height of the window in pixels.
-    off_screen : bool
-        Draw without a window; everything else works the same.
-    up : str, optional
-        The axis that is up, such as "+y", instead of the model's own.
-    state : ViewState, optional
-        What is switched on at first.
+    `up` is the axis that is up, such as "+y", instead of the model's own; `state` is what is switched on at
+    first.
     """
 
     def __init__(
@@ -57,24 +47,19 @@ class TopologyViewer:
     ) -> None:
         from vtkmodules.vtkRenderingCore import vtkRenderer
 
-        self.model, self.off_screen = model, off_screen
-        self.up = up or model.up
-        self._extent = model.extent
-        self.state = state or ViewState.first(model)
-        self.plotter = open_plotter(f"{model.name} - msb view", size, off_screen=off_screen)
-        self.window = self.plotter.ren_win
-        self.back = self.plotter.renderer
-        self.back.SetTwoSidedLighting(True)
-        self.back.SetAutomaticLightCreation(True)
+        super().__init__(model.name, "view", size, off_screen=off_screen)
+        self.model, self.up, self._extent = model, up or model.up, model.extent
+        self.state: ViewState = state or ViewState.first(model)
+        self.renderer.SetTwoSidedLighting(True)
+        self.renderer.SetAutomaticLightCreation(True)
         self.front = vtkRenderer()
         self.front.SetLayer(1)
         self.front.InteractiveOff()
         self.window.SetNumberOfLayers(3)
         self.window.AddRenderer(self.front)
-        self.camera = self.back.GetActiveCamera()
         self.camera.SetViewAngle(math.degrees(FOV_Y))
         self.front.SetActiveCamera(self.camera)
-        self.stage = Stage(model, self.back, self.front)
+        self.stage = Stage(model, self.renderer, self.front)
         self.inset = Inset(self.window, layer=2)
         self._pictures = {name: drawing.Picture() for name in ("legend", "help", "status", "fans")}
         for picture in self._pictures.values():
@@ -82,22 +67,11 @@ class TopologyViewer:
         self._legend: Panel | None = None
         self._marks: list[Any] = []
         self._shown_vertex: tuple[int | None, float] = (None, 0.0)
-        self.controls = Controls(self)
+        self.controls: TopologyControls = TopologyControls(self)
         self.home()
         self.refresh()
 
     # What is shown -----------------------------------------------------------------------------------
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the window in pixels."""
-        width, height = self.window.GetSize()
-        return int(width), int(height)
-
-    @property
-    def scale(self) -> float:
-        """The scale of all text, from the window's size."""
-        return text_scale(self.size)
 
     def refresh(self) -> None:
         """Bring the window up to date with the state, and draw."""
@@ -124,30 +98,7 @@ class TopologyViewer:
         """Return how many pixels one drawn unit takes at the distance that is looked at."""
         return self.size[1] / (2 * max(self.pose.distance, 1e-9) * math.tan(FOV_Y / 2))
 
-    def image(self) -> NDArray[np.uint8]:
-        """Draw and return the window (H, W, 3), row 0 at the top."""
-        self.refresh()
-        image = self.plotter.screenshot(None, return_img=True)
-        return np.asarray(image, np.uint8)[..., :3]
-
-    def screenshot(self, path: Path) -> None:
-        """Write the window to a PNG."""
-        write_png(self.image(), path)
-
     # Where from --------------------------------------------------------------------------------------
-
-    @property
-    def pose(self) -> Pose:
-        """The camera."""
-        camera = self.camera
-        places = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
-        return Pose(*(np.array(place, np.float64) for place in places))
-
-    @pose.setter
-    def pose(self, pose: Pose) -> None:
-        self.camera.SetPosition(*pose.eye)
-        self.camera.SetFocalPoint(*pose.target)
-        self.camera.SetViewUp(*pose.up)
 
     def home(self) -> None:
         """Go to the first view, centred in what the legend leaves free."""
@@ -234,17 +185,10 @@ class TopologyViewer:
 
     # Using it ----------------------------------------------------------------------------------------
 
-    def show(self) -> None:
-        """Open the window and return when it is closed."""
-        self.controls.attach()
-        self.refresh()
-        self.plotter.show(auto_close=True, title=f"{self.model.name} - msb view")
-
     def close(self) -> None:
-        """Let go of the window and of all that VTK holds."""
         self.window.RemoveRenderer(self.front)
         self.window.RemoveRenderer(self.inset.renderer)
-        self.plotter.close()
+        super().close()
 
     def legend_hit(self, x: float, y: float) -> str | None:
         """Return what the legend has at a pixel: an action, "" for its background, None beside it."""

@@ -63,7 +63,7 @@ def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
         ],
         "views": rows,
     }
-    return filled("deployment/page.html", "deployment/page.js", meta)
+    return filled("msb_viewers.deployment", meta)
 
 
 def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:

@@ -79,7 +79,7 @@ class CompareState:
     reference: bool = True
     help: bool = False
     captions: bool = True
-    message: str = "1: side by side   2: wipe   3: difference   A / B: tiers   N / P: cameras"
+    message: str = ""
 
     @classmethod
     def first(
@@ -97,6 +97,7 @@ class CompareState:
         few = comparison.asset.manifest.face_count <= MOST_REFERENCE_FACES
         state = cls(comparison, chosen, around, layout, at, background=comparison.background, reference=few)
         state.home()
+        state.message = "1: side by side   2: wipe   3: difference   A / B: tiers   N / P: cameras"
         if layout != "side" and chosen[0] == chosen[1]:
             text = f"--layout {layout} takes two tiers; only {chosen[0]} has a picture"
             raise UsageError("NAME_UNKNOWN", text)
@@ -118,6 +119,7 @@ class CompareState:
     def home(self) -> None:
         """Go back to the dataset's camera, or to the first view."""
         self.free = self.around.first_camera() if self.at is None else None
+        self.message = ""
 
     def picture_camera(self, size: tuple[int, int]) -> Camera:
         """Return the camera to draw for a window of `size` pixels.
@@ -200,6 +202,14 @@ class CompareState:
         choices = list(dict.fromkeys([self.comparison.background, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]))
         self.background = choices[(choices.index(self.background) + 1) % len(choices)]
         self.message = "background: " + ", ".join(f"{value:g}" for value in self.background)
+
+    def toggle_captions(self) -> None:
+        """Show captions, or not."""
+        self.captions = not self.captions
+
+    def close_help(self) -> None:
+        """Close the list of keys, and say nothing."""
+        self.help, self.message = False, ""
 
     def wanted_tiers(self) -> tuple[str, ...]:
         """Return the tiers whose pictures the layout shows."""

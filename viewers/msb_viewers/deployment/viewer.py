@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.errors import SceneError
 from msb_viewers import drawing
-from msb_viewers.camera import Pose, pose_of, scene_camera
+from msb_viewers.camera import pose_of, scene_camera
 from msb_viewers.deployment.compose import Composer
 from msb_viewers.deployment.controls import CompareControls
 from msb_viewers.deployment.painter import Order, Painter
 from msb_viewers.deployment.shots import LABELS, REFERENCE, Shot, TierRenderers
 from msb_viewers.deployment.solver import ReferenceSolver
-from msb_viewers.window import open_plotter, write_png
+from msb_viewers.window import Window, write_png
 
 if TYPE_CHECKING:
     from msb_viewers.deployment.compose import Composition
@@ -26,36 +25,25 @@ if TYPE_CHECKING:
 
 _REST_SECONDS = 0.4
 """Seconds that the view must rest before the reference is begun."""
-_TOLD_SECONDS = 0.5
+_TIMED_SECONDS = 0.5
 """Seconds between two changes of a text that says how long something has taken."""
 
 
-class CompareViewer:
+class CompareViewer(Window):
     """The pictures of a comparison in a window, or off-screen.
 
     The view is VTK's camera, so that the mouse turns it as in the topology viewer; VTK draws nothing but the
     composed picture. Renderers run in a thread and a process of their own: see `painter`, `solver`.
-
-    Parameters
-    ----------
-    state : CompareState
-    size : (int, int)
-        Width and height of the window in pixels.
-    off_screen : bool
-        Draw without a window; everything else works the same.
     """
 
     def __init__(
         self, state: CompareState, *, size: tuple[int, int] = (1280, 800), off_screen: bool = False
     ) -> None:
-        self.state, self.off_screen = state, off_screen
-        self.title = f"{state.comparison.name} - msb compare"
-        self.plotter = open_plotter(self.title, size, off_screen=off_screen)
-        self.window = self.plotter.ren_win
+        super().__init__(state.comparison.name, "compare", size, off_screen=off_screen)
+        self.state: CompareState = state
         self.window.SetMultiSamples(0)  # a picture has no rims to smooth
-        self.camera = self.plotter.renderer.GetActiveCamera()
         self._picture = drawing.Picture()
-        self.plotter.renderer.AddViewProp(self._picture.actor)
+        self.renderer.AddViewProp(self._picture.actor)
         self.shots: dict[str, Shot] = {}
         self.composer = Composer()
         self.composition: Composition | None = None
@@ -63,34 +51,16 @@ class CompareViewer:
         self._shown = 0
         self._moving = False
         self._rested_since = 0.0
-        self._told = 0.0
+        self._timed = 0.0
         self._begun = False
         self._painter = Painter(TierRenderers(state.comparison))
         self._solver = ReferenceSolver(state.comparison.asset, state.comparison.settings)
-        self.controls = CompareControls(self)
+        self.controls: CompareControls = CompareControls(self)
         self.aim()
         self.request()
         self.refresh()
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the window in pixels."""
-        width, height = self.window.GetSize()
-        return int(width), int(height)
-
     # Where from --------------------------------------------------------------------------------------
-
-    @property
-    def pose(self) -> Pose:
-        """The camera of VTK."""
-        places = (self.camera.GetPosition(), self.camera.GetFocalPoint(), self.camera.GetViewUp())
-        return Pose(*(np.array(place, np.float64) for place in places))
-
-    @pose.setter
-    def pose(self, pose: Pose) -> None:
-        self.camera.SetPosition(*pose.eye)
-        self.camera.SetFocalPoint(*pose.target)
-        self.camera.SetViewUp(*pose.up)
 
     def aim(self) -> None:
         """Point VTK's camera where the state's looks, at what lies in the middle of the asset."""
@@ -172,8 +142,8 @@ class CompareViewer:
         if found is not None:
             self.shots[REFERENCE] = found
             news = True
-        if self._solver.busy and time.monotonic() - self._told > _TOLD_SECONDS:
-            self._told, news = time.monotonic(), True
+        if self._solver.busy and time.monotonic() - self._timed > _TIMED_SECONDS:
+            self._timed, news = time.monotonic(), True
         return news
 
     def _wants_reference(self) -> bool:
@@ -229,25 +199,11 @@ class CompareViewer:
         self._picture.place(0, 0)
         self.window.Render()
 
-    def image(self) -> NDArray[np.uint8]:
-        """Return what the window shows (H, W, 3), as VTK drew it; row 0 at the top."""
-        self.refresh()
-        return np.asarray(self.plotter.screenshot(None, return_img=True), np.uint8)[..., :3]
-
     def screenshot(self, path: Path) -> None:
-        """Write what the window shows to a PNG. Raises `OutputError`."""
         write_png(self.composer.compose(self.state, self.shots, self.size).image, path)
-
-    # Using it ----------------------------------------------------------------------------------------
-
-    def show(self) -> None:
-        """Open the window and return when it is closed."""
-        self.controls.attach()
-        self.refresh()
-        self.plotter.show(auto_close=True, title=self.title)
 
     def close(self) -> None:
         """End thread and child, and let go of the window."""
         self._solver.close()
         self._painter.close()
-        self.plotter.close()
+        super().close()
