@@ -1,4 +1,4 @@
-"""Pages of one file: the shell that both viewers share, a viewer's own parts, and its data. A page loads nothing."""
+"""Pages of one file that load nothing: the shell of both viewers, a viewer's own parts, and its data."""
 
 from __future__ import annotations
 
