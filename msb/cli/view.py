@@ -126,7 +126,6 @@ def view(
 def present(model: ViewModel, options: ViewOptions, files: Files, output: Output) -> None:
     """Write what is asked for, or open the window and return when it is closed."""
     state = initial_state(model, options)
-    output.note(f"{model.name}: {model.nbytes() / 1e6:.0f} MB of arrays", level=1)
     for note in model.notes:
         output.note(f"{model.name}: {note}")
     written = [path for path in (files.html, files.figure, files.screenshot) if path is not None]

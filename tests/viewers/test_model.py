@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from msb_viewers.detail import cluster
 from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE
 from msb_viewers.palette import NEUTRAL, STYLES
+from msb_viewers.stage import cluster
 from msb_viewers.state import ViewState
-from msb_viewers.viewed_mesh import Colors, read_viewed_mesh
+from msb_viewers.viewed_mesh import read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
-from tests.viewers.conftest import GREEN, RED, model_of
+from tests.viewers.conftest import model_of
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
@@ -150,13 +150,3 @@ def test_a_stand_in_is_coarse_and_keeps_its_place(demo: ViewModel) -> None:
     assert (np.diff(origin) > 0).all()
     moved = np.linalg.norm(demo.points[faces] - demo.points[demo.faces[origin]], axis=2)
     assert moved.max() < 0.2
-
-
-def test_memory_is_stated(demo: ViewModel) -> None:
-    assert 50 < demo.nbytes() / len(demo.faces) < 250
-
-
-def test_colours_go_with_vertices(faults: ViewModel) -> None:
-    assert isinstance(faults.colors, Colors)
-    assert faults.colors.values[0].tolist() == list(RED)
-    assert faults.colors.values[10].tolist() == list(GREEN)

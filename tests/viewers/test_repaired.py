@@ -6,17 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
+from msb_viewers.model import ViewModel
 from msb_viewers.page import page
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.repaired import build_repaired_model
-from msb_viewers.state import ViewState, legend_rows
+from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import ViewedMesh
 from tests.conftest import BOOK, TETRAHEDRON
 
 
-def model_of(before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]):  # type: ignore[no-untyped-def]
+def model_of(before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]) -> ViewModel:
     meshes = (ViewedMesh(f"{name}.ply", Path(name), *mesh) for name, mesh in (("a", before), ("b", after)))
     return build_repaired_model(*meshes)
+
+
+def counts(model: ViewModel) -> dict[str, int]:
+    return {kind: len(layer) for kind, layer in model.layers.items()}
 
 
 def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_as_stored() -> None:
@@ -26,8 +31,7 @@ def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_a
     assert model.audit.counts.faces == 4
     assert model.colors is not None
     assert [tuple(row) for row in model.colors.values[[0, 4]].tolist()] == [DELETED, ADDED]
-    rows = {row["kind"]: row["count"] for row in legend_rows(ViewState.first(model))}
-    assert rows == {"deleted_faces": 1, "added_faces": 1, "cut_edges": 0}
+    assert counts(model) == {"deleted_faces": 1, "added_faces": 1, "cut_edges": 0}
     corners = model.stored_position(model.positions("added_faces")[0])
     assert np.allclose(corners, points[[0, 1, 4]], atol=1e-6)
     assert model.notes[0].startswith("b.ply: faces deleted: 1, added: 1; edges cut: 0; it is ")
@@ -56,7 +60,8 @@ def test_what_was_turned_upright_in_a_glb_lies_where_it_was() -> None:
     points, faces = TETRAHEDRON
     before = ViewedMesh("a.triasset", Path("a"), points, faces, up="-y")
     after = ViewedMesh("b.glb", Path("b"), points * [1, -1, -1], faces, up="+y")
-    rows = {
-        row["kind"]: row["count"] for row in legend_rows(ViewState.first(build_repaired_model(before, after)))
+    assert counts(build_repaired_model(before, after)) == {
+        "deleted_faces": 0,
+        "added_faces": 0,
+        "cut_edges": 0,
     }
-    assert rows == {"deleted_faces": 0, "added_faces": 0, "cut_edges": 0}

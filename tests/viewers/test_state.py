@@ -9,11 +9,11 @@ import pytest
 
 from msb.errors import UsageError
 from msb_viewers.camera import Pose, default_pose, element_pose, up_vector
-from msb_viewers.fanout import neighbourhood
+from msb_viewers.fans import neighbourhood
 from msb_viewers.legend import legend_panel
 from msb_viewers.picking import pick
 from msb_viewers.sheet import help_panel, line_panel
-from msb_viewers.state import HELP, ViewState, legend_rows, parse_element, parse_kinds
+from msb_viewers.state import HELP, ViewState, parse_element, parse_kinds
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import model_of
 
@@ -78,10 +78,8 @@ def test_colourings_skip_own_colours_where_there_are_none() -> None:
 
 
 def test_the_legend_has_every_layer_with_its_count(faults: ViewModel) -> None:
-    rows = {row["kind"]: row for row in legend_rows(ViewState.first(faults))}
-    assert rows["nonmanifold_edges"]["count"] == 1
-    assert rows["duplicate_faces"]["share"] == "12.5 %"
-    assert len({row["key"] for row in rows.values()}) == len(rows) == 8
+    assert len(faults.layers["nonmanifold_edges"]) == len(faults.layers["duplicate_faces"]) == 1
+    assert len({layer.style.key for layer in faults.layers.values()}) == len(faults.layers) == 8
 
 
 @pytest.mark.parametrize("scale", [0.62, 1.0, 2.0])

@@ -47,15 +47,7 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view: the unit sphere fills the free part of the window, whose aspect is given.
-
-    Parameters
-    ----------
-    axis : str
-        What is up.
-    aspect : float
-        Free width over height, in pixels.
-    """
+    """Return the first view: the unit sphere fills the part of a window that is free, of this aspect."""
     up = up_vector(axis)
     # The two other axes, in the order that makes a right-handed frame with `up` last.
     first = np.roll(np.abs(up), 1)
@@ -86,24 +78,11 @@ def pose_of(camera: Camera, distance: float) -> Pose:
 
 
 def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pose | None:
-    """Return a view of one element that the rest of the mesh does not hide, if there is one.
+    """Return a view of one element (k,) that the rest of the mesh does not hide, if there is one.
 
-    Parameters
-    ----------
-    vertices : (k,) integers
-        The element's vertices.
-    current : Pose
-        The present view; directions near its own are preferred.
-
-    Returns
-    -------
-    Pose or None
-        None where the element has no finite position.
-
-    Notes
-    -----
-    Rays from the element towards the eye are cast along 50 directions against the faces near enough to be
-    in the way; among the clear ones the best sees the faces at the element face-on and turns least.
+    None where the element has no finite position. Rays from the element towards the eye are cast along 50
+    directions against the faces near enough to be in the way; among the clear ones the best sees the faces at
+    the element face-on and turns least from the `current` view.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None

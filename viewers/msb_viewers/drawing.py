@@ -53,16 +53,9 @@ def surface(
     shade: float = 0.0,
     color: Color = (205, 205, 205),
 ) -> Any:
-    """Return an actor of triangles.
+    """Return an actor of triangles (n, 3), in `colors` (V | n | 3n, 3) of sRGB bytes or in one `color`.
 
-    Parameters
-    ----------
-    points : (V, 3) float32, faces : (n, 3) integers
-    colors : (V | n | 3n, 3) uint8 or None
-        sRGB, drawn as they are; None draws `color`.
-    domain : {"vertex", "face", "corner"}
-    shade : float
-        How much darker a face seen edge-on is, in [0, 1]; 0 is unlit, as own colours always are.
+    `domain` is vertex, face or corner. A face seen edge-on is darker by `shade`, in [0, 1]; 0 is unlit.
     """
     if domain == "corner" and colors is not None:
         points = points[faces].reshape(-1, 3)
@@ -70,14 +63,14 @@ def surface(
     actor = _actor(_poly(points, faces, "SetPolys"), color)
     if colors is not None:
         data, mapper = actor.GetMapper().GetInput(), actor.GetMapper()
-        target = data.GetCellData() if domain == "face" else data.GetPointData()
-        target.SetScalars(_vtk(colors))
-        mapper.SetScalarVisibility(True)
-        mapper.SetColorModeToDirectScalars()
         if domain == "face":
+            data.GetCellData().SetScalars(_vtk(colors))
             mapper.SetScalarModeToUseCellData()
         else:
+            data.GetPointData().SetScalars(_vtk(colors))
             mapper.SetScalarModeToUsePointData()
+        mapper.SetScalarVisibility(True)
+        mapper.SetColorModeToDirectScalars()
     look = actor.GetProperty()
     look.SetLighting(shade > 0)
     if shade > 0:
@@ -144,32 +137,15 @@ class Picture:
     """An RGBA picture laid over a renderer, pixel for pixel."""
 
     def __init__(self) -> None:
-        from vtkmodules.vtkCommonCore import vtkFloatArray, vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-        from vtkmodules.vtkRenderingCore import vtkPolyDataMapper2D, vtkTexture, vtkTexturedActor2D
+        from vtkmodules.vtkRenderingCore import vtkActor2D, vtkImageMapper
 
-        self._points = vtkPoints()
-        self._points.SetNumberOfPoints(4)
-        corners = vtkFloatArray()
-        corners.SetNumberOfComponents(2)
-        for pair in ((0, 0), (1, 0), (1, 1), (0, 1)):
-            corners.InsertNextTuple2(*pair)
-        quad = vtkCellArray()
-        quad.InsertNextCell(4, [0, 1, 2, 3])
-        self._data = vtkPolyData()
-        self._data.SetPoints(self._points)
-        self._data.SetPolys(quad)
-        self._data.GetPointData().SetTCoords(corners)
-        mapper = vtkPolyDataMapper2D()
-        mapper.SetInputData(self._data)
-        self._texture = vtkTexture()
-        self._texture.InterpolateOff()
-        self.actor = vtkTexturedActor2D()
-        self.actor.SetMapper(mapper)
-        self.actor.SetTexture(self._texture)
+        self._mapper = vtkImageMapper()
+        self._mapper.SetColorWindow(255.0)
+        self._mapper.SetColorLevel(127.5)
+        self.actor = vtkActor2D()
+        self.actor.SetMapper(self._mapper)
         self.actor.SetVisibility(False)
         self.size = (0, 0)
-        self.left = self.bottom = 0
 
     def set(self, image: NDArray[np.uint8]) -> None:
         """Show `image` (H, W, 4), row 0 at the top."""
@@ -179,17 +155,13 @@ class Picture:
         data = vtkImageData()
         data.SetDimensions(width, height, 1)
         data.GetPointData().SetScalars(_vtk(np.ascontiguousarray(image[::-1]).reshape(-1, 4)))
-        self._texture.SetInputData(data)
+        self._mapper.SetInputData(data)
         self.size = (width, height)
         self.actor.SetVisibility(True)
 
     def place(self, left: int, bottom: int) -> None:
         """Put the lower left corner at a pixel of the renderer's window."""
-        (width, height), self.left, self.bottom = self.size, left, bottom
-        for index, (x, y) in enumerate(((0, 0), (width, 0), (width, height), (0, height))):
-            self._points.SetPoint(index, left + x, bottom + y, 0.0)
-        self._points.Modified()
-        self._data.Modified()
+        self.actor.SetDisplayPosition(left, bottom)
 
     def hide(self) -> None:
         """Show nothing."""

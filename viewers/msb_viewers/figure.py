@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.extras import need_extra
-from msb.errors import UsageError
 from msb_viewers.camera import Pose, element_pose
 from msb_viewers.palette import NEUTRAL, STYLES, unit
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
     from msb_viewers.viewer import TopologyViewer
 
-FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
 _SIDE = 640
 """Side of one view in pixels: 3.2 inches of paper at 200 dots per inch."""
 _CLOSER = 0.9
@@ -55,23 +53,11 @@ PANELS = (
 )
 
 
-def check_suffix(path: Path) -> None:
-    """Refuse a name with a suffix that a figure cannot have."""
-    if path.suffix.lower() not in FIGURE_SUFFIXES:
-        raise UsageError("USAGE", f'--figure: "{path.name}" must end in {", ".join(FIGURE_SUFFIXES)}')
-
-
-def need_matplotlib() -> None:
-    """Refuse to make a figure without matplotlib."""
-    need_extra("view", "matplotlib", what="a figure")
-
-
 def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: int = _DPI) -> None:
     """Write the figure: each diagnosis on the whole mesh, and one place of it close up."""
     from msb.base.atomic import new_file
 
-    check_suffix(path)
-    need_matplotlib()
+    need_extra("view", "matplotlib", what="a figure")
     buffer = io.BytesIO()
     kind = path.suffix.lower()[1:]
     # No date in the file: the same mesh gives the same bytes.
@@ -142,8 +128,8 @@ def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
 
 def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
     """Return the matplotlib figure of four columns with titles, counts and legends."""
+    need_extra("view", "matplotlib", what="a figure")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
-    need_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from msb_viewers.palette import BLACK, HIGHLIGHT, INK, SIZE_CLASSES, Color, Style
+from msb_viewers.palette import BLACK, HIGHLIGHT, INK, NEUTRAL, SIZE_CLASSES, Color, Style, size_label
 from msb_viewers.sheet import EDGE, FAINT, LEGEND_WIDTH, PAD, ROW, Panel, Sheet, grown, shortened
-from msb_viewers.state import component_rows, legend_rows
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw as Draw
@@ -36,31 +35,33 @@ def _legend(sheet: Sheet, state: ViewState) -> None:
         sheet.y += sheet.px(4)
         sheet.paragraph(note, 11.5, bold=True)
     sheet.y += sheet.px(6)
-    for row in legend_rows(state):
-        _layer_row(sheet, row)
+    for kind in model.layers:
+        _layer_row(sheet, state, kind)
     _component_row(sheet, state)
     sheet.y += sheet.px(4)
-    _rule(sheet)
+    sheet.draw.line((sheet.px(PAD), sheet.y, sheet.width - sheet.px(PAD), sheet.y), EDGE)
     top = sheet.y
     sheet.text(12, "H: help    N / P: next, previous    C: colours", 11.5, FAINT)
     sheet.y += sheet.px(ROW)
     sheet.targets.append((top, sheet.y, "help"))
 
 
-def _layer_row(sheet: Sheet, row: dict[str, Any]) -> None:
-    top = sheet.y
-    color = INK if row["count"] else FAINT
-    _check_box(sheet, on=row["on"], color=color)
+def _layer_row(sheet: Sheet, state: ViewState, kind: str) -> None:
+    layer = state.model.layers[kind]
+    top, style, count = sheet.y, layer.style, len(layer)
+    active = kind == state.active and count > 0
+    color = INK if count else FAINT
+    _check_box(sheet, on=kind in state.visible, color=color)
     middle = (sheet.px(51), top + sheet.px(ROW) / 2)
-    symbol(sheet.draw, row["style"], middle, sheet.px(28), sheet.scale)
-    sheet.text(72, row["label"], 12.5, color, bold=row["active"])
-    if row["active"]:  # what N and P step through
+    symbol(sheet.draw, style, middle, sheet.px(28), sheet.scale)
+    sheet.text(72, style.label, 12.5, color, bold=active)
+    if active:  # what N and P step through
         x, y, r = sheet.px(4), top + sheet.px(ROW) / 2, sheet.px(5)
         sheet.draw.polygon([(x, y - r), (x, y + r), (x + r, y)], HIGHLIGHT)
-    sheet.text(-28, f"{row['count']:,}", 12.5, color)
-    sheet.text(-12, row["key"], 11, FAINT)
+    sheet.text(-28, f"{count:,}", 12.5, color)
+    sheet.text(-12, style.key, 11, FAINT)
     sheet.y += sheet.px(ROW)
-    sheet.targets.append((top, sheet.y, row["kind"]))
+    sheet.targets.append((top, sheet.y, kind))
 
 
 def _component_row(sheet: Sheet, state: ViewState) -> None:
@@ -77,11 +78,15 @@ def _component_row(sheet: Sheet, state: ViewState) -> None:
     sheet.text(-12, "C", 11, FAINT)
     sheet.y += sheet.px(ROW)
     sheet.targets.append((top, sheet.y, "components"))
-    for row in component_rows(state) if on else ():
+    if not on or not len(state.model.sizes):
+        return
+    rows = [(NEUTRAL, f"largest: {int(state.model.sizes[0]):,} faces", 1)]
+    rows += [(c.color, size_label(c.low, c.high), c.components) for c in reversed(state.model.size_classes())]
+    for color, label, count in rows:
         y = sheet.y + sheet.px(4)
-        sheet.draw.rectangle((sheet.px(72), y, sheet.px(84), y + sheet.px(12)), row["color"], INK)
-        sheet.text(92, row["label"], 11.5)
-        sheet.text(-28, f"{row['count']:,}", 11.5)
+        sheet.draw.rectangle((sheet.px(72), y, sheet.px(84), y + sheet.px(12)), color, INK)
+        sheet.text(92, label, 11.5)
+        sheet.text(-28, f"{count:,}", 11.5)
         sheet.y += sheet.px(20)
 
 
@@ -93,10 +98,6 @@ def _check_box(sheet: Sheet, *, on: bool, color: Color) -> None:
         path = [(x + 0.2 * size, y + 0.5 * size), (x + 0.42 * size, y + 0.75 * size)]
         path.append((x + 0.85 * size, y + 0.2 * size))
         sheet.draw.line(path, color, sheet.px(2.2))
-
-
-def _rule(sheet: Sheet) -> None:
-    sheet.draw.line((sheet.px(PAD), sheet.y, sheet.width - sheet.px(PAD), sheet.y), EDGE)
 
 
 def symbol(draw: Draw, style: Style, middle: tuple[float, float], width: float, scale: float) -> None:

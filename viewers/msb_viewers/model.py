@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,41 +35,27 @@ _FAR_OUT = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The elements of one kind.
+    """The elements of one kind: their numbers in the audit (n,) and their vertices (n, 1 | 2 | 3), integers.
 
-    Attributes
-    ----------
-    style : Style
-    numbers : (n,) integers
-        The elements' numbers in the audit; an edge's is its place in the order of vertex pairs.
-    vertices : (n, 1 | 2 | 3) integers
-    total : int
-        How many elements of this sort the mesh has, offending or not.
+    An edge's number is its place in the order of vertex pairs.
     """
 
     style: Style
     numbers: NDArray[Any]
     vertices: NDArray[Any]
-    total: int
 
     def __len__(self) -> int:
         return len(self.numbers)
 
-    @property
-    def share(self) -> float | None:
-        """Its share of all elements of its sort; None if there are none."""
-        return len(self) / self.total if self.total else None
-
 
 @dataclass(frozen=True)
 class SizeClass:
-    """Components of like size: their number, the faces in them, and the rule that makes the class."""
+    """The components of `low` to `high` faces, both included, and their colour."""
 
     low: int
     high: int | None
     color: tuple[int, int, int]
     components: int
-    faces: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,29 +63,10 @@ class ViewModel:
     """A mesh and everything that can be shown of it.
 
     Positions are moved and scaled so that what the first view frames is the unit sphere: float32 is then
-    precise enough for any georeferenced mesh, and nothing overflows.
-
-    Attributes
-    ----------
-    name, method, up, notes
-        The same as in `ViewedMesh`; `notes` has more.
-    audit, analysis : Audit, Analysis
-    points : (V, 3) float32
-        In drawn units; rows that cannot be drawn are at the origin, and no drawn face uses them.
-    drawable : (V,) bool
-        Whether a vertex is finite, as stored and in drawn units.
-    center : (3,) float64, scale : float
-        A stored position is ``center + scale * point``.
-    faces : (F, 3) integers
-    drawn : (F,) bool
-        Whether all corners of a face can be drawn.
-    colors : Colors or None
-    layers : dict of str to Layer
-        By kind, in the legend's order.
-    face_component : (F,) integers
-        0 is the largest component; -1 in repeated-index rows.
-    sizes : (n,) integers
-        Faces of each component, descending.
+    precise enough for any georeferenced mesh, and nothing overflows. A stored position is
+    ``center + scale * point``; a vertex that is not `drawable` is at the origin, and no drawn face uses it.
+    `face_component` is 0 in the largest component and -1 in repeated-index rows; `sizes` are the faces of
+    each component, descending; `layers` are by kind, in the legend's order.
     """
 
     name: str
@@ -117,7 +84,7 @@ class ViewModel:
     layers: dict[str, Layer]
     face_component: NDArray[Any]
     sizes: NDArray[Any]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def soup(self) -> bool:
@@ -203,42 +170,17 @@ class ViewModel:
         for place, (low, high, color) in enumerate(SIZE_CLASSES, 1):
             chosen = self.sizes[of_component == place]
             if len(chosen):
-                classes.append(SizeClass(low, high, color, len(chosen), int(chosen.sum())))
+                classes.append(SizeClass(low, high, color, len(chosen)))
         return classes
 
     def stored_position(self, point: NDArray[Any]) -> NDArray[np.float64]:
         """Return a drawn position (..., 3) in the mesh's own units."""
         return np.asarray(self.center + self.scale * np.asarray(point, np.float64))
 
-    def nbytes(self) -> int:
-        """Return the bytes of the arrays held here and in the analysis behind them."""
-        mesh, fans = self.analysis.mesh, self.analysis.fans
-        arrays = [self.points, self.faces, self.drawn, self.face_component, self.sizes]
-        arrays += [layer.vertices for layer in self.layers.values()]
-        arrays += [layer.numbers for layer in self.layers.values()]
-        arrays += [
-            mesh.edge_vertices,
-            mesh.edge_offsets,
-            mesh.edge_halfedges,
-            fans.corner_fan,
-            fans.fan_vertex,
-        ]
-        arrays += [fans.fans_per_vertex, fans.groups_per_vertex, self.analysis.area, self.analysis.vertices]
-        arrays += [] if self.colors is None else [self.colors.values]
-        return sum(array.nbytes for array in arrays)
-
 
 def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel:
-    """Return what is to be shown of `mesh`.
+    """Return what is to be shown of `mesh`, of which `audit_arrays` made `audit` and `analysis`.
 
-    Parameters
-    ----------
-    mesh : ViewedMesh
-    audit, analysis : Audit, Analysis
-        What `msb.topology.audit_arrays` made of its vertices and faces.
-
-    Notes
-    -----
     O(V + F) time beyond the audit's; about 12 V + 17 F bytes and the overlays beyond what the audit holds.
     """
     from msb.topology.elements import find_elements
@@ -271,14 +213,11 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
         face_component=elements.face_component,
         sizes=sizes,
     )
-    notes = (*mesh.notes, *_notes(model), *([cropped] if cropped else []))
-    object.__setattr__(model, "notes", notes)
-    return model
+    return replace(model, notes=(*mesh.notes, *_notes(model), *([cropped] if cropped else [])))
 
 
 def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
     mesh = analysis.mesh
-    totals = {"vertex": mesh.vertex_count, "edge": mesh.edge_count, "face": mesh.face_count}
     layers = {}
     for kind, style in STYLES.items():
         if kind == "degenerate_faces":  # two counts of the audit, one look
@@ -287,7 +226,7 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
             vertices = mesh.faces[numbers]
         else:
             numbers, vertices = groups[kind].numbers, groups[kind].vertices
-        layers[kind] = Layer(style, numbers, vertices, totals[style.of])
+        layers[kind] = Layer(style, numbers, vertices)
     return layers
 
 

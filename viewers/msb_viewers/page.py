@@ -27,17 +27,7 @@ LARGE = 2_000_000
 def write_page(
     model: ViewModel, path: Path, *, state: ViewState | None = None, up: str | None = None
 ) -> None:
-    """Write `model` as a page.
-
-    Parameters
-    ----------
-    model : ViewModel
-    path : Path
-    state : ViewState, optional
-        What is switched on at first.
-    up : str, optional
-        The axis that is up, such as "+y", instead of the model's own.
-    """
+    """Write `model` as a page; `state` and `up` are as in the window."""
     from msb.base.atomic import new_file
 
     with new_file(path) as file:

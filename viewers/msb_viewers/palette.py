@@ -36,24 +36,10 @@ FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
 
 @dataclass(frozen=True)
 class Style:
-    """One layer's look and its place in the interface.
+    """One layer's look, and the key that switches it.
 
-    Attributes
-    ----------
-    kind : str
-        The audit's name of the elements (docs/definitions.md).
-    label : str
-        What the legend says.
-    key : str
-        The key that switches it.
-    color : Color
-    of : {"vertex", "edge", "face"}
-    width : float
-        Width of lines in pixels at the finest zoom; 0 draws none.
-    line : {"solid", "dashed"}
-    marker : str or None
-    size : float
-        Size of markers in pixels at the finest zoom.
+    `kind` is the audit's name of the elements (docs/definitions.md). `width` of lines and `size` of markers
+    are in pixels at the finest zoom; a width of 0 draws none.
     """
 
     kind: str

@@ -26,23 +26,10 @@ def pick(
     direction: NDArray[Any],
     box: NDArray[Any] | None = None,
 ) -> Hit | None:
-    """Return the first face a ray meets.
+    """Return the first of the `allowed` faces (F,) that a ray from `eye` along a unit vector meets.
 
-    Parameters
-    ----------
-    points : (V, 3) float32
-    faces : (F, 3) integers
-    allowed : (F,) bool
-        Faces that are drawn.
-    eye, direction : (3,) float
-        The ray's origin and direction, a unit vector.
-    box : (3, 2) float, optional
-        Where the ray meets a face outside of this box, the face is clipped away there.
-
-    Notes
-    -----
-    O(V + F) time, 13 V + 4 F bytes: vertices are projected along the ray, faces all on one side of it are
-    dropped by a byte a corner, the few that are left are intersected.
+    A face is clipped away outside of `box` (3, 2). O(V + F) time, 13 V + 4 F bytes: vertices are projected
+    along the ray, faces all on one side of it are dropped by a byte a corner, the few left are intersected.
     """
     if not allowed.any():
         return None

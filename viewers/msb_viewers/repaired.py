@@ -21,10 +21,6 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
 
     Faces that were kept are grey, deleted ones red, added ones green; the numbers of faces and vertices are
     those of the mesh as stored. The repair may be anybody's: faces are known by the places of their corners.
-
-    Parameters
-    ----------
-    before, after : ViewedMesh
     """
     from msb.meshes.transform import turned
     from msb.topology import audit_arrays
@@ -34,14 +30,14 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
 
     placed = turned(after.vertices, after.up, before.up)  # a .glb was turned upright
     old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
-    found = find_difference(old, new)
+    change = find_difference(old, new)
     (points, faces), count = old, len(old[1])
-    added = new[1][found.added].astype(np.int64) + len(points)
+    added = new[1][change.added].astype(np.int64) + len(points)
     union = replace(
         before,
         vertices=np.concatenate([points, new[0]]),
         faces=np.concatenate([faces, added]),
-        colors=Colors(_colors(before, faces, found.deleted, len(added)), "face"),
+        colors=Colors(_colors(before, faces, change.deleted, len(added)), "face"),
         notes=(),
     )
     audit, _ = audit_arrays(points, faces)
@@ -49,17 +45,16 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     model = build_model(union, audit, analysis)
     mesh = analysis.mesh
     numbers = {
-        "deleted_faces": (found.deleted, mesh.faces, count),
-        "added_faces": (count + np.arange(len(added)), mesh.faces, count),
+        "deleted_faces": (change.deleted, mesh.faces),
+        "added_faces": (count + np.arange(len(added)), mesh.faces),
         # Edges are in the order of their vertices, so those of the mesh as stored come first.
-        "cut_edges": (found.cut, mesh.edge_vertices, audit.counts.edges),
+        "cut_edges": (change.cut, mesh.edge_vertices),
     }
     layers = {
-        kind: Layer(REPAIR_STYLES[kind], rows, vertices[rows], total)
-        for kind, (rows, vertices, total) in numbers.items()
+        kind: Layer(REPAIR_STYLES[kind], rows, vertices[rows]) for kind, (rows, vertices) in numbers.items()
     }
     verdict = judge(audit_arrays(*new)[0])
-    deleted, cut = len(found.deleted), len(found.cut)
+    deleted, cut = len(change.deleted), len(change.cut)
     what = f"faces deleted: {deleted:,}, added: {len(added):,}; edges cut: {cut:,}"
     notes = (
         f"{after.name}: {what}; it is {verdict.word}",

@@ -27,14 +27,9 @@ LEGEND_WIDTH, ROW, PAD = 322, 25, 12
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture, and what a click on it means.
+    """A picture (H, W, 4), and what a click on it means.
 
-    Attributes
-    ----------
-    image : (H, W, 4) uint8
-        Row 0 at the top.
-    targets : tuple of (top, bottom, action)
-        Rows of pixels and what they stand for: a layer's kind, "components" or "help".
+    `targets` are rows of pixels, from and to, and what they stand for: a layer, "components" or "help".
     """
 
     image: NDArray[np.uint8]

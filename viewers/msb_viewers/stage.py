@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from msb.asset.look import lit_grey
 from msb_viewers import drawing
-from msb_viewers.detail import MOST_FACES, budget, cluster
 from msb_viewers.viewed_mesh import color_bytes
 
 if TYPE_CHECKING:
@@ -17,6 +16,10 @@ if TYPE_CHECKING:
     from msb_viewers.palette import Style
     from msb_viewers.state import ViewState
 
+_MOST_FACES, _LEAST_FACES = 300_000, 30_000
+"""The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""
+_FLUID_SECONDS = 0.05
+"""A picture that takes at most this many seconds is drawn in full while the view moves, too."""
 _MARKS = 5
 """While the view moves, a layer shows at most one element for this many faces of the stand-in."""
 _FULL_SIZE = 40.0
@@ -29,16 +32,8 @@ _SHADE_COMPONENTS = 0.25
 class Stage:
     """Actors made when they are first needed and kept while they stay right.
 
-    Attributes
-    ----------
-    moving : bool
-        Whether the view moves, and stand-ins are drawn if they are needed.
-    seconds : float
-        The time that the last picture at rest took.
-    box : (3, 2) float or None
-        The clipping box.
-    boost : float
-        Lines and markers are drawn this many times as large: for pictures that are printed small.
+    While the view is `moving`, stand-ins are drawn if the last picture at rest took too many `seconds`. Lines
+    and markers are drawn `boost` times as large, for pictures that are printed small.
     """
 
     def __init__(self, model: ViewModel, back: Any, front: Any) -> None:
@@ -115,7 +110,7 @@ class Stage:
     def _thin(self, kind: str, component: int | None) -> list[Any]:
         """Return the actors that stand in for a layer of many elements while the view moves."""
         corners = self.model.positions(kind, component=component)
-        most = max((self._budget or MOST_FACES) // _MARKS, 1)
+        most = max((self._budget or _MOST_FACES) // _MARKS, 1)
         if len(corners) <= most:
             return []
         some = corners[:: -(-len(corners) // most)]
@@ -159,7 +154,7 @@ class Stage:
         coarse = self._coarse
         if coarse is None or state.component is not None:
             rows = model.faces_of(state.component)
-            faces, origin = cluster(model.points, model.faces[rows], self._budget or MOST_FACES)
+            faces, origin = cluster(model.points, model.faces[rows], self._budget or _MOST_FACES)
             coarse = faces, rows[origin]
             if state.component is None:
                 self._coarse = coarse
@@ -210,3 +205,52 @@ def mean_edge(model: ViewModel) -> float:
     if len(pairs) == 0:
         return 1.0
     return float(np.median(np.linalg.norm(model.points[pairs[:, 0]] - model.points[pairs[:, 1]], axis=1)))
+
+
+def budget(faces: int, seconds: float) -> int | None:
+    """Return how many faces to draw while moving, if all of them take `seconds`; None: all of them.
+
+    >>> budget(1_000_000, 0.02), budget(1_000_000, 0.5), budget(4_000_000, 0.1), budget(10_000, 1.0)
+    (None, 100000, 300000, None)
+    """
+    if seconds <= _FLUID_SECONDS or faces <= _LEAST_FACES:
+        return None
+    return int(min(max(faces * _FLUID_SECONDS / seconds, _LEAST_FACES), _MOST_FACES))
+
+
+def cluster(
+    points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return a coarse stand-in of a mesh: its faces (f, 3), and of which face (f,) each is, for its colour.
+
+    There are `target` faces within a factor of two; a cell of a grid is stood for by its first vertex.
+    Vertex clustering (J. Rossignac and P. Borrel, Multi-resolution 3D approximations for rendering complex
+    scenes, 1993). Where there are far more faces than wanted they are sampled first, so time stays O(V + F)
+    with one sort of the sample.
+    """
+    sample = np.arange(len(faces))
+    if len(faces) > 4 * target:
+        sample = np.random.default_rng(0).choice(len(faces), 4 * target, replace=False)
+        sample.sort()
+    some = faces[sample]
+    if len(some) == 0:
+        return some, sample
+    low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
+    # A surface through an n^3 grid meets a few n^2 cells, each with about four faces.
+    cells = max(int(np.sqrt(target / 4)), 8)
+    size = max(float((high - low).max()) / cells, 1e-9)
+    used = np.unique(some)
+    place = np.floor((points[used] - low) / size).astype(np.int64)
+    key = (place[:, 0] * (cells + 2) + place[:, 1]) * (cells + 2) + place[:, 2]
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    stand_in = np.zeros(len(points), some.dtype)
+    stand_in[used] = used[first][inverse]
+    coarse = stand_in[some]
+    a, b, c = coarse.T
+    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
+    rows = np.sort(coarse[whole], axis=1).astype(np.int64)
+    _, once = np.unique((rows[:, 0] * len(points) + rows[:, 1]) ^ (rows[:, 2] << 40), return_index=True)
+    keep = whole[np.sort(once)]
+    if len(keep) > 2 * target:
+        keep = keep[:: len(keep) // target]
+    return coarse[keep], sample[keep]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from msb.errors import UsageError, shorten
 from msb_viewers.model import SOUP_NOTE
-from msb_viewers.palette import size_label
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
@@ -45,22 +44,9 @@ HELP: tuple[tuple[str, str], ...] = (
 class ViewState:
     """The viewer's switches.
 
-    Attributes
-    ----------
-    model : ViewModel
-    visible : set of str
-        Kinds that are drawn.
-    active : str
-        The kind N and P step through.
-    cursor : dict of str to int
-        Last element stepped to of each kind: its place in the layer.
-    coloring : {"own", "components", "grey"}
-    component : int or None
-        The only one drawn.
-    element : tuple of str and int, or None
-        Kind and place in the layer of the chosen element.
-    vertex : int or None
-        What the fan inspector shows.
+    N and P step through the `active` layer; `cursor` is the place in each layer where they were last.
+    `element` is chosen, a kind and a place in its layer; of `vertex` the fans are shown; `component` is the
+    only one drawn.
     """
 
     model: ViewModel
@@ -266,43 +252,3 @@ def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
         text = f'--at: "{shorten(number, 20)}" is no element of {kind}; there are {which}'
         raise UsageError("NAME_UNKNOWN", text)
     return kind, int(number) - 1
-
-
-def legend_rows(state: ViewState) -> list[dict[str, Any]]:
-    """Return what the legend says, a row for each layer: the same in the window, the page and in tests."""
-    rows = []
-    for kind, layer in state.model.layers.items():
-        style = layer.style
-        share = layer.share
-        rows.append(
-            {
-                "kind": kind,
-                "key": style.key,
-                "label": style.label,
-                "count": len(layer),
-                "share": "" if share is None or not len(layer) else _percent(share),
-                "on": kind in state.visible,
-                "active": kind == state.active and len(layer) > 0,
-                "style": style,
-            }
-        )
-    return rows
-
-
-def component_rows(state: ViewState) -> list[dict[str, Any]]:
-    """Return what the legend says of components: the largest, then the size classes from large to small."""
-    model = state.model
-    if len(model.sizes) == 0:
-        return []
-    from msb_viewers.palette import NEUTRAL
-
-    largest = f"largest: {int(model.sizes[0]):,} faces"
-    rows = [{"label": largest, "color": NEUTRAL, "count": 1}]
-    return rows + [
-        {"label": size_label(group.low, group.high), "color": group.color, "count": group.components}
-        for group in reversed(model.size_classes())
-    ]
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if share >= 0.001 else "< 0.1 %"

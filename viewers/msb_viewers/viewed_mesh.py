@@ -18,13 +18,7 @@ NO_COLOR = "its colours depend on the view and have no static part: drawn in gre
 
 @dataclass(frozen=True, eq=False)
 class Colors:
-    """Colours as sRGB bytes, which are shown unlit and unchanged.
-
-    Attributes
-    ----------
-    values : (V | F | 3F, 3) uint8
-    domain : {"vertex", "face", "corner"}
-    """
+    """Colours (V | F | 3F, 3) as sRGB bytes, which are shown unlit and unchanged."""
 
     values: NDArray[np.uint8]
     domain: Domain
@@ -32,22 +26,9 @@ class Colors:
 
 @dataclass(frozen=True, eq=False)
 class ViewedMesh:
-    """A mesh to look at.
+    """A mesh to look at: as stored, nothing is checked yet.
 
-    Attributes
-    ----------
-    name : str
-        What the window is called.
-    path : Path or None
-        The file; None for arrays.
-    vertices : (V, 3) floating, faces : (F, 3) integers
-        The mesh as stored; nothing is checked yet.
-    colors : Colors or None
-    method : str or None
-    up : str
-        The axis that is up, such as "+y", or "unknown".
-    notes : tuple of str
-        What the viewer has to say about how it is drawn.
+    `up` is an axis such as "+y", or "unknown"; `notes` are what the viewer has to say about how it is drawn.
     """
 
     name: str

@@ -13,7 +13,7 @@ from msb.base.matrices import inverse
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
 from msb_viewers.controls import TopologyControls
-from msb_viewers.inset import Inset, background, size_of
+from msb_viewers.fans import Inset, background, size_of
 from msb_viewers.legend import legend_panel, legend_width
 from msb_viewers.palette import HIGHLIGHT
 from msb_viewers.picking import pick
@@ -262,7 +262,7 @@ class TopologyViewer(Window):
         picture.place(left, gap)
         inner = (picture.size[0] - side) // 2
         x = left + inner
-        self.inset.place(x / width, gap / height, (x + side) / width, (gap + side) / height)
+        self.inset.renderer.SetViewport(x / width, gap / height, (x + side) / width, (gap + side) / height)
 
     def _show_text(self) -> None:
         (width, height), scale = self.size, self.scale

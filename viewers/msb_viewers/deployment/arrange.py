@@ -19,7 +19,7 @@ _THUMBNAIL = 0.3
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of pixels, from the top left."""
+    """A rectangle of pixels, from the top left; `right` and `bottom` are the first pixels beyond it."""
 
     left: int
     top: int
@@ -28,12 +28,10 @@ class Box:
 
     @property
     def right(self) -> int:
-        """The first column of pixels to the right of it."""
         return self.left + self.width
 
     @property
     def bottom(self) -> int:
-        """The first row of pixels below it."""
         return self.top + self.height
 
     def holds(self, x: float, y: float) -> bool:
@@ -49,16 +47,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Cell:
-    """A place for one picture and for the caption below it.
-
-    Attributes
-    ----------
-    kind : str
-        A tier, "wipe" or "difference".
-    box : Box
-        The picture's box, before the picture is fitted into it.
-    caption : Box
-    """
+    """A place for a picture (a tier, "wipe" or "difference") that is fitted into it, and its caption's."""
 
     kind: str
     box: Box
@@ -77,14 +66,8 @@ def arrange(
 ) -> list[Cell]:
     """Return the cells of a window of `size` pixels.
 
-    Parameters
-    ----------
-    tiers : sequence of str
-        The tiers that the layout "side" shows.
-    scale : float
-        The scale of text.
-    aspect : float, optional
-        Width over height of the pictures; None if they take any shape.
+    `tiers` are those that the layout "side" shows; `aspect` is width over height of the pictures, None if
+    they take any shape.
     """
     gap, caption = round(_GAP * scale), round(_CAPTION * scale) if captions else 0
     top = round(_HEAD * scale) if captions else gap

@@ -42,16 +42,7 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The picture, and where things are in it.
-
-    Attributes
-    ----------
-    image : (H, W, 3) uint8
-    pictures : dict of str to Box
-        Tier, "wipe" or "difference" -> where its pixels are.
-    divider : Box or None
-        What the mouse takes hold of to move the wipe.
-    """
+    """The picture (H, W, 3), where tiers, "wipe" or "difference" are in it, and what moves the wipe."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
@@ -72,17 +63,8 @@ class Composer:
         *,
         busy: Mapping[str, str] | None = None,
     ) -> Composition:
-        """Return the window of `size` pixels.
-
-        Parameters
-        ----------
-        shots : mapping of str to Shot
-            Tier -> its shot; the places of tiers without one are left empty.
-        busy : mapping of str to str
-            Tier -> what is being computed for it.
-        """
-        sheet = _Sheet(self, state, shots, busy or {}, Canvas(size, text_scale(size)))
-        return sheet.draw()
+        """Return the window of `size` pixels, with what is being computed for tiers that have no shot yet."""
+        return _Sheet(self, state, shots, busy or {}, Canvas(size, text_scale(size))).draw()
 
     def decibels(self, a: Shot | None, b: Shot | None) -> float | None:
         """Return the PSNR of two shots; None where one has no picture or they are of two sizes."""
@@ -90,8 +72,7 @@ class Composer:
             return None
         if a.image.shape != b.image.shape:
             return None
-        first, second = a.image, b.image
-        return float(self.once(("dB", a, b), lambda: decibels(first, second)))
+        return float(self.once(("dB", a, b), partial(decibels, a.image, b.image)))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return what `make` made for this key the last time, or makes now."""
@@ -158,8 +139,7 @@ class _Sheet:
         if absent:
             return self.empty(cell, *self.absence(absent[0]))
         a, b = self.state.pair
-        first = self.image(a)
-        assert first is not None
+        first = self.drawn(a)
         box = cell.fitting(first.shape[1], first.shape[0])
         x = round(self.state.divider * box.width)
         picture = self.fitted(a, box).copy()
@@ -179,9 +159,7 @@ class _Sheet:
         if absent or found is None:
             title, text = self.absence(absent[0]) if absent else ("", "the two are not of one size yet")
             return self.empty(cell, title, text)
-        first, second = self.image(a), self.image(b)
-        assert first is not None
-        assert second is not None
+        first, second = self.drawn(a), self.drawn(b)
         key = self.shots[a], self.shots[b]
         squared = self.composer.once(("squared", *key), lambda: squared_error(first, second))
         box = cell.fitting(first.shape[1], first.shape[0])
@@ -267,6 +245,11 @@ class _Sheet:
         shot = self.shots.get(tier)
         return None if shot is None else shot.image
 
+    def drawn(self, tier: str) -> NDArray[np.uint8]:
+        image = self.shots[tier].image
+        assert image is not None
+        return image
+
     def absence(self, tier: str) -> tuple[str, str]:
         """Return title and text for a tier without a picture."""
         shot = self.shots.get(tier)
@@ -275,10 +258,9 @@ class _Sheet:
         return "N/A", shot.why
 
     def fitted(self, tier: str, box: Box) -> NDArray[np.uint8]:
-        shot, size = self.shots[tier], (box.width, box.height)
-        image = shot.image
-        assert image is not None
-        return np.asarray(self.composer.once(("fitted", shot, size), lambda: fitted(image, *size)))
+        size = box.width, box.height
+        key = "fitted", self.shots[tier], size
+        return np.asarray(self.composer.once(key, partial(fitted, self.drawn(tier), *size)))
 
 
 def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:

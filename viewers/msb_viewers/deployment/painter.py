@@ -28,20 +28,9 @@ _PATIENCE = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What is to be drawn.
+    """What is to be drawn at rest, or at once and at a size that allows it while the view is `moving`.
 
-    Attributes
-    ----------
-    number : int
-        Later orders have higher ones.
-    camera : Camera
-        The camera at full size.
-    view : View or None
-        The view that the camera belongs to.
-    tiers : tuple of str
-    background : (float, float, float)
-    moving : bool
-        Whether the view moves: all tiers are then drawn together, at once, at a size that allows it.
+    Later orders have higher numbers. `camera` is at full size; it belongs to `view`, if to any.
     """
 
     number: int
@@ -80,10 +69,7 @@ class Painter:
 
     def collect(self) -> list[tuple[Order, Shot]]:
         """Return what was drawn since the last call, oldest first."""
-        found = []
-        while self._done:
-            found.append(self._done.popleft())
-        return found
+        return [self._done.popleft() for _ in range(len(self._done))]
 
     @property
     def idle(self) -> bool:

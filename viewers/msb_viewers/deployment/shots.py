@@ -33,22 +33,10 @@ MOST_REFERENCE_FACES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What a tier made of a camera.
+    """What a tier made of a camera: the picture (H, W, 3) as `msb render` writes it, or `why` there is none.
 
-    Attributes
-    ----------
-    tier : str
-        A key of `LABELS`.
-    image : (H, W, 3) uint8 or None
-        The picture as `msb render` writes it: clamped, rounded half up.
-    why : str
-        Why there is no image.
-    milliseconds : float or None
-        Time of the device's commands without reading back, or of NumPy; None for a photograph.
-    nbytes : int or None
-        Bytes the tier holds on the device.
-    where : str
-        What computed it.
+    `milliseconds` are those of the device's commands without reading back, or of NumPy; `nbytes` is what the
+    tier holds on the device; `where` is what computed it.
     """
 
     tier: str
@@ -63,25 +51,8 @@ class Shot:
 class Comparison:
     """What is compared, and how it is drawn.
 
-    Attributes
-    ----------
-    name : str
-        What the window is called.
-    asset : Asset
-    tiers : tuple of str
-        The tiers shown, in the order of `LABELS`.
-    missing : mapping of str to str
-        Tier -> why the method does not have it.
-    views : tuple of View
-        The views of a dataset; without any there are free views only.
-    settings : mapping
-        Overrides of the asset's.
-    supersample : int
-        Samples along each side of a pixel on the standard tier.
-    background : (float, float, float)
-        Red, green and blue in [0, 1].
-    device : str or None
-        The same as for `msb.Renderer`.
+    `missing` says for a tier why the method does not have it; without `views`, those of a dataset, there are
+    free views only; `settings` override the asset's; `supersample` is of the standard tier.
     """
 
     name: str
@@ -120,12 +91,8 @@ def choose_tiers(
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the tiers to show, and why some of them have no picture.
 
-    Parameters
-    ----------
-    wanted : iterable of str or None
-        The tiers asked for; None means all, and the truth if there is a photograph.
-    headless : bool
-        Whether every picture is waited for: a reference of minutes is then left out unless asked for.
+    `wanted` None means all, and the truth if there is a photograph. Where every picture is waited for,
+    `headless`, a reference of minutes is left out unless asked for.
     """
     from msb.render.backend import check_supported
 
@@ -178,15 +145,7 @@ class TierRenderers:
         view: View | None = None,
         background: tuple[float, float, float] | None = None,
     ) -> Shot:
-        """Return what `tier` makes of `camera`.
-
-        Parameters
-        ----------
-        view : View, optional
-            The view that the camera belongs to, for its photograph.
-        background : (float, float, float), optional
-            A colour instead of the comparison's.
-        """
+        """Return what `tier` makes of `camera`, which belongs to `view`, if to any."""
         if tier in self.comparison.missing:
             return Shot(tier, why=self.comparison.missing[tier])
         color = background or self.comparison.background
@@ -201,7 +160,7 @@ class TierRenderers:
         return Shot(tier, to_bytes(frame.image), "", spent, nbytes, self._where(tier))
 
     def shoot_all(self, view: View, tiers: Iterable[str] | None = None) -> dict[str, Shot]:
-        """Return a shot of each tier shown, or of `tiers`, from one view. Raises as `shoot`."""
+        """Return a shot of each tier shown, or of `tiers`, from one view."""
         chosen = self.comparison.tiers if tiers is None else tiers
         return {tier: self.shoot(tier, view.camera, view) for tier in chosen}
 

@@ -8,7 +8,6 @@ import os
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,21 +23,10 @@ _PREVIEW = 160
 """The longer side of the preview, in pixels."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    camera: Camera
-    background: tuple[float, float, float]
-
-
 class ReferenceSolver:
     """Computes the reference of one camera at a time, first a small preview, then all of it.
 
-    Parameters
-    ----------
-    asset : Asset
-        An asset without a file is written to a temporary one, which the child maps.
-    settings : mapping
-        Overrides of the asset's.
+    An asset without a file is written to a temporary one, which the child maps.
     """
 
     def __init__(self, asset: Asset, settings: Mapping[str, Any]) -> None:
@@ -58,8 +46,8 @@ class ReferenceSolver:
         preview = camera.scaled(min(_PREVIEW / max(camera.width, camera.height), 1.0))
         cameras = [preview, camera] if preview.width < camera.width else [camera]
         assert self._link is not None
-        for one in cameras:
-            self._link.send(_Task(one, background))
+        for each in cameras:
+            self._link.send((each, background))
         self._waiting = len(cameras)
         self._size = f"{camera.width} x {camera.height}"
         self._since = time.monotonic()
@@ -142,9 +130,9 @@ def _serve(link: Connection, path: str, settings: dict[str, Any]) -> None:
         Renderer(load(path), REFERENCE, settings=settings) as renderer,
     ):
         while True:
-            task: _Task = link.recv()
+            camera, background = link.recv()
             try:
-                frame = renderer.render(task.camera, task.background)
+                frame = renderer.render(camera, background)
                 spent = sum(frame.timings.values())
                 link.send(Shot(REFERENCE, to_bytes(frame.image), "", spent, None, "NumPy"))
             except MsbError as error:

@@ -47,24 +47,10 @@ HELP: tuple[tuple[str, str], ...] = (
 class CompareState:
     """The viewer's switches.
 
-    Attributes
-    ----------
-    comparison : Comparison
-    layout : {"side", "wipe", "difference"}
-    pair : (str, str)
-        Tiers A and B, which wipe and difference show; PSNRs are against A. They are equal if only one exists.
-    around : Surroundings
-        What a free camera turns around.
-    at : int or None
-        The number of the dataset's view that was shown last.
-    free : Camera or None
-        The user's own camera, at any size; None while a dataset's is shown.
-    divider : float
-        Place of the wipe's divider, in parts of the picture's width.
-    top : float
-        The difference that the brightest colour stands for.
-    reference : bool
-        Whether the reference is to be computed when the view rests.
+    `pair` are the tiers A and B, which wipe and difference show; PSNRs are against A. They are equal if only
+    one exists. `at` is the dataset's view that was shown last; `free` is the user's own camera, at any size,
+    None while a dataset's is shown. `divider` is in parts of the picture's width; `top` is the difference
+    that the brightest colour stands for; `reference` says to compute it when the view rests.
     """
 
     comparison: Comparison
@@ -124,8 +110,7 @@ class CompareState:
     def picture_camera(self, size: tuple[int, int]) -> Camera:
         """Return the camera to draw for a window of `size` pixels.
 
-        A dataset's camera has the dataset's size, so that its PSNRs are those of the protocol; a free camera
-        has the size at which it is shown.
+        A dataset's has the dataset's size, so that its PSNRs are those of the protocol; a free one its box's.
         """
         if self.view is not None:
             return self.view.camera

@@ -29,17 +29,7 @@ _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 @dataclass(frozen=True)
 class View:
-    """A camera to compare from.
-
-    Attributes
-    ----------
-    name : str
-    camera : Camera
-        It has the size at which pictures are compared: the photograph's, if there is one.
-    photograph : Path or None
-    why : str
-        Why there is no photograph.
-    """
+    """A camera, of the size at which pictures are compared, its photograph, or `why` there is none."""
 
     name: str
     camera: Camera
@@ -56,15 +46,8 @@ def dataset_views(
 ) -> list[View]:
     """Return a view for each camera, with its photograph if there is one.
 
-    Parameters
-    ----------
-    cameras : sequence of Camera
-    images : Path, optional
-        Folder of the photographs, which have the cameras' names and any suffix; else the dataset says where.
-    beside : Path, optional
-        Folder of the cameras' file, where photographs are looked for if the dataset does not say.
-    scale : float, optional
-        Size of the views relative to the photographs, or to the cameras where there are none.
+    Photographs have the cameras' names and any suffix in the folder `images`; else the dataset says where
+    they are, or they are in the folder `beside`. `scale` is relative to the photographs, or to the cameras.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: there is no such folder", file=images)
@@ -116,16 +99,7 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The place and size of an asset, which a free view turns around.
-
-    Attributes
-    ----------
-    center : (3,) float64
-    radius : float
-        Radius of the sphere to look at; a few far vertices may lie outside.
-    up : str
-        The axis that is up, such as "+y".
-    """
+    """The place and size of an asset, which a free view turns around; a few far vertices may lie outside."""
 
     center: NDArray[np.float64]
     radius: float
