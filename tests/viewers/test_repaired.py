@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msb_viewers.model import ViewModel
 from msb_viewers.page import page
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.repaired import build_repaired_model
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import ViewedMesh
 from tests.conftest import BOOK, TETRAHEDRON
+
+if TYPE_CHECKING:
+    from msb_viewers.model import ViewModel
 
 
 def model_of(before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]) -> ViewModel:
