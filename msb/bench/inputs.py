@@ -30,11 +30,6 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene, SceneAt
 
 _SHORT = 16
-_CLOCK = "from the first start"
-"""Where the time of a frame begins. Earlier timings began when its first command was queued."""
-_MEMORY = "of all test views"
-"""The views that the memory of a timing is of. Older records without this entry have that of the timed
-views."""
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
@@ -118,8 +113,7 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
                 "cameras": job.views.cameras,
                 **_images(job, known),
                 "device": _device(known.device),
-                "clock": f"{job.frames} frames, {job.seconds:g} s, {_CLOCK}",
-                "memory": _MEMORY,
+                "clock": f"{job.frames} frames, {job.seconds:g} s",
             }
     if job.training is not None and job.cell.condition_key == condition:
         found["training"] = {"file": known.hash(job.training)}

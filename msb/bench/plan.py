@@ -348,8 +348,6 @@ def _image_changed(folder: Path, old: Result) -> str | None:
     if old.quality is None:
         return "images not on record"
     for image in old.quality.images:
-        if image.file is None or image.sha256 is None:
-            return "images not hashed"
         try:
             if not (folder / image.file).is_file():
                 return f"{image.file} gone"

@@ -48,16 +48,16 @@ def measure_quality(job: Job) -> dict[str, Any]:
             f"the metrics where this is computed are {here}, and not those of the run; install its packages"
         )
         raise UsageError("PACKAGE_LEFT_OUT", text)
-    rows: list[ImageQuality] = []
+    compared: list[dict[str, Any]] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):
             writers.submit(write_image, folder / f"{name}.png", image, "png")
             truth = job.photographs / f"{name}.png"
-            rows.append(_compare(job, camera, name, to_bytes(image), truth, measures))
+            compared.append(_compare(job, camera, name, to_bytes(image), truth, measures))
         if not source.shows:
             text = "no test view shows a pixel of the model, so there is nothing to compare; its coordinates "
             raise MetricError("METRIC_NOTHING_SHOWN", f"{text}may not be those of the scene")
-    rows = [row.model_copy(update={"sha256": file_sha256(job.folder / str(row.file))}) for row in rows]
+    rows = [ImageQuality(**row, sha256=file_sha256(job.folder / row["file"])) for row in compared]
     return {
         "quality": _summary(rows, measures, job.vgg_weights),
         "setup": job.views.setup,
@@ -166,18 +166,20 @@ def renderer_info(job: Job, name: str) -> RendererInfo:
 
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
-) -> ImageQuality:
-    found: dict[str, Any] = measures(pixels, metrics.read_image(truth))
-    equal = found["psnr"] == math.inf
-    return ImageQuality(
-        name=str(camera.name),
-        width=camera.width,
-        height=camera.height,
-        psnr_infinite=equal,
-        **{**found, "psnr": None if equal else found["psnr"]},
-        file=f"images/{name}.png",
-        gt=_relative(truth, job.folder),
-    )
+) -> dict[str, Any]:
+    """Return the arguments of `ImageQuality` but for the hash of the file, which is still being written."""
+    values = measures(pixels, metrics.read_image(truth))
+    equal = values["psnr"] == math.inf
+    return {
+        "name": str(camera.name),
+        "width": camera.width,
+        "height": camera.height,
+        "psnr_infinite": equal,
+        **values,
+        "psnr": None if equal else values["psnr"],
+        "file": f"images/{name}.png",
+        "gt": os.path.relpath(truth, job.folder).replace(os.sep, "/"),
+    }
 
 
 def _summary(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
@@ -190,7 +192,3 @@ def _summary(rows: list[ImageQuality], measures: metrics.Measures, weights: Path
         images=tuple(rows),
         metrics=tuple(one.to_dict() for one in measures.identities),
     )
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return os.path.relpath(path, folder).replace(os.sep, "/")

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
-"""The first version had neither label nor variant in its cell, and is read."""
 MAX_BYTES = 64 << 20
 """Most bytes of a record; it holds about 400 an image, and no dataset has 100,000 test views."""
 
@@ -155,12 +154,12 @@ class ImageQuality(_Measured):
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
     psnr_infinite: bool = False
-    file: str | None = None
+    file: str
     """The rendering's file, relative to the record."""
-    sha256: Sha256 | None = None
-    """The SHA-256 of that file as it was compared; None in older records, which do not keep it."""
-    gt: str | None = None
-    """The ground truth's file as it was compared, relative to the record; None if it is not kept."""
+    sha256: Sha256
+    """That of the file as it was compared."""
+    gt: str
+    """The ground truth's file as it was compared, relative to the record."""
 
 
 class Quality(_Measured):
@@ -200,10 +199,10 @@ class Timing(Record):
     mean_ms: Amount
     busy_p50_ms: Amount
     busy_p95_ms: Amount
-    queued_p50_ms: Amount | None = None
-    """From when the first command was queued, as earlier versions took `p50_ms`; None if unknown."""
-    queued_p95_ms: Amount | None = None
-    round_fps: tuple[Amount, ...] = ()
+    queued_p50_ms: Amount | None
+    """From when the first command was queued; None if the renderer cannot tell."""
+    queued_p95_ms: Amount | None
+    round_fps: tuple[Amount, ...]
     """The rates of up to five rounds of consecutive frames, far apart on a machine with other work."""
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
@@ -290,7 +289,7 @@ class Result(Record):
     why other parts that were asked for are missing.
     """
 
-    schema_: Literal["msb.result/1", "msb.result/2"] = Field(default=SCHEMA, alias="schema")
+    schema_: Literal["msb.result/2"] = Field(default=SCHEMA, alias="schema")
     tool_version: str = __version__
     cell: Cell
     status: Status

@@ -298,7 +298,7 @@ def _other_renderings(results: ResultSet, shown: Iterable[View]) -> Iterator[str
         loaded.path.parent / image.file
         for loaded in results
         for image in loaded.images
-        if image.file is not None and loaded.file(image.file) is None
+        if loaded.file(image.file) is None
     ]
     if gone:
         more = f", and {len(gone) - 1} more" if len(gone) > 1 else ""

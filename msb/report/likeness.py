@@ -44,7 +44,7 @@ def likeness(first: Loaded, second: Loaded) -> Likeness | None:
 
 
 def _between(first: Loaded, second: Loaded, one: ImageQuality, other: ImageQuality) -> float | None:
-    if one.sha256 is not None and one.sha256 == other.sha256:
+    if one.sha256 == other.sha256:
         return PSNR_CAP
     files = first.file(one.file), second.file(other.file)
     if files[0] is None or files[1] is None or first.changed(one) or second.changed(other):

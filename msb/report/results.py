@@ -51,17 +51,15 @@ class Loaded:
     def changed(self, image: ImageQuality) -> Path | None:
         """Return the file of a rendering if it is there and not the one that was compared."""
         path = self.file(image.file)
-        if path is None or image.sha256 is None:
+        if path is None:
             return None
         try:
             return None if file_sha256(path) == image.sha256 else path
         except MsbError:
             return path
 
-    def file(self, name: str | None) -> Path | None:
+    def file(self, name: str) -> Path | None:
         """Return a file the record names relative to itself, if it is there and inside the results folder."""
-        if name is None:
-            return None
         try:
             path = (self.path.parent / name).resolve()
             inside = path.is_relative_to(self.root.resolve()) and path.is_file()

@@ -20,7 +20,8 @@ def quality(
     psnr: float = 20.0, lpips: float | None = 0.2, *, names: tuple[str, ...] = ("a.png", "b.png")
 ) -> Quality:
     values: dict[str, Any] = dict.fromkeys(IMAGE_METRICS, 0.5) | {"psnr": psnr, "lpips": lpips}
-    images = tuple(ImageQuality(name=name, width=16, height=12, **values) for name in names)
+    files = {"file": "images/x.png", "sha256": "0" * 64, "gt": "x.png"}
+    images = tuple(ImageQuality(name=name, width=16, height=12, **files, **values) for name in names)
     return Quality(
         **values,
         lpips_reason=None,
@@ -41,6 +42,8 @@ def timing(fps: float = 100.0, *, frames: int = 100) -> Timing:
         mean_ms=span,
         busy_p50_ms=span,
         busy_p95_ms=span,
+        queued_p50_ms=None,
+        queued_p95_ms=None,
         round_fps=(fps, fps),
         stages_ms={},
         device_kind="cpu",

@@ -167,18 +167,6 @@ def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_ag
     assert set(planned(run_protocol(again, dry=True)).values()) == {"done", "unsupported"}
 
 
-def test_records_without_hashes_are_read_and_their_images_drawn_again(again: ProtocolFile) -> None:
-    path = again.results / CELLS / "two_dts/dedicated/result.json"
-    data = json.loads(path.read_text())
-    for image in data["quality"]["images"]:
-        del image["sha256"]
-    path.write_text(json.dumps(data))
-    assert len(read_results(again.results)) == 8
-    told = planned(run_protocol(again, dry=True))
-    assert told["two_dts/dedicated"] == {"quality": "images not hashed"}
-    assert told["two_dts/standard"] == "done"
-
-
 def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) -> None:
     path = again.results / CELLS / "two_dts/dedicated/result.json"
     edit(path, cell__method="mesh_splatting")

@@ -150,15 +150,6 @@ def test_findings_say_that_non_engine_is_our_own_reference_and_are_ten_at_most(v
     assert not any("-0.00" in one.sentence for one in found)
 
 
-def test_records_of_the_first_version_are_read(varied: ProtocolFile, tmp_path: Path) -> None:
-    data = json.loads(record(varied, "two_dts/dedicated").read_bytes())
-    data["schema"] = "msb.result/1"
-    for key in ("label", "variant"):
-        del data["cell"][key]
-    (tmp_path / "result.json").write_text(json.dumps(data))
-    assert read_result(tmp_path / "result.json").cell.condition_key == "dedicated"
-
-
 def test_processes_do_not_show_in_variants(varied: ProtocolFile, tmp_path: Path) -> None:
     alone = replace(varied, path=tmp_path / "protocol.toml")
     assert run_protocol(alone, jobs=1, only=["engine"]).exit_status == 0

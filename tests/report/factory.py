@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageFilter
 
+from msb.base.files import file_sha256
 from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument, ChamferDocument
 from msb.bench.records import (
@@ -66,8 +67,19 @@ def write(root: Path, result: Result, *, images: bool = False, **parts: Any) -> 
     if images and result.quality is not None:
         write_images(folder, result.quality)
     data = {**json.loads(result.to_json()), **parts}
-    (folder / "result.json").write_text(json.dumps(data))
-    return folder / "result.json"
+    path = folder / "result.json"
+    path.write_text(json.dumps(data))
+    if images:
+        note_hashes(path)
+    return path
+
+
+def note_hashes(path: Path) -> None:
+    """Note in a record that its images were compared as they are now."""
+    data = json.loads(path.read_text())
+    for image in data["quality"]["images"] if data["quality"] else ():
+        image["sha256"] = file_sha256(path.parent / image["file"])
+    path.write_text(json.dumps(data))
 
 
 def make_result(dataset: str, scene: str, method: str, condition: str, **changes: Any) -> Result:
@@ -107,6 +119,7 @@ def quality(
             ssim=ssim,
             lpips=lpips,
             file=f"images/{Path(name).with_suffix('.png')}",
+            sha256=_sha(f"{cell}{name}"),
             gt=f"{depth}/ground_truth/{cell.dataset}/{cell.scene}/one/{Path(name).with_suffix('.png')}",
         )
         for name, shift in zip(VIEWS, shifts, strict=True)
@@ -172,6 +185,9 @@ def _drawn(cell: Cell) -> dict[str, Any]:
         mean_ms=values["p50_ms"],
         busy_p50_ms=values["p50_ms"],
         busy_p95_ms=values["p95_ms"],
+        queued_p50_ms=None,
+        queued_p95_ms=None,
+        round_fps=(),
         stages_ms={},
         device_kind="gpu",
     )

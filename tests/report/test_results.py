@@ -194,6 +194,5 @@ def test_files_outside_the_results_folder_are_not_read(tmp_path: Path) -> None:
         "images",
         "a\0b",
         "x" * 5000,
-        None,
     ):
         assert loaded.file(name) is None

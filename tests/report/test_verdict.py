@@ -12,7 +12,7 @@ from PIL import Image
 from msb.bench.records import RendererInfo
 from msb.report.build import build_report
 from msb.report.results import Place, read_results
-from tests.report.factory import VIEWS, make_result, quality, write
+from tests.report.factory import VIEWS, make_result, note_hashes, quality, write
 
 if TYPE_CHECKING:
     from msb.report.report import Report
@@ -91,6 +91,7 @@ def test_looks_are_those_of_the_two_renderings(
             place.parent.mkdir(parents=True, exist_ok=True)
             changed = picture + random.integers(-change, change + 1, picture.shape)
             Image.fromarray(changed.astype(np.uint8)).save(place)
+        note_hashes(file)
     (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
     dedicated = {one.use: one for one in verdict.statements}["A model with its own shaders (Dedicated)"]
     assert (dedicated.mark, said in dedicated.why) == (mark, True), dedicated
