@@ -5,11 +5,9 @@ A method's module `look` has a function ``surface_model(asset, settings)`` that 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-from msb.render.splat.model import Model
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,27 +16,43 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 
-@dataclass(frozen=True, kw_only=True)
-class Surface(Model):
+@dataclass(frozen=True)
+class Surface:
     """A model whose faces are opaque where their opacity is at or above a threshold.
 
     Attributes
     ----------
+    program, package : str
+        The WGSL file, and the package that holds it.
+    positions : (V, 3) float32
     indices : (F, 3) uint32
+    coverage : (F, c) float32
+        What the WGSL reads of each face whatever the view.
     opacity : (F, S) float32 or uint8
         Samples of each face's lattice.
     features : (F, S, C), of the same dtype
-    decoder : (n,) float32
-        In the order in which the method's WGSL has it.
     level : int
         Of the lattices.
+    decoder : (n,) float32
+        In the order in which the method's WGSL has it.
+    near, far : float
+        The planes of the projection.
     projection : callable
         Camera -> the (4, 4) float32 matrix from the world to clip coordinates.
+    own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
+        Values for the WGSL that the settings decide: members of ``view.own`` by their names.
     """
 
+    program: str
+    package: str
+    positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
+    coverage: NDArray[np.float32]
     opacity: NDArray[Any]
     features: NDArray[Any]
-    decoder: NDArray[np.float32]
     level: int
+    decoder: NDArray[np.float32]
+    near: float
+    far: float
     projection: Callable[[Camera], NDArray[np.float32]]
+    own: Mapping[str, np.generic]

@@ -25,7 +25,6 @@ from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
 from msb.errors import DeviceError, InputError
 from msb.registry import lookup
-from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -220,7 +219,7 @@ def _plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampl
     """Return (order, sampling) -> the plan of a frame, the official one first; equal ones are left out."""
     found = {}
     for order, sampling in MODES:
-        if not isinstance(packed.model, Surface) or order == "tile":  # a z-buffer has no order
+        if packed.surface is None or order == "tile":  # a z-buffer has no order
             found[order, sampling] = make_plan(
                 packed, limits, name, order=order, sampling=sampling, stops=STOPS, depth=False
             )
@@ -261,9 +260,7 @@ def _keep_positions(
     if np.array_equal(whole, drawn):
         keep("positions", drawn)
         return
-    factor = (
-        None if packed.model.vertex_colors or whole.shape != drawn.shape else _shrink_factor(whole, drawn)
-    )
+    factor = _shrink_factor(whole, drawn) if packed.soup and whole.shape == drawn.shape else None
     if factor is None:
         keep("positions", drawn)
         if len(whole) != len(drawn):  # the corners of a soup, whose faces share rows as stored
@@ -301,7 +298,6 @@ def _standard(
 ) -> dict[str, Any]:
     """Return which arrays are the mesh of the standard tier, in grey if the method has no static colour."""
     grey = not lookup(asset.manifest.method).supports("standard")
-    soup = not packed.model.vertex_colors
     numbers = None if grey else shown_faces(asset, values.get("ste_threshold"))
     shown = None
     if numbers is not None:
@@ -310,10 +306,10 @@ def _standard(
         shown = keep("shown faces", mask)
     return {
         "positions": "stored positions" if "stored positions" in kept else "positions",
-        "indices": None if soup else "indices",
+        "indices": None if packed.soup else "indices",
         "colors": "f_dc" if "f_dc" in packed.arrays and colors_of(asset) is not None else None,
         "shown": shown,
-        "soup": soup,
+        "soup": packed.soup,
         "grey": grey,
     }
 

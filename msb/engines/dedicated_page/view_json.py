@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.engines.hardware.packing import Packed
     from msb.render.splat.model import Model
+    from msb.render.surface import Surface
 
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
 
@@ -47,7 +48,7 @@ def view_json(packed: Packed) -> dict[str, Any]:
     }
 
 
-def live_settings(asset: Asset, settings: Mapping[str, Any], model: Model) -> list[dict[str, Any]]:
+def live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Surface) -> list[dict[str, Any]]:
     """Return the settings of the method that change nothing but the camera record.
 
     Each has its `name`, its `value` and `options`: a value, and the record's members with it.
@@ -70,7 +71,7 @@ def live_settings(asset: Asset, settings: Mapping[str, Any], model: Model) -> li
     return found
 
 
-def _alike(model: Model, other: Model) -> bool:
+def _alike(model: Model | Surface, other: Model | Surface) -> bool:
     """Return whether two models differ in the method's own members of the record at most."""
     for name in (field.name for field in fields(model)):
         one, two = getattr(model, name), getattr(other, name)

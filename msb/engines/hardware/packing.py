@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,12 @@ from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
 from msb.registry import role
-from msb.render.splat.model import Model, make_model, sh_buffers
+from msb.render.splat.model import CLIPPED, Model, make_model, sh_buffers
 from msb.render.splat.view import make_view
-from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.render.surface import Surface
     from msb.scenes import Camera
 
     Color = tuple[float, float, float]
@@ -49,39 +49,53 @@ class Packed:
 
     Attributes
     ----------
-    model : Model
+    model : Model or Surface
     faces, vertices : int
+    arrays : mapping of str to ndarray
+        `positions`, `indices` (of meshes), `coverage`; of blended methods `f_dc`, `f_rest` (one row of a
+        zero at degree 0).
+    surface : Surface, optional
+        The model, if a z-buffer draws it and nothing is blended.
     degree : int
         Of the spherical harmonics that are evaluated.
     rest_stride : int
         Floats of `f_rest` in a row, 0 where there are none.
-    arrays : mapping of str to ndarray
-        `positions`, `indices` (of meshes), `coverage`; of blended methods `f_dc`, `f_rest` (one row of a
-        zero at degree 0).
+    scale : int
+        Samples of a pixel along each axis.
+    pixel_samples : (int, int)
+        The first and the last of them whose mean is a pixel.
+    defines : mapping
+        The definitions of the WGSL.
     """
 
-    model: Model
+    model: Model | Surface
     faces: int
     vertices: int
-    degree: int
-    rest_stride: int
     arrays: Mapping[str, NDArray[Any]]
+    surface: Surface | None = None
+    degree: int = 0
+    rest_stride: int = 0
+    scale: int = 1
+    pixel_samples: tuple[int, int] = (0, 0)
+    defines: Mapping[str, bool] = field(default_factory=dict)
+
+    @property
+    def soup(self) -> bool:
+        """Whether faces share no vertices, so that colours are theirs."""
+        return "indices" not in self.arrays
 
     def view_bytes(self, camera: Camera, background: Color) -> bytes:
         """Return the camera record: `VIEW`, the method's own members, and zeros to a multiple of 16 bytes."""
-        model = self.model
-        common = {"degree": self.degree}
-        nowhere = np.zeros(3, np.float32)
-        made = make_view(
-            camera, model.near, model.far, model.scale, common, model.own, model.culling, nowhere
-        )
+        model, common = self.model, {"degree": self.degree}
+        nowhere = np.zeros(3, np.float32)  # where faces are decides about culling alone
+        made = make_view(camera, model.near, model.far, self.scale, common, model.own, CLIPPED, nowhere)
         record = np.zeros((), VIEW)
         for name in VIEW.names or ():
             if name in (made.dtype.names or ()):
                 record[name] = made[name]
         record["background"] = background
-        if isinstance(model, Surface):
-            record["full"] = model.projection(camera).ravel()
+        if self.surface is not None:
+            record["full"] = self.surface.projection(camera).ravel()
         data = record.tobytes() + made["own"].tobytes()
         return data + bytes(-len(data) % 16)
 
@@ -93,11 +107,20 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     if not hasattr(look, "splat_model") and not hasattr(look, "surface_model"):
         raise _unsupported(asset)
     check_drawable(asset)
-    model = model_of(asset, values)
-    if not (resources.files(model.package) / f"{model.program}.wgsl").is_file():
+    packed = _pack_surface(asset, values) if hasattr(look, "surface_model") else _pack_splats(asset, values)
+    if not (resources.files(packed.model.package) / f"{packed.model.program}.wgsl").is_file():
         raise _unsupported(asset)
-    if isinstance(model, Surface):
-        return _pack_surface(asset, model)
+    return packed
+
+
+def model_of(asset: Asset, values: Mapping[str, Any]) -> Model | Surface:
+    """Return what a pipeline draws of `asset` with all its settings; errors as `pack`."""
+    look: Any = role(asset.manifest.method, "look")
+    return look.surface_model(asset, values) if hasattr(look, "surface_model") else make_model(asset, values)
+
+
+def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
+    model = make_model(asset, values)
     faces, vertices = asset.manifest.face_count, len(model.positions)
     f_dc, f_rest = sh_buffers(asset, vertices if model.vertex_colors else faces)
     arrays = {
@@ -112,31 +135,21 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
         model=model,
         faces=faces,
         vertices=vertices,
+        arrays={name: np.ascontiguousarray(array) for name, array in arrays.items()},
         degree=values.get("sh_degree", asset.manifest.sh_degree),
         rest_stride=0 if f_rest is None else f_rest.shape[1],
-        arrays={name: np.ascontiguousarray(array) for name, array in arrays.items()},
+        scale=model.scale,
+        pixel_samples=model.pixel_samples,
+        defines=model.defines,
     )
 
 
-def model_of(asset: Asset, values: Mapping[str, Any]) -> Model:
-    """Return what a pipeline draws of `asset` with all its settings; errors as `pack`."""
+def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
     look: Any = role(asset.manifest.method, "look")
-    if hasattr(look, "surface_model"):
-        surface: Surface = look.surface_model(asset, values)
-        return surface
-    return make_model(asset, values)
-
-
-def _pack_surface(asset: Asset, surface: Surface) -> Packed:
+    surface: Surface = look.surface_model(asset, values)
     names = ("positions", "indices", "coverage")
-    return Packed(
-        model=surface,
-        faces=asset.manifest.face_count,
-        vertices=len(surface.positions),
-        degree=0,
-        rest_stride=0,
-        arrays={name: np.ascontiguousarray(getattr(surface, name)) for name in names},
-    )
+    arrays = {name: np.ascontiguousarray(getattr(surface, name)) for name in names}
+    return Packed(surface, asset.manifest.face_count, len(surface.positions), arrays, surface)
 
 
 def _unsupported(asset: Asset) -> Unsupported:

@@ -14,11 +14,11 @@ from msb.engines.hardware.packing import VIEW
 from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Limits, Plan
 from msb.engines.hardware.wgsl import as_attributes, assemble, face_members
 from msb.errors import DeviceError
-from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from msb.engines.hardware.packing import Packed
     from msb.registry import Order, Sampling
+    from msb.render.surface import Surface
 
 _GROUP = 64
 """Invocations of a work-group of the stages over faces."""
@@ -42,7 +42,6 @@ class _Planner:
         self.buffers: dict[str, tuple[int, tuple[str, ...]]] = {}
         self.data: dict[str, NDArray[Any]] = {}
         self.parts: list[tuple[int, int]] = []
-        self.soup = not packed.model.vertex_colors
 
     def buffer(self, name: str, size: int, *usages: str) -> None:
         size = max(-(-size // 16) * 16, 16)
@@ -64,7 +63,7 @@ class _Planner:
     def model(self) -> list[Binding]:
         """Return the bindings of what every projecting stage reads."""
         names = {2: "positions", 3: "indices", 4: "coverage"}
-        if self.soup:
+        if self.packed.soup:
             del names[3]
         return [VIEW_BINDING, *(Binding(number, "read", name) for number, name in names.items())]
 
@@ -105,16 +104,16 @@ def make_plan(
         Whether the tile rectangles are kept, in the buffer `rectangles`.
     """
     model, planner = packed.model, _Planner(packed, limits, name)
-    surface = model if isinstance(model, Surface) else None
+    surface = packed.surface
     lattices: dict[str, bool | int | str] = {}
     if surface is not None:
         order, form = "none", "r32uint"  # a z-buffer has no order, and numbers of faces are its targets
         as_bytes = surface.features.dtype == np.uint8
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
-        **{key: bool(value) for key, value in model.defines.items()},
+        **{key: bool(value) for key, value in packed.defines.items()},
         "OWN_MEMBERS": "\n".join(f"    {k}: {_TYPES[v.dtype.name]}," for k, v in model.own.items()),
-        "VERTEX_COLORS": model.vertex_colors,
+        "VERTEX_COLORS": not packed.soup,
         "ENGINE": sampling == "engine",
         "IN_TILES": order == "tile" and sampling == "official" and surface is None,
         "DEPTH": depth,
@@ -122,9 +121,9 @@ def make_plan(
         "Z_BUFFER": surface is not None,
         **lattices,
         "REST_STRIDE": packed.rest_stride,
-        "SCALE": model.scale,
-        "FIRST_SAMPLE": model.pixel_samples[0],
-        "LAST_SAMPLE": model.pixel_samples[1],
+        "SCALE": packed.scale,
+        "FIRST_SAMPLE": packed.pixel_samples[0],
+        "LAST_SAMPLE": packed.pixel_samples[1],
     }
     own = f"{model.program}.wgsl"
     chunks = stops if _REFUSES.search(assemble([own], model.package, defines)) else 1
@@ -137,7 +136,7 @@ def make_plan(
     members = face_members(plain)
     record_bytes = 16 * len(members)
     modules = {
-        "project": text(own, "project.wgsl", COMPUTE=True, KEYING=True, COLORING=planner.soup),
+        "project": text(own, "project.wgsl", COMPUTE=True, KEYING=True, COLORING=packed.soup),
         "record": text(own, "project.wgsl", COMPUTE=True, RECORDING=True),
         "sort first": text("sort.wgsl", FIRST=True),
         "sort": text("sort.wgsl"),
@@ -149,7 +148,7 @@ def make_plan(
     if surface is not None:
         modules["decode"] = text(own, "surface.wgsl", COMPUTE=True, DECODING=True)
         del modules["resolve"]
-    elif not planner.soup:
+    elif not packed.soup:
         modules["shade"] = text(own, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
     parts, room = _record_parts(planner, record_bytes, chunks)
     passes = [*_projection(planner, debug), *_sorting(planner, order, chunks, parts)]
@@ -183,7 +182,7 @@ def make_plan(
         passes=tuple(passes),
         band_passes=band_passes,
         format=form,
-        scale=model.scale,
+        scale=packed.scale,
     )
 
 
@@ -265,11 +264,11 @@ def _between(members: list[str]) -> dict[str, str]:
 def _projection(planner: _Planner, debug: bool) -> list[Compute]:
     """Return the passes that give every face its key, and faces or vertices their colours."""
     packed = planner.packed
-    colors = not isinstance(packed.model, Surface)
+    colors = "f_dc" in packed.arrays
     for name, array in packed.arrays.items():
         if name != "f_rest":
             planner.upload(name, array)
-    colored = packed.faces if planner.soup else packed.vertices
+    colored = packed.faces if packed.soup else packed.vertices
     planner.buffer("keys", 4 * packed.faces, "storage", "copy_src")
     if colors:
         planner.buffer("colors", 12 * colored, "storage")
@@ -289,11 +288,11 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
             Binding(5, "read", "f_dc"),
             Binding(6, "read", name),
             Binding(8, "write", "colors"),
-            *(keys if planner.soup else []),
+            *(keys if packed.soup else []),
         ]
-        module, entry = ("project", "project") if planner.soup else ("shade", "shade_vertices")
+        module, entry = ("project", "project") if packed.soup else ("shade", "shade_vertices")
         found.append(Compute("project", module, entry, tuple(bindings), -(-count // _GROUP)))
-    if not planner.soup:
+    if not packed.soup:
         for first, count in _ranges(packed.faces, _GROUP * _MOST_GROUPS):
             bindings = [*planner.model(), planner.part(first, count), *keys]
             found.append(Compute("project", "project", "project", tuple(bindings), -(-count // _GROUP)))

@@ -28,7 +28,6 @@ from msb.engines.webgpu_adapter import (
 from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
-from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -116,7 +115,7 @@ class HardwareRenderer:
         about = dict(adapter.info)
         features = [name for name in ("timestamp-query", "float32-blendable") if name in adapter.features]
         self._format = FLOAT if "float32-blendable" in features and not half else HALF
-        if isinstance(self._packed.model, Surface):
+        if self._packed.surface is not None:
             self._format = NUMBERS
         self.device_info = {
             "platform": ", ".join(

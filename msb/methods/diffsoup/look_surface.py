@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from msb.methods.diffsoup.look_camera import diffsoup_matrices
 from msb.methods.diffsoup.look_model import LAYERS, diffsoup_model
-from msb.render.splat.model import CLIPPED
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
@@ -29,17 +28,11 @@ def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
     return Surface(
         program="diffsoup",
         package=__package__,
-        face_words=20,
-        engine_words=20,
         positions=model.positions,
         coverage=model.opaque.astype(np.float32)[:, None],
         near=near,
         far=far,
-        culling=CLIPPED,
-        raw={},
-        outputs=(),
         own={"flip": np.uint32(layout == "synthetic")},
-        vertex_colors=True,
         indices=model.indices,
         opacity=model.opacity,
         features=model.features,
