@@ -8,9 +8,7 @@ from pathlib import Path
 from msb.topology.explain import EXPLANATIONS
 
 PAGE = Path(__file__).with_name("definitions.md")
-BEGIN = (
-    "<!-- Made by `python -m docs.make_definitions` from msb/topology/explain: change that, not this. -->\n"
-)
+BEGIN = "<!-- Made by `python -m docs.make_definitions` from msb/topology/explanations.toml. -->\n"
 
 
 def page() -> str:
