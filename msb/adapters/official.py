@@ -31,17 +31,7 @@ class Official(Protocol):
 
 
 def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
-    """Write `asset` to `path` as the method's own exporter would.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_METHOD`: the method has no exporter.
-    UsageError
-        `NAME_UNKNOWN`: the exporter does not write files of that suffix.
-    OutputError
-        The place cannot be written.
-    """
+    """Write `asset` to `path` as the method's own exporter would."""
     exporter, path = official_exporter(asset.manifest.method), Path(path)
     suffix = path.suffix.lower()
     if suffix not in exporter.SUFFIXES:
@@ -52,13 +42,7 @@ def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
 
 
 def official_exporter(method: str) -> Official:
-    """Return the module that writes as the exporter of `method` does.
-
-    Raises
-    ------
-    Unsupported
-        `UNSUPPORTED_METHOD`.
-    """
+    """Return the module that writes as the exporter of `method` does."""
     found: Any = role(method, "official")
     if found is None:
         names = ", ".join(name for name, _ in with_role("official"))

@@ -23,12 +23,7 @@ class Settings:
     method : str
         The method's name in `METHODS`.
     flags : mapping
-        The settings that the user gave; they are checked here.
-
-    Raises
-    ------
-    UsageError
-        `SETTING_UNKNOWN` or `SETTING_VALUE`.
+        The settings that the user gave; a name or value that the method does not have is a `UsageError`.
     """
 
     def __init__(self, method: str, flags: Mapping[str, Any]) -> None:
@@ -39,13 +34,7 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Take `value` for setting `name`, as found in `file` under `key`, unless a flag sets it.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_LAYOUT` or `CHECKPOINT_CONFIG`: the setting cannot take the value.
-        """
+        """Take `value` for setting `name`, as found in `file` under `key`, unless a flag sets it."""
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
@@ -57,13 +46,7 @@ class Settings:
         self._found[name] = StoredSetting(value, source)
 
     def finish(self, degree: int | None = None) -> dict[str, StoredSetting]:
-        """Return all settings, in the method's order; `degree` is the stored SH degree.
-
-        Raises
-        ------
-        UsageError
-            `SETTING_VALUE`: a flag asks for a degree that is not stored.
-        """
+        """Return all settings, in the method's order; `degree` is the stored SH degree."""
         wanted = self._flags.get("sh_degree")
         if isinstance(wanted, int) and degree is not None and wanted > degree:
             text = f"setting sh_degree is {wanted}; the checkpoint stores degree {degree} only"

@@ -15,18 +15,9 @@ if TYPE_CHECKING:
 
 
 def evaluate_sh(asset: Asset, directions: NDArray[np.float32], degree: int) -> NDArray[np.float32]:
-    """Return the sum of the harmonics of `asset` up to `degree`, without the 0.5 that makes it a colour.
+    """Return the sum (n, 3) of the harmonics up to `degree`, without the 0.5 that makes it a colour.
 
-    Parameters
-    ----------
-    asset : Asset
-        An asset with `f_dc`, and `f_rest` for a degree above 0, both (n, ...).
-    directions : (n, 3) float32
-        Unit vectors from the camera to the primitive, in world axes.
-
-    Returns
-    -------
-    (n, 3) float32
+    `directions` (n, 3) are unit vectors from the camera to the primitive, in world axes.
     """
     total = np.float32(SH_C0) * asset.buffers["f_dc"]
     if degree > 0:

@@ -42,13 +42,7 @@ class Tensors:
         return key in self._values
 
     def value(self, key: str) -> Any:
-        """Return what is stored under `key`.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_LAYOUT`.
-        """
+        """Return what is stored under `key`, whatever it is."""
         if key not in self._values:
             there = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
             text = f'it has no key "{key}"; it has {there}'
@@ -59,13 +53,8 @@ class Tensors:
         """Return the float32 tensor `key` of `shape`, whose values are all numbers.
 
         float16 and bfloat16 are widened, which is exact; float64 is rounded, with a warning. `infinite`
-        allows infinities, which are logits of opacities that are exactly 0 or 1.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT`,
-            `CHECKPOINT_LAYOUT` or `CHECKPOINT_NONFINITE`.
+        allows infinities, which are logits of opacities that are exactly 0 or 1. A letter in `shape` stands
+        for a length that all tensors with this letter share.
         """
         array = self._tensor(key, "float32", "f")
         self._check_shape(key, array.shape, shape)
@@ -79,13 +68,7 @@ class Tensors:
         return values
 
     def indices(self, key: str, vertices: int, *shape: Axis) -> NDArray[np.uint32]:
-        """Return the integer tensor `key`, whose values number `vertices` rows, as uint32.
-
-        Raises
-        ------
-        CheckpointError
-            The errors of `floats`, and `CHECKPOINT_LAYOUT` for an index that is negative or too large.
-        """
+        """Return the integer tensor `key`, whose values number `vertices` rows, as uint32."""
         array = self._tensor(key, "int32 or int64", "iu")
         self._check_shape(key, array.shape, shape)
         if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
@@ -96,13 +79,7 @@ class Tensors:
         return array.astype(np.uint32)
 
     def number(self, key: str) -> float:
-        """Return the number `key`: a Python number, or a tensor with one element.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT` or `CHECKPOINT_NONFINITE`.
-        """
+        """Return the number `key`: a Python number, or a tensor with one element."""
         value = self.value(key)
         if isinstance(value, BFloat16Array):
             value = value.to_float32()
@@ -116,13 +93,7 @@ class Tensors:
         return float(value)
 
     def integer(self, key: str, low: int, high: int) -> int:
-        """Return the integer `key`, from `low` to `high`.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_LAYOUT`, `CHECKPOINT_LAYOUT` or `CHECKPOINT_LAYOUT`.
-        """
+        """Return the integer `key`, from `low` to `high`."""
         number = self.number(key)
         if number != int(number) or not low <= number <= high:
             text = f"{key} is {number:g}; it must be a whole number from {low} to {high}"
@@ -130,13 +101,7 @@ class Tensors:
         return int(number)
 
     def degree(self, key: str, coefficients: int) -> int:
-        """Return the degree L for a tensor `key` with `coefficients` per channel beyond the first.
-
-        Raises
-        ------
-        CheckpointError
-            `CHECKPOINT_LAYOUT`.
-        """
+        """Return the degree L for a tensor `key` with `coefficients` per channel beyond the first."""
         if coefficients not in SH_COEFFICIENTS:
             text = f"{key} has {coefficients} SH coefficients per channel; degree 0 to 3 has 0, 3, 8 or 15"
             raise self.error("CHECKPOINT_LAYOUT", text, key)

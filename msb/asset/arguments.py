@@ -13,15 +13,7 @@ A_CAMERA = "an msb.Camera"
 
 
 def check_type(name: str, value: object, kind: type, wanted: str) -> None:
-    """Refuse an argument that is not of type `kind`.
-
-    Parameters
-    ----------
-    name : str
-        The name of the argument.
-    wanted : str
-        What the argument must be, in words for the message.
-    """
+    """Refuse an argument that is not of type `kind`, which `wanted` says in words."""
     if not isinstance(value, kind):
         raise UsageError("USAGE", f"{name} is of type {type(value).__name__}; it must be {wanted}")
 

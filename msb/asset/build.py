@@ -73,17 +73,9 @@ def build_asset(
 ) -> Asset:
     """Return an asset made of `buffers`, its manifest complete and checked.
 
-    Parameters
-    ----------
-    buffers : mapping of str to ndarray
-        `positions` (V, 3) float32, `indices` (F, 3) uint32 and whatever the method has; float32, uint32 or
-        uint8. Arrays that are already contiguous and little-endian are kept, not copied.
-    domains : mapping of str to {"vertex", "face", "corner", "global"}
-        The domain of every buffer but `positions` and `indices`, whose domains are fixed.
-    description : Description, optional
-        A mesh with static colours if not given.
-    progress : callable, optional
-        Called to tell how far hashing is, which is the longest step.
+    `positions` are (V, 3) float32, `indices` (F, 3) uint32, others float32, uint32 or uint8. Arrays that are
+    already contiguous and little-endian are kept, not copied. `domains` has all but these two, whose domains
+    are fixed. Without a description it is a mesh with static colours.
     """
     description = description or Description()
     names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))
@@ -131,17 +123,11 @@ def build_asset(
 
 
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
-    """Return the box of the finite rows of `positions` and the sphere around its centre that holds them.
+    """Return the box of the finite rows of `positions` (V, 3), and a sphere around its centre for them.
 
-    Parameters
-    ----------
-    positions : (V, 3) float32
-        Positions, of which at least one row is finite.
-
-    Notes
-    -----
-    The box is exact. The sphere is not the smallest one (at most sqrt(3) times that), but it is found in
-    two passes and depends on nothing but the set of points. O(V) time, O(1) memory.
+    At least one row is finite. The box is exact. The sphere is not the smallest one (at most sqrt(3) times
+    that), but it is found in two passes and depends on nothing but the set of points. O(V) time, O(1)
+    memory.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for rows in _finite_chunks(positions):

@@ -66,15 +66,9 @@ def _check_version(data: Json) -> list[Finding]:
             return [finding("TRIASSET_FIELD", text, pointer=f"/{key}")]
         found += check_schema(data[key], schema[key], f"/{key}")
     if not found and _version(data)[0] != MAJOR:
-        found.append(
-            finding(
-                "TRIASSET_VERSION_UNSUPPORTED",
-                f"version is {data['version']}; this release reads {FORMAT} {MAJOR}.x",
-                pointer="/version",
-                value=data["version"],
-                limit=VERSION,
-            )
-        )
+        text = f"version is {data['version']}; this release reads {FORMAT} {MAJOR}.x"
+        where: dict[str, Any] = {"pointer": "/version", "value": data["version"], "limit": VERSION}
+        found.append(finding("TRIASSET_VERSION_UNSUPPORTED", text, **where))
     return found
 
 
@@ -93,56 +87,38 @@ def _version(data: Json) -> tuple[int, int]:
 
 
 def _check_counts(data: Json) -> Iterator[Finding]:
-    faces, vertices = data["face_count"], data["vertex_count"]
-    for key, count in (("face_count", faces), ("vertex_count", vertices)):
-        if count == 0:
-            yield finding(
-                "TRIASSET_EMPTY", f"{key} is 0; an asset draws something", pointer=f"/{key}", value=0
-            )
-    if data["topology"] == "triangle_soup" and vertices != 3 * faces:
-        yield finding(
-            "TRIASSET_FIELD",
-            f"vertex_count is {vertices}; a soup of {faces} faces has {3 * faces}",
-            pointer="/vertex_count",
-            value=vertices,
-            limit=3 * faces,
-        )
+    for key in ("face_count", "vertex_count"):
+        if data[key] == 0:
+            text = f"{key} is 0; an asset draws something"
+            yield finding("TRIASSET_EMPTY", text, pointer=f"/{key}", value=0)
+    vertices, wanted = data["vertex_count"], 3 * data["face_count"]
+    if data["topology"] == "triangle_soup" and vertices != wanted:
+        text = f"vertex_count is {vertices}; a soup of {data['face_count']} faces has {wanted}"
+        yield finding("TRIASSET_FIELD", text, pointer="/vertex_count", value=vertices, limit=wanted)
 
 
 def _check_bounds(data: Json) -> Iterator[Finding]:
-    low, high = data["bounds"]["min"], data["bounds"]["max"]
-    for axis, (a, b) in enumerate(zip(low, high, strict=True)):
-        if a > b:
-            yield finding(
-                "TRIASSET_FIELD",
-                f"bounds.min is {a} but bounds.max is {b} along {'xyz'[axis]}",
-                pointer=f"/bounds/min/{axis}",
-                value=a,
-                limit=b,
-            )
+    for axis, low, high in zip("xyz", data["bounds"]["min"], data["bounds"]["max"], strict=True):
+        if low > high:
+            text = f"bounds.min is {low} but bounds.max is {high} along {axis}"
+            pointer = f"/bounds/min/{'xyz'.index(axis)}"
+            yield finding("TRIASSET_FIELD", text, pointer=pointer, value=low, limit=high)
 
 
 def _check_method(data: Json) -> Iterator[Finding]:
     """Yield what is wrong with the method's name and its kernel, as far as the method is known here."""
     name, kernel = data["method"], data["coverage"]["kernel"]
     if name not in METHODS:
+        text = f"the method {name} is not installed: only the standard tier can show the asset; "
+        text += f"there are {', '.join(METHODS)}"
         yield finding(
-            "TRIASSET_METHOD_NOT_INSTALLED",
-            f"the method {name} is not installed: only the standard tier can show the asset; "
-            f"there are {', '.join(METHODS)}",
-            severity="warning",
-            pointer="/method",
-            value=name,
+            "TRIASSET_METHOD_NOT_INSTALLED", text, severity="warning", pointer="/method", value=name
         )
         return
     kernels = dict.fromkeys(method.coverage for method in METHODS.values())
     if kernel not in kernels:
-        yield finding(
-            "TRIASSET_FIELD",
-            f"/coverage/kernel is {describe(kernel)}; it must be one of {', '.join(kernels)}",
-            pointer="/coverage/kernel",
-            value=kernel,
-        )
+        text = f"/coverage/kernel is {describe(kernel)}; it must be one of {', '.join(kernels)}"
+        yield finding("TRIASSET_FIELD", text, pointer="/coverage/kernel", value=kernel)
 
 
 def _check_settings(data: Json) -> Iterator[Finding]:
@@ -150,115 +126,70 @@ def _check_settings(data: Json) -> Iterator[Finding]:
         return
     known = METHODS[data["method"]].settings
     for name, stored in data["settings"].items():
-        pointer = f"/settings/{escape(name)}"
+        pointer, value, degree = f"/settings/{escape(name)}", stored["value"], data["sh_degree"]
         if name not in known:
-            valid = ", ".join(known) or "none"
-            yield finding(
-                "TRIASSET_FIELD",
-                f'{data["method"]} has no setting "{shorten(name)}"; it has {valid}',
-                pointer=pointer,
-                value=name,
-            )
-        elif problem := known[name].problem(stored["value"]):
-            yield finding(
-                "TRIASSET_FIELD",
-                f"setting {name} is {describe(stored['value'])}; it {problem}",
-                pointer=f"{pointer}/value",
-                value=stored["value"],
-            )
-        elif name == "sh_degree" and stored["value"] > data["sh_degree"]:
-            yield finding(
-                "TRIASSET_FIELD",
-                f"setting sh_degree is {stored['value']}; the asset stores degree {data['sh_degree']} only",
-                pointer=f"{pointer}/value",
-                value=stored["value"],
-                limit=data["sh_degree"],
-            )
+            text = f'{data["method"]} has no setting "{shorten(name)}"; it has {", ".join(known) or "none"}'
+            yield finding("TRIASSET_FIELD", text, pointer=pointer, value=name)
+            continue
+        problem = known[name].problem(value)
+        limit = None
+        if problem is None and name == "sh_degree" and value > degree:
+            problem, limit = f"is at most {degree}, the degree that the asset stores", degree
+        if problem:
+            text = f"setting {name} is {describe(value)}; it {problem}"
+            where: dict[str, Any] = {"pointer": f"{pointer}/value", "value": value, "limit": limit}
+            yield finding("TRIASSET_FIELD", text, **where)
 
 
 def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
-    pointer = f"/buffers/{name}"
-    shape, size = spec["shape"], DTYPES[spec["dtype"]].itemsize
-    count = math.prod(shape)  # Python integers: no product overflows
-    if _stem(spec["file"]) in _RESERVED or ".." in spec["file"]:
-        yield finding(
-            "TRIASSET_PATH",
-            f'buffer {name} names the file "{spec["file"]}"; use "buffers/{name}.bin"',
-            pointer=f"{pointer}/file",
-            value=spec["file"],
-        )
-    if spec["offset"] % ALIGNMENT:
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} starts at byte {spec['offset']}; it must be a multiple of {ALIGNMENT}",
-            pointer=f"{pointer}/offset",
-            value=spec["offset"],
-            limit=ALIGNMENT,
-        )
-    if spec["offset"] + spec["byte_length"] > 2**63 - 1:
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} ends at byte {spec['offset'] + spec['byte_length']}, past any file",
-            pointer=f"{pointer}/offset",
-        )
+    pointer, file, offset, length = f"/buffers/{name}", spec["file"], spec["offset"], spec["byte_length"]
+    if _stem(file) in _RESERVED or ".." in file:
+        text = f'buffer {name} names the file "{file}"; use "buffers/{name}.bin"'
+        yield finding("TRIASSET_PATH", text, pointer=f"{pointer}/file", value=file)
+    at = f"{pointer}/offset"
+    if offset % ALIGNMENT:
+        text = f"buffer {name} starts at byte {offset}; it must be a multiple of {ALIGNMENT}"
+        yield finding("TRIASSET_BUFFER", text, pointer=at, value=offset, limit=ALIGNMENT)
+    if offset + length > 2**63 - 1:
+        text = f"buffer {name} ends at byte {offset + length}, past any file"
+        yield finding("TRIASSET_BUFFER", text, pointer=at)
     yield from _check_domain(name, spec, data)
-    yield from _check_standard(name, spec)
-    if count * size != spec["byte_length"]:
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} has shape {shape} of {spec['dtype']}, {count * size} bytes, "
-            f"but byte_length is {spec['byte_length']}",
-            pointer=f"{pointer}/byte_length",
-            value=spec["byte_length"],
-            limit=count * size,
-        )
-    elif count == 0:
+    if name in _STANDARD:
+        yield from _check_standard(name, spec)
+    shape = spec["shape"]
+    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers: no product overflows
+    at = f"{pointer}/byte_length"
+    if size != length:
+        text = f"buffer {name} has shape {shape} of {spec['dtype']}, {size} bytes; byte_length is {length}"
+        yield finding("TRIASSET_BUFFER", text, pointer=at, value=length, limit=size)
+    elif size == 0:
         yield finding("TRIASSET_BUFFER", f"buffer {name} holds no values", pointer=f"{pointer}/shape")
 
 
 def _check_domain(name: str, spec: Json, data: Json) -> Iterator[Finding]:
-    vertices, faces = data["vertex_count"], data["face_count"]
-    wanted = {"vertex": vertices, "face": faces, "corner": 3 * faces}.get(spec["domain"])
-    if wanted is not None and spec["shape"][0] != wanted:
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} has {spec['shape'][0]} rows; domain {spec['domain']} has {wanted}",
-            pointer=f"/buffers/{name}/shape/0",
-            value=spec["shape"][0],
-            limit=wanted,
-        )
+    domain, rows, faces = spec["domain"], spec["shape"][0], data["face_count"]
+    wanted = {"vertex": data["vertex_count"], "face": faces, "corner": 3 * faces}.get(domain, rows)
+    if rows != wanted:
+        text = f"buffer {name} has {rows} rows; domain {domain} has {wanted}"
+        pointer = f"/buffers/{name}/shape/0"
+        yield finding("TRIASSET_BUFFER", text, pointer=pointer, value=rows, limit=wanted)
 
 
 def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
-    if name not in _STANDARD:
-        return
     dtypes, widths, domains = _STANDARD[name]
-    pointer, shape = f"/buffers/{name}", spec["shape"]
-    if spec["dtype"] not in dtypes:
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} is {spec['dtype']}; it must be {' or '.join(dtypes)}",
-            pointer=f"{pointer}/dtype",
-            value=spec["dtype"],
-        )
-    if spec["domain"] not in domains:
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} has domain {spec['domain']}; it must be {' or '.join(domains)}",
-            pointer=f"{pointer}/domain",
-            value=spec["domain"],
-        )
-    if name == "f_rest":
-        return  # its width is a matter of sh_degree, checked with it
-    flat = widths is None and len(shape) == 1
-    if not flat and not (widths is not None and len(shape) == 2 and shape[1] in widths):
-        wanted = "n" if widths is None else " or ".join(f"n x {w}" for w in widths)
-        yield finding(
-            "TRIASSET_BUFFER",
-            f"buffer {name} has shape {shape}; it must be {wanted}",
-            pointer=f"{pointer}/shape",
-            value=shape,
-        )
+    pointer, shape, dtype, domain = f"/buffers/{name}", spec["shape"], spec["dtype"], spec["domain"]
+    if dtype not in dtypes:
+        text = f"buffer {name} is {dtype}; it must be {' or '.join(dtypes)}"
+        yield finding("TRIASSET_BUFFER", text, pointer=f"{pointer}/dtype", value=dtype)
+    if domain not in domains:
+        text = f"buffer {name} has domain {domain}; it must be {' or '.join(domains)}"
+        yield finding("TRIASSET_BUFFER", text, pointer=f"{pointer}/domain", value=domain)
+    # The width of f_rest is a matter of sh_degree, and checked with it.
+    fits = len(shape) == 1 if widths is None else len(shape) == 2 and shape[1] in widths
+    if not fits and name != "f_rest":
+        wanted = "n" if widths is None else " or ".join(f"n x {width}" for width in widths)
+        text = f"buffer {name} has shape {shape}; it must be {wanted}"
+        yield finding("TRIASSET_BUFFER", text, pointer=f"{pointer}/shape", value=shape)
 
 
 def _check_required_buffers(data: Json) -> Iterator[Finding]:
@@ -268,33 +199,21 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
             text = f"the manifest declares no buffer {name}"
             yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}")
     width = 3 * ((degree + 1) ** 2 - 1)
-    if "f_rest" in buffers:
-        shape = buffers["f_rest"]["shape"]
-        if len(shape) != 2 or shape[1] != width:
-            wanted = f"n x {width}" if degree else "absent"
-            yield finding(
-                "TRIASSET_FIELD",
-                f"buffer f_rest has shape {shape}; with sh_degree {degree} it must be {wanted}",
-                pointer="/buffers/f_rest/shape",
-                value=shape,
-                limit=width,
-            )
-        order = data["appearance"].get("f_rest_order")
-        if order not in F_REST_ORDERS:
-            yield finding(
-                "TRIASSET_FIELD",
-                f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
-                + " or ".join(F_REST_ORDERS),
-                pointer="/appearance/f_rest_order",
-                value=order,
-            )
-    elif degree > 0:
-        yield finding(
-            "TRIASSET_FIELD",
-            f"sh_degree is {degree} but there is no buffer f_rest of width {width}",
-            pointer="/buffers/f_rest",
-            limit=width,
-        )
+    if "f_rest" not in buffers:
+        if degree > 0:
+            text = f"sh_degree is {degree} but there is no buffer f_rest of width {width}"
+            yield finding("TRIASSET_FIELD", text, pointer="/buffers/f_rest", limit=width)
+        return
+    shape, pointer = buffers["f_rest"]["shape"], "/buffers/f_rest/shape"
+    if len(shape) != 2 or shape[1] != width:
+        wanted = f"n x {width}" if degree else "absent"
+        text = f"buffer f_rest has shape {shape}; with sh_degree {degree} it must be {wanted}"
+        yield finding("TRIASSET_FIELD", text, pointer=pointer, value=shape, limit=width)
+    order = data["appearance"].get("f_rest_order")
+    if order not in F_REST_ORDERS:
+        text = f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
+        text += " or ".join(F_REST_ORDERS)
+        yield finding("TRIASSET_FIELD", text, pointer="/appearance/f_rest_order", value=order)
 
 
 def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
@@ -306,33 +225,20 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
     for file, parts in files.items():
         twin = folded.setdefault(file.casefold(), file)
         if twin != file:
-            yield finding(
-                "TRIASSET_PATH",
-                f'"{file}" and "{twin}" are one file where upper and lower case are not told apart',
-                pointer=f"/buffers/{parts[0][2]}/file",
-                value=file,
-            )
+            text = f'"{file}" and "{twin}" are one file where upper and lower case are not told apart'
+            pointer = f"/buffers/{parts[0][2]}/file"
+            yield finding("TRIASSET_PATH", text, pointer=pointer, value=file)
         end, before = 0, ""
         for offset, length, name in sorted(parts):
-            pointer = f"/buffers/{name}/offset"
+            where: dict[str, Any] = {"pointer": f"/buffers/{name}/offset", "value": offset}
             start = -(-end // ALIGNMENT) * ALIGNMENT
             if offset < end:
-                yield finding(
-                    "TRIASSET_BUFFER",
-                    f"buffers {before} and {name} share bytes of {file}: {name} starts at byte {offset}, "
-                    f"{before} ends at {end}",
-                    pointer=pointer,
-                    value=offset,
-                    limit=end,
-                )
+                text = f"buffers {before} and {name} share bytes of {file}: {name} starts at byte {offset}, "
+                text += f"{before} ends at {end}"
+                yield finding("TRIASSET_BUFFER", text, **where, limit=end)
             elif offset > start:
-                yield finding(
-                    "TRIASSET_DAMAGED",
-                    f"bytes {end} to {offset} of {file} belong to no buffer; {name} must start at {start}",
-                    pointer=pointer,
-                    value=offset,
-                    limit=start,
-                )
+                text = f"bytes {end} to {offset} of {file} belong to no buffer; {name} must start at {start}"
+                yield finding("TRIASSET_DAMAGED", text, **where, limit=start)
             end, before = max(end, offset + length), name
 
 

@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
     """Refuse an asset with values that cannot be drawn, in one pass over the buffers.
 
-    Parameters
-    ----------
-    asset : Asset
-    names : iterable of str, optional
-        The float buffers to look at; all of them if not given.
+    Of the float buffers those in `names` are looked at, all if it is None.
     """
     for name in asset.buffers if names is None else names:
         array = asset.buffers.get(name)

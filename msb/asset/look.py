@@ -30,13 +30,9 @@ _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 
 @dataclass(frozen=True)
 class StaticColors:
-    """Colours of the standard tier.
+    """Colours of the standard tier: values (n, 3) or (n, 4), uint8, or float32 in [0, 1].
 
-    Attributes
-    ----------
-    values : (n, 3) or (n, 4) uint8 or float32
-        Floats are in [0, 1]; a fourth channel is not drawn.
-    domain : {"vertex", "face", "corner"}
+    A fourth channel is not drawn.
     """
 
     values: NDArray[Any]
@@ -46,14 +42,8 @@ class StaticColors:
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
     """Return the colours that `buffers` bring, or clamp(C0 f_dc + 0.5, 0, 1); None if there are neither.
 
-    Each colour is clamped before anything is interpolated (paper, "Standard deployment").
-
-    Parameters
-    ----------
-    buffers : mapping of arrays
-        Buffers of an asset or a model; "color" is taken before "f_dc".
-    domains : mapping
-        Buffer -> its domain.
+    Each colour is clamped before anything is interpolated (paper, "Standard deployment"). `domains` are
+    those of the buffers; "color" is taken before "f_dc".
     """
     for name in ("color", "f_dc"):
         if name in buffers:
@@ -84,17 +74,10 @@ def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 
 
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
-    """Return the brightness (F,) of each face of a plain surface in daylight.
+    """Return the brightness (F,) of each face of a plain surface in daylight; `axis`, such as "+y", is up.
 
     It is a + (1 - a) |n . l|: n is the face's normal, l the direction of the light, a the ambient part. Both
     sides are alike, because winding need not be consistent. Faces without a normal have a alone.
-
-    Parameters
-    ----------
-    vertices : (V, 3)
-    faces : (F, 3)
-    axis : {"+x", "-x", "+y", "-y", "+z", "-z"}
-        What is up.
     """
     points = np.asarray(vertices, np.float64)
     corners = [points[column] for column in np.asarray(faces, np.int64).T]

@@ -35,18 +35,8 @@ DTYPES: dict[str, np.dtype[Any]] = {
 """Manifest dtype -> NumPy dtype, always little-endian."""
 
 
-class _Record:
-    """An object of the JSON: its keys are attributes, and items too (``bounds.min``, ``bounds["min"]``)."""
-
-    def __getitem__(self, key: str) -> Any:
-        try:
-            return getattr(self, key)
-        except AttributeError:
-            raise KeyError(key) from None
-
-
 @dataclass(frozen=True)
-class Bounds(_Record):
+class Bounds:
     """The axis-aligned box of all finite vertex rows, in scene units."""
 
     min: tuple[float, float, float]
@@ -54,7 +44,7 @@ class Bounds(_Record):
 
 
 @dataclass(frozen=True)
-class BoundingSphere(_Record):
+class BoundingSphere:
     """A sphere around all finite vertex rows, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
@@ -62,7 +52,7 @@ class BoundingSphere(_Record):
 
 
 @dataclass(frozen=True)
-class StoredSetting(_Record):
+class StoredSetting:
     """A setting of the method with its origin."""
 
     value: SettingValue
@@ -70,7 +60,7 @@ class StoredSetting(_Record):
 
 
 @dataclass(frozen=True)
-class SourceFile(_Record):
+class SourceFile:
     """One file the asset was made from. `path` is relative to what was exported, never absolute."""
 
     path: str
@@ -79,14 +69,14 @@ class SourceFile(_Record):
 
 
 @dataclass(frozen=True)
-class Source(_Record):
+class Source:
     """The files that the asset was made from."""
 
     files: tuple[SourceFile, ...] = ()
 
 
 @dataclass(frozen=True)
-class CoordinateFrame(_Record):
+class CoordinateFrame:
     """Axes and units of the positions. COLMAP scenes are y-down: up is "-y"."""
 
     handedness: Literal["right"] = "right"
@@ -100,7 +90,7 @@ class CoordinateFrame(_Record):
 
 
 @dataclass(frozen=True)
-class BufferSpec(_Record):
+class BufferSpec:
     """Where one buffer's values are and what they mean.
 
     `shape` has the domain's count first (V, F or 3F; anything for global), `offset` and `byte_length`
@@ -117,7 +107,7 @@ class BufferSpec(_Record):
 
 
 @dataclass(frozen=True)
-class Manifest(_Record):
+class Manifest:
     """Everything a program must know before it reads a buffer. Keys and their order are those of the file."""
 
     generator: str

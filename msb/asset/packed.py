@@ -61,13 +61,5 @@ class _Packed(Policy):
 
 
 def parse_packed(data: Any, *, file: object) -> dict[str, Member]:
-    """Return the members of a packed asset by name, in file order.
-
-    Parameters
-    ----------
-    data : mmap or bytes
-        The whole file.
-    file : path-like
-        The file's path, for error messages.
-    """
+    """Return the members of a packed asset by name, in file order; `file` is named in errors."""
     return read_members(data, _Packed(file))

@@ -21,17 +21,9 @@ def is_member_name(name: str) -> bool:
 
 
 def map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Return a read-only mapping of a file inside an asset, and its status.
+    """Return a read-only mapping of the file `member` of `asset`, which lies at `path`, and its status.
 
-    Parameters
-    ----------
-    path : Path
-        The file. A link, pipe, device or folder is refused before it is opened; the open descriptor is
-        checked again.
-    member : str
-        The name of the file inside the asset.
-    asset : path-like
-        The path of the asset, for error messages.
+    A link, pipe, device or folder is refused before it is opened; the open descriptor is checked again.
     """
     try:
         _refuse_special(path.lstat(), asset, member)

@@ -12,18 +12,11 @@ from msb.errors import UsageError
 
 
 def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any]:
-    """Return the inverse of MVP, taken in double and rounded to its dtype.
+    """Return the inverse of MVP (4, 4), for column vectors, taken in double and rounded to its dtype.
 
-    A view direction is the line between the points where a pixel meets the two planes. The inverse must give
-    both points with w above 0 at all pixels: a far plane that rounds to infinity has w = 0, which gives no
-    point.
-
-    Parameters
-    ----------
-    mvp : (4, 4) float32 or float64
-        The matrix for column vectors.
-    near, far : float
-        Camera depths that become NDC -1 and 1: the settings `z_near` and `z_far`.
+    A view direction is the line between the points where a pixel meets the two planes, whose camera depths
+    `near` and `far` become NDC -1 and 1. The inverse must give both points with w above 0 at all pixels: a
+    far plane that rounds to infinity has w = 0, which gives no point.
     """
     if near < far:
         with np.errstate(all="ignore"):

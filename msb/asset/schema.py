@@ -44,34 +44,16 @@ def manifest_schema() -> Schema:
 
 
 def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Finding]:
-    """Yield a finding for everything in `value` that `schema` does not allow.
-
-    Parameters
-    ----------
-    value : JSON data
-    schema : dict
-        A schema with the keywords type, const, enum, pattern, minimum, maximum, minItems, maxItems,
-        maxLength, maxProperties, required, properties, additionalProperties, propertyNames and items.
-    pointer : str
-        JSON pointer of `value`.
-    """
-    code = schema.get("x-code")
+    """Yield a finding for everything in `value`, which stands at `pointer`, that `schema` does not allow."""
+    code = schema.get("x-code", "TRIASSET_FIELD")
     here = pointer or "the manifest"
     if not _has_type(value, schema.get("type")):
-        yield finding(
-            code or "TRIASSET_FIELD",
-            f"{here} is {describe(value)}; it must be {_type_names(schema['type'])}",
-            pointer=pointer,
-            value=value,
-        )
+        text = f"{here} is {describe(value)}; it must be {_type_names(schema['type'])}"
+        yield finding(code, text, pointer=pointer, value=value)
         return
     for problem in _scalar_problems(value, schema):
-        yield finding(
-            code or "TRIASSET_FIELD",
-            f"{here} is {describe(value)}; it must {problem}",
-            pointer=pointer,
-            value=value,
-        )
+        text = f"{here} is {describe(value)}; it must {problem}"
+        yield finding(code, text, pointer=pointer, value=value)
     if isinstance(value, dict):
         yield from _check_object(value, schema, pointer)
     elif isinstance(value, list) and "items" in schema:
@@ -83,42 +65,28 @@ def _check_object(value: dict[str, Any], schema: Schema, pointer: str) -> Iterat
     properties: dict[str, Schema] = schema.get("properties", {})
     others: Schema | None = schema.get("additionalProperties")
     names: Schema = schema.get("propertyNames", {})
+    here = pointer or "the manifest"
     for key in schema.get("required", ()):
         if key not in value:
-            yield finding(
-                "TRIASSET_FIELD",
-                f'{pointer or "the manifest"} lacks the required key "{key}"',
-                pointer=f"{pointer}/{key}",
-            )
-    if len(value) > schema.get("maxProperties", len(value)):
-        yield finding(
-            schema["x-code"],
-            f"{pointer} has {len(value)} entries; at most {schema['maxProperties']} are allowed",
-            pointer=pointer,
-            value=len(value),
-            limit=schema["maxProperties"],
-        )
+            text = f'{here} lacks the required key "{key}"'
+            yield finding("TRIASSET_FIELD", text, pointer=f"{pointer}/{key}")
+    most = schema.get("maxProperties", len(value))
+    if len(value) > most:
+        text = f"{pointer} has {len(value)} entries; at most {most} are allowed"
+        yield finding(schema["x-code"], text, pointer=pointer, value=len(value), limit=most)
         return
     for key, item in value.items():
         below = f"{pointer}/{escape(key)}"
         for problem in _scalar_problems(key, names):
-            yield finding(
-                names["x-code"],
-                f'{pointer} has the name "{shorten(key)}"; a name must {problem}',
-                pointer=below,
-                value=key,
-            )
+            text = f'{pointer} has the name "{shorten(key)}"; a name must {problem}'
+            yield finding(names["x-code"], text, pointer=below, value=key)
         if key in properties:
             yield from check_schema(item, properties[key], below)
         elif others is not None:
             yield from check_schema(item, others, below)
         elif schema.get("x-closed"):
-            yield finding(
-                "TRIASSET_FIELD_UNKNOWN",
-                f'{pointer or "the manifest"} has the unknown key "{shorten(key)}", which is ignored',
-                severity="warning",
-                pointer=below,
-            )
+            text = f'{here} has the unknown key "{shorten(key)}", which is ignored'
+            yield finding("TRIASSET_FIELD_UNKNOWN", text, severity="warning", pointer=below)
 
 
 def _has_type(value: Any, wanted: str | list[str] | None) -> bool:

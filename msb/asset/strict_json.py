@@ -27,18 +27,9 @@ _SURROGATE = re.compile(r"[\ud800-\udfff]")
 def parse_strict_json(
     data: bytes, *, file: object, name: str = MANIFEST_NAME, max_bytes: int = MAX_BYTES
 ) -> Any:
-    """Return the JSON value in `data`.
+    """Return the JSON value in `data`: one UTF-8 document without byte-order mark.
 
-    Parameters
-    ----------
-    data : bytes
-        One UTF-8 document without byte-order mark.
-    file : path-like
-        The file's path, for error messages.
-    name : str
-        The name of the document in messages.
-    max_bytes : int
-        The most bytes that the document may have.
+    Errors name `file`, and in it the document `name`.
     """
     return _Parser(file, name, max_bytes).parse(data)
 

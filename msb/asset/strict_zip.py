@@ -82,14 +82,7 @@ class Policy:
 
 
 def read_members(data: Any, policy: Policy) -> dict[str, Member]:
-    """Return the members of an archive by name, in file order.
-
-    Parameters
-    ----------
-    data : mmap, memoryview or bytes
-        The whole file.
-    policy : Policy
-    """
+    """Return the members of the archive `data`, a whole file, by name, in file order."""
     return _Parser(data, policy).members()
 
 

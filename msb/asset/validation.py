@@ -97,13 +97,9 @@ def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
     for name, spec in asset.manifest.buffers.items():
         digest = hashlib.sha256(as_bytes(asset.buffers[name])).hexdigest()
         if digest != spec.sha256:
-            yield finding(
-                "TRIASSET_DAMAGED",
-                f"buffer {name} has SHA-256 {digest[:16]}...; the manifest says {spec.sha256[:16]}...",
-                pointer=f"/buffers/{name}/sha256",
-                value=digest,
-                limit=spec.sha256,
-            )
+            text = f"buffer {name} has SHA-256 {digest[:16]}...; the manifest says {spec.sha256[:16]}..."
+            pointer = f"/buffers/{name}/sha256"
+            yield finding("TRIASSET_DAMAGED", text, pointer=pointer, value=digest, limit=spec.sha256)
 
 
 def check_values(asset: Asset) -> list[Finding]:
@@ -125,14 +121,9 @@ def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
     bad = np.isnan if name == "opacity" else _not_finite
     count, first = _count(array.reshape(-1), bad)  # flat: a row may be as long as the file
     if count:
-        yield finding(
-            "TRIASSET_VALUE_NONFINITE",
-            f"buffer {name} holds {count} values that are not finite, "
-            f"the first at element {first}: {array.reshape(-1)[first]}",
-            pointer=name,
-            value=count,
-            limit=0,
-        )
+        text = f"buffer {name} holds {count} values that are not finite, "
+        text += f"the first at element {first}: {array.reshape(-1)[first]}"
+        yield finding("TRIASSET_VALUE_NONFINITE", text, pointer=name, value=count, limit=0)
 
 
 def _check_positions(asset: Asset) -> Iterator[Finding]:
@@ -143,13 +134,10 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
     for key, measured in (("min", low), ("max", high)):
         stated = np.array(getattr(manifest.bounds, key))
         if np.abs(stated - measured).max() > slack:
-            yield finding(
-                "TRIASSET_BOUNDS",
-                f"bounds.{key} is {stated.tolist()}; the positions have {measured.tolist()}",
-                pointer=f"/bounds/{key}",
-                value=stated.tolist(),
-                limit=measured.tolist(),
-            )
+            values = stated.tolist(), measured.tolist()
+            text = f"bounds.{key} is {values[0]}; the positions have {values[1]}"
+            where: dict[str, Any] = {"pointer": f"/bounds/{key}", "value": values[0], "limit": values[1]}
+            yield finding("TRIASSET_BOUNDS", text, **where)
     center, radius = np.array(manifest.bounding_sphere.center), manifest.bounding_sphere.radius
 
     def outside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -159,74 +147,49 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
 
     count, first = _count(positions, outside)
     if count:
-        yield finding(
-            "TRIASSET_BOUNDS",
-            f"{count} vertices lie outside the bounding sphere, the first is {first}",
-            pointer="/bounding_sphere",
-            value=count,
-            limit=0,
-        )
+        text = f"{count} vertices lie outside the bounding sphere, the first is {first}"
+        yield finding("TRIASSET_BOUNDS", text, pointer="/bounding_sphere", value=count, limit=0)
     enough = sphere.radius + math.dist(manifest.bounding_sphere.center, sphere.center)
     if radius > 2 * enough + slack:
-        yield finding(
-            "TRIASSET_BOUNDS",
-            f"the bounding sphere has radius {radius:g}, but {enough:g} holds all vertices",
-            severity="warning",
-            pointer="/bounding_sphere/radius",
-            value=radius,
-            limit=enough,
-        )
+        text = f"the bounding sphere has radius {radius:g}, but {enough:g} holds all vertices"
+        where = {"pointer": "/bounding_sphere/radius", "value": radius, "limit": enough}
+        yield finding("TRIASSET_BOUNDS", text, severity="warning", **where)
     largest = max(abs(value) for value in (*bounds.min, *bounds.max))
     if largest > MAGNITUDE_LIMIT:
-        yield finding(
-            "TRIASSET_VALUE_RANGE",
-            f"a coordinate is {largest:g}; above {MAGNITUDE_LIMIT:g} areas overflow float32",
-            severity="warning",
-            pointer="positions",
-            value=largest,
-            limit=MAGNITUDE_LIMIT,
-        )
+        text = f"a coordinate is {largest:g}; above {MAGNITUDE_LIMIT:g} areas overflow float32"
+        where = {"pointer": "positions", "value": largest, "limit": MAGNITUDE_LIMIT}
+        yield finding("TRIASSET_VALUE_RANGE", text, severity="warning", **where)
 
 
 def _check_indices(asset: Asset) -> Iterator[Finding]:
     indices, vertices = asset.buffers["indices"], asset.manifest.vertex_count
     count, first = _count(indices, lambda rows: rows >= vertices)
     if count:
-        yield finding(
-            "TRIASSET_INDEX_OUT_OF_RANGE",
-            f"{count} indices are {vertices} or more, the first is {indices.reshape(-1)[first]} "
-            f"in face {first // 3}; there are {vertices} vertices",
-            pointer=f"indices[{first // 3}, {first % 3}]",
-            value=int(indices.reshape(-1)[first]),
-            limit=vertices - 1,
-        )
+        face, corner = divmod(first, 3)
+        value = int(indices[face, corner])
+        text = f"{count} indices are {vertices} or more, the first is {value} in face {face}; "
+        text += f"there are {vertices} vertices"
+        where: dict[str, Any] = {"pointer": f"indices[{face}, {corner}]", "value": value}
+        yield finding("TRIASSET_INDEX_OUT_OF_RANGE", text, **where, limit=vertices - 1)
     if asset.manifest.topology == "triangle_soup":
         for start in range(0, len(indices), CHUNK_ROWS):
             rows = indices[start : start + CHUNK_ROWS].reshape(-1)
             wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
             if wrong.any():
                 at = 3 * start + int(np.argmax(wrong))
-                yield finding(
-                    "TRIASSET_VALUE_RANGE",
-                    f"index {at} of the soup is {indices.reshape(-1)[at]}; it must be {at}",
-                    pointer=f"indices[{at // 3}, {at % 3}]",
-                    value=int(indices.reshape(-1)[at]),
-                    limit=at,
-                )
+                value = int(indices.reshape(-1)[at])
+                text = f"index {at} of the soup is {value}; it must be {at}"
+                where = {"pointer": f"indices[{at // 3}, {at % 3}]", "value": value, "limit": at}
+                yield finding("TRIASSET_VALUE_RANGE", text, **where)
                 return
 
 
 def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
     count, first = _count(color, lambda rows: (rows < 0) | (rows > 1))
     if count:
-        yield finding(
-            "TRIASSET_VALUE_RANGE",
-            f"{count} values of color lie outside 0 to 1, the first is {color.reshape(-1)[first]:g} "
-            f"at element {first}; they are clamped",
-            severity="warning",
-            pointer="color",
-            value=count,
-        )
+        text = f"{count} values of color lie outside 0 to 1, the first is {color.reshape(-1)[first]:g} "
+        text += f"at element {first}; they are clamped"
+        yield finding("TRIASSET_VALUE_RANGE", text, severity="warning", pointer="color", value=count)
 
 
 def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:

@@ -41,18 +41,8 @@ def write_asset(
 ) -> None:
     """Write a `.triasset` to `path`, replacing what is there only once the new one is complete.
 
-    Parameters
-    ----------
-    asset : Asset
-        A loaded asset, or one built in memory.
-    path : path-like
-        By convention NAME.triasset, for both forms; `msb.save` asks for it.
-    form : {"packed", "folder"}
-        A single file (ZIP of stored, 64-byte aligned members) or a folder.
-    overwrite : bool
-        Whether a file or folder that is there may be replaced.
-    progress : callable, optional
-        Called as ``progress("writing", done, total)``, in bytes.
+    "packed" is a single file (ZIP of stored, 64-byte aligned members). `progress` is called as
+    ``progress("writing", done, total)``, in bytes.
     """
     _refuse_unreadable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())

@@ -9,19 +9,11 @@ from numpy.typing import NDArray
 
 
 def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
-    """Bring colours of any number type to one of the two types a `Mesh` holds.
+    """Return colours (N, 3) or (N, 4) of any number type as uint8 or float32, in the machine's byte order.
 
-    Parameters
-    ----------
-    values : (N, 3) or (N, 4) of any integer or float type
-        uint8 stays as it is. uint16 is divided by 65535. Other integers mean 0..255 and are clamped to that.
-        Floats mean [0, 1] and are clamped to that, as glTF prescribes, unless they are the 0..255 some
-        programs write: whole numbers, at least one above 1 and none above 255. NaN becomes 0.
-
-    Returns
-    -------
-    colors : (N, 3) or (N, 4) uint8 or float32
-        In the machine's byte order.
+    uint8 stays as it is. uint16 is divided by 65535. Other integers mean 0..255 and are clamped to that.
+    Floats mean [0, 1] and are clamped to that, as glTF prescribes, unless they are the 0..255 some programs
+    write: whole numbers, at least one above 1 and none above 255. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)

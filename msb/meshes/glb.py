@@ -80,17 +80,9 @@ class _Part:
 def read(source: Source) -> Mesh:
     """Read the triangles of the default scene, primitive after primitive, in ascending order of nodes.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
-    Returns
-    -------
-    mesh : Mesh
-        Vertices are float32 as long as no node moves any, else float64. Every primitive brings its own
-        vertices; where only some have colours, the others are white, as the format defines. An index
-        outside its primitive stays outside the whole mesh.
+    Vertices are float32 as long as no node moves any, else float64. Every primitive brings its own vertices;
+    where only some have colours, the others are white, as the format defines. An index outside its primitive
+    stays outside the whole mesh.
     """
     document = open_document(source)
     _refuse_extensions(document)
@@ -107,15 +99,10 @@ def read(source: Source) -> Mesh:
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
-    """Write one unlit, two-sided mesh.
+    """Write one unlit, two-sided mesh; positions become float32, and face colours are lost.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Checked by the caller. Positions become float32. uint8 colours are padded to four components,
-        since glTF aligns elements to four bytes; float32 colours stay as they are. Face colours are lost.
-    stream : binary file
-        Where to write.
+    uint8 colours are padded to four components, since glTF aligns elements to four bytes; float32 colours
+    stay as they are.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")

@@ -38,17 +38,7 @@ _NESTING[list(b"]}")] = -1
 
 @dataclass(frozen=True)
 class Document:
-    """A GLB file: its JSON object and its binary chunk.
-
-    Parameters
-    ----------
-    source : Source
-        The file, for messages.
-    root : dict
-        The JSON.
-    binary : memoryview
-        The bytes of the binary chunk; none where there is no such chunk.
-    """
+    """A GLB file: its JSON object and its binary chunk, which is empty where there is none."""
 
     source: Source
     root: dict[str, Any]
@@ -166,16 +156,8 @@ def open_document(source: Source) -> Document:
 def accessor(document: Document, index: int, *, kinds: str, components: str) -> Accessor:
     """Describe accessor `index` after checking that its bytes are there.
 
-    Parameters
-    ----------
-    document : Document
-        The file.
-    index : int
-        The accessor's number.
-    kinds : str
-        The allowed types, such as "VEC3 VEC4".
-    components : str
-        The allowed component types as NumPy types, such as "u1 u2 f4".
+    `kinds` are the allowed types, such as "VEC3 VEC4", `components` those of the numbers, such as "u1 u2
+    f4".
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")

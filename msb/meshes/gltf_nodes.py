@@ -22,10 +22,7 @@ MAX_NODES = 1 << 20
 def placed_meshes(document: Document) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """Yield number and world transform (4, 4) of each mesh the scene shows, in ascending order of nodes.
 
-    Parameters
-    ----------
-    document : Document
-        The file. The scene is the one it names, else its first; without scenes all nodes are shown.
+    The scene is the one the file names, else its first; without scenes all nodes are shown.
     """
     worlds = _world_transforms(document)
     for index in sorted(worlds):

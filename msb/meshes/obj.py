@@ -43,15 +43,7 @@ class _Parts:
 def read(source: Source) -> Mesh:
     """Read `v` and `f` lines; everything else, texture and normal indices included, is ignored.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
-    Returns
-    -------
-    mesh : Mesh
-        Vertices are float64. Colours come from `v x y z r g b [a]`, if every `v` line has them.
+    Vertices are float64. Colours come from `v x y z r g b [a]`, if every `v` line has them.
     """
     text = source.as_text("OBJ")
     if b"\\" in text.data:
@@ -82,12 +74,7 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO) -> None:
     """Write `v` and `f` lines; float32 and float64 coordinates read back as exactly the same number.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Checked by the caller. Colours are written after the coordinates, as 0..1 with nine digits.
-    stream : binary file
-        Where to write.
+    Colours are written after the coordinates, as 0..1 with nine digits.
     """
     columns, form = mesh.vertices, "v %r %r %r"
     if mesh.vertex_colors is not None:

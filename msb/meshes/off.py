@@ -43,18 +43,10 @@ _LEFT_OUT = {"N": "normals", "ST": "UVs"}
 
 
 def read(source: Source) -> Mesh:
-    """Read an OFF file with any of the prefixes ST, C and N.
+    """Read an OFF file with any of the prefixes ST, C and N; vertices are float64.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
-    Returns
-    -------
-    mesh : Mesh
-        Vertices are float64. A COFF file without vertex colours is one that has them on its faces (the
-        dialect of Triangle-Splatting's exporter). Face colours are kept where every face has as many.
+    A COFF file without vertex colours is one that has them on its faces (the dialect of Triangle-Splatting's
+    exporter). Face colours are kept where every face has as many.
     """
     if _BINARY.match(source.data):
         raise source.error("MESH_FILE_UNSUPPORTED", "OFF BINARY is not read; save it as text")
@@ -85,13 +77,7 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO) -> None:
     """Write OFF, or COFF where vertices have colours; face colours follow the indices.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Checked by the caller. Coordinates read back as exactly the same number. uint8 colours are written
-        as integers, float32 colours as decimals.
-    stream : binary file
-        Where to write.
+    Coordinates read back as exactly the same number. uint8 colours are integers, float32 colours decimals.
     """
     keyword = "OFF" if mesh.vertex_colors is None else "COFF"
     stream.write(f"{keyword}\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode("ascii"))

@@ -34,16 +34,8 @@ _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UV
 def read(source: Source) -> Mesh:
     """Read the vertex and face elements; other elements and properties are stepped over.
 
-    Parameters
-    ----------
-    source : Source
-        The file.
-
-    Returns
-    -------
-    mesh : Mesh
-        Vertices are float32 where a binary file stores x, y and z as float, else float64: text keeps the
-        digits it has, whatever type the header names.
+    Vertices are float32 where a binary file stores x, y and z as float, else float64: text keeps the digits
+    it has, whatever type the header names.
     """
     header = read_header(source)
     _check_elements(source, header)
@@ -71,12 +63,7 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO) -> None:
     """Write binary little-endian PLY with the vertices' and colours' own types.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Checked by the caller. Indices are `int`, which every reader knows, unless V needs `uint`.
-    stream : binary file
-        Where to write.
+    Indices are `int`, which every reader knows, unless V needs `uint`.
     """
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"

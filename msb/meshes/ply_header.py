@@ -81,17 +81,9 @@ class Header:
 
 
 def read_header(source: Source) -> Header:
-    """Read the lines from "ply" to "end_header".
+    """Read the lines from "ply" to "end_header"; names of elements and of their properties are unique.
 
-    Parameters
-    ----------
-    source : Source
-        The file. The line end after "ply", LF, CRLF or CR, is that of the whole header.
-
-    Returns
-    -------
-    header : Header
-        Elements and the names of an element's properties are unique.
+    The line end after "ply", LF, CRLF or CR, is that of the whole header.
     """
     lines, body = _split_lines(source)
     order: str | None = None

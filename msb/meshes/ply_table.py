@@ -19,15 +19,7 @@ from msb.meshes.source import Source
 
 @dataclass(frozen=True, eq=False)
 class PlyTable:
-    """The rows of element "vertex".
-
-    Attributes
-    ----------
-    count : int
-        Number of rows.
-    names : tuple of str
-        The properties, in the file's order.
-    """
+    """The `count` rows of element "vertex"; `names` are its properties, in the file's order."""
 
     count: int
     names: tuple[str, ...]
@@ -55,8 +47,6 @@ def ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
 def read_ply_table(path: Path) -> PlyTable:
     """Read a PLY file whose element "vertex" has numbers only, and whose other elements are empty.
 
-    Notes
-    -----
     A binary file is mapped, and a column is a view on the mapping.
     """
     data, header, source = _open(path)

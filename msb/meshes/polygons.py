@@ -11,19 +11,9 @@ def fan_triangulate(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Cut every polygon into the fan (0, 1, 2), (0, 2, 3), ... around its first corner.
 
-    Parameters
-    ----------
-    corners : (C,) int64
-        The vertex numbers of all polygons, one polygon after the other.
-    counts : (N,) int64
-        The number of corners of each polygon; they sum to C. Fewer than three give no triangle.
-
-    Returns
-    -------
-    faces : (F, 3) int64
-        The triangles, in the order of the polygons.
-    polygon : (F,) int64
-        The polygon of each triangle.
+    `corners` (C,) are the vertex numbers of all polygons, one polygon after the other, `counts` (N,) how
+    many each has: fewer than three give no triangle. Returned are the triangles (F, 3), in the order of the
+    polygons, and the polygon (F,) of each.
     """
     if np.all(counts == 3):
         return corners.reshape(-1, 3), np.arange(len(counts))
@@ -42,12 +32,7 @@ def wrong_polygon(
 ) -> tuple[int, int] | None:
     """Return the first polygon a triangle of which uses no vertex of 0 to `vertices` - 1, and that index.
 
-    Parameters
-    ----------
-    faces : (F, 3) int64
-    polygon : (F,) int64
-        What `fan_triangulate` gave.
-    vertices : int
+    `faces` and `polygon` are what `fan_triangulate` gave.
     """
     if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
         return None

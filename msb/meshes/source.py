@@ -50,14 +50,7 @@ class Source:
     def wrong_index(self, byte: int, index: int, vertices: int, *, first: int = 0) -> str:
         """Return what `Mesh.wrong_face` says of the face in the line of byte number `byte`.
 
-        Parameters
-        ----------
-        byte : int
-        index : int
-            The index that names no vertex, counted from 0.
-        vertices : int
-        first : int
-            The file's number of the first vertex.
+        `index`, which names no vertex, counts from 0; the file counts from `first`.
         """
         there = f"those of this file are {first} to {vertices - 1 + first}" if vertices else "there is none"
         return f"{self.line(byte)}: the face names vertex {index + first}; {there}"

@@ -120,16 +120,9 @@ class Words:
 
 
 def word_blocks(source: Source, start: int = 0, *, comments: bool = False) -> Iterator[Words]:
-    """Yield the words of `source` from byte `start` on, about `BLOCK_BYTES` at a time.
+    """Yield the words of `source`, a text, from byte `start` on, about `BLOCK_BYTES` at a time.
 
-    Parameters
-    ----------
-    source : Source
-        The file, from `Source.as_text`.
-    start : int
-        The first byte to read.
-    comments : bool
-        Whether "#" hides the rest of its line.
+    With `comments` "#" hides the rest of its line.
     """
     size = len(source.data)
     while start < size:

@@ -28,13 +28,9 @@ def turned_upright(mesh: Mesh, up: str) -> Mesh:
 
 
 def turned(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]:
-    """Return `vertices` (V, 3) rotated by quarter turns so that axis `up` becomes `to`; unknown, they stay.
+    """Return `vertices` (V, 3) rotated by quarter turns so that axis `up` becomes `to`; "unknown", they stay.
 
     This is exact: coordinates are swapped and negated, never multiplied.
-
-    Parameters
-    ----------
-    up, to : {"+x", "-x", "+y", "-y", "+z", "-z", "unknown"}
     """
     if up == to or "unknown" in (up, to):
         return vertices

@@ -58,18 +58,10 @@ def write_vtp(
     cell_data: Mapping[str, NDArray[Any]],
     names: tuple[str, Sequence[str]],
 ) -> None:
-    """Write one piece of PolyData.
+    """Write one piece of PolyData: points (V, 3), and cells of one, two and three point numbers.
 
-    Parameters
-    ----------
-    file : binary file open for writing
-    points : (V, 3) float32 or float64
-    verts, lines, polys : (n, 1), (n, 2), (n, 3) integers
-        Point numbers of the cells.
-    cell_data : mapping of str to (n_verts + n_lines + n_polys,) uint8 or int64
-        In VTK's cell order: verts, lines, polys.
-    names : (str, sequence of str)
-        The name and the values of a field array of ASCII texts.
+    `cell_data` has arrays over all cells in VTK's order (verts, lines, polys), uint8 or int64; `names` the
+    name and the values of a field array of ASCII texts.
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

@@ -17,13 +17,7 @@ ROWS_AT_A_TIME = 1 << 16
 
 
 def check_writable(mesh: Mesh) -> None:
-    """Refuse values that no format can carry to another program.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh about to be written.
-    """
+    """Refuse values that no format can carry to another program."""
     _require_finite(mesh.vertices, "is not finite")
     check_indices(mesh)
 
@@ -47,17 +41,10 @@ def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
-    """Write each row of `columns` (N, K) as one line of text.
+    """Write each row of `columns` (N, K) as one line of text, by the K conversions (%) of `form`.
 
-    Parameters
-    ----------
-    stream : binary file
-        Where to write.
-    form : str
-        The line, with K conversions of the % operator. "%r" writes the shortest decimal that reads back as
-        the same float64, so a float32 too is exact in a file that is read as float64.
-    columns : (N, K) numbers
-        The values.
+    "%r" writes the shortest decimal that reads back as the same float64, so a float32 too is exact in a file
+    that is read as float64.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

@@ -130,10 +130,7 @@ def package_of(name: str) -> str:
 def role(name: str, what: Role) -> Any:
     """Return the module by which an installed method fills a role, None if it does not.
 
-    Raises
-    ------
-    UsageError
-        `PACKAGE_LEFT_OUT`: a package's module cannot be loaded. Its functions raise it where they fail.
+    A package's module that cannot be loaded, or a function of it that fails, is `METHOD_NOT_LOADED`.
     """
     if name not in METHODS:
         return None

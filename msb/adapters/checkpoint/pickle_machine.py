@@ -326,18 +326,10 @@ INSTRUCTIONS: dict[int, _Instruction] = {
 def run_pickle(
     data: bytes, storages: Storages | None = None, *, start: int = 0, where: str = "", origin: int = 0
 ) -> tuple[Any, int]:
-    """Follow one pickle; return its value and the position after it.
+    """Follow the pickle that begins in `data` at `start`; return its value and the position after it.
 
-    Parameters
-    ----------
-    data : bytes
-        Bytes that hold the pickle; more may follow behind it.
-    storages : Storages, optional
-        The storages that persistent ids refer to; without them the ids are noted and lead nowhere.
-    start : int
-        Where in `data` the pickle begins.
-    where, origin : str, int
-        For error messages: "data.pkl " if positions count in that member, and what to add to them.
+    Without `storages` persistent ids are noted and lead nowhere. `where` and `origin` are for error
+    messages: "data.pkl " if positions count in that member, and what to add to them.
     """
     machine = _Machine(data, start, DeclaredStorages() if storages is None else storages)
     try:

@@ -21,17 +21,9 @@ _LONGEST_TAIL = 22 + 0xFFFF
 def read_checkpoint(path: str | os.PathLike[str]) -> Any:
     """Return what `torch.save` wrote to `path`, without torch and without executing anything in it.
 
-    Parameters
-    ----------
-    path : path-like
-        A .pt or .ckpt file; its name does not matter.
-
-    Returns
-    -------
-    object
-        Dictionaries (an OrderedDict becomes a dict), lists, tuples, text, bytes, numbers, bools and None. A
-        tensor or Parameter is a read-only NumPy view on the mapped file, of the saved shape and strides;
-        bfloat16 is a `BFloat16Array`. A NumPy scalar is a Python number.
+    That is dictionaries (an OrderedDict becomes a dict), lists, tuples, text, bytes, numbers, bools and
+    None. A tensor or Parameter is a read-only NumPy view on the mapped file, of the saved shape and strides;
+    bfloat16 is a `BFloat16Array`. A NumPy scalar is a Python number.
     """
     path = Path(path)
     data = map_file(path)

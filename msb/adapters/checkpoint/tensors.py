@@ -49,13 +49,7 @@ class Storage:
 
 @dataclass(frozen=True, eq=False)
 class BFloat16Array:
-    """A bfloat16 tensor, which NumPy has no type for.
-
-    Attributes
-    ----------
-    bits : array of uint16
-        The upper halves of float32 numbers, a read-only view on the file.
-    """
+    """A bfloat16 tensor, which NumPy has no type for: the upper halves of float32 numbers, as uint16."""
 
     bits: np.ndarray
 
@@ -77,15 +71,7 @@ class Extent(NamedTuple):
 
 
 class Storages:
-    """The storages of one file, and the tensors on them.
-
-    Parameters
-    ----------
-    view : memoryview
-        The whole file.
-    places : mapping from str to Extent
-        Storage key -> place.
-    """
+    """The storages of the file `view`, which lie at `places` by key, and the tensors on them."""
 
     def __init__(self, view: memoryview, places: Mapping[str, Extent]) -> None:
         self.view, self.places = view, places
@@ -94,11 +80,8 @@ class Storages:
     def storage(self, reference: Any) -> Storage:
         """Return the storage that a persistent id refers to.
 
-        Parameters
-        ----------
-        reference : object
-            ``("storage", type, key, location, count)``, with None behind it in files of before torch
-            1.6. The location (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
+        It is ``("storage", type, key, location, count)``, with None behind it in files of before torch 1.6.
+        The location (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
         """
         code = "CHECKPOINT_HOSTILE"
         if (
@@ -175,11 +158,8 @@ class Window(NamedTuple):
 def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
     """Return the tensor that ``torch._utils._rebuild_tensor_v2`` would be called for.
 
-    Parameters
-    ----------
-    storages : Storages
-    arguments : tuple
-        Storage, offset, size, stride, requires_grad, hooks. The last two matter only for training.
+    The arguments are storage, offset, size, stride, requires_grad and hooks; the last two matter only for
+    training.
     """
     code = "CHECKPOINT_HOSTILE"
     if len(arguments) != 6:

@@ -109,17 +109,8 @@ def describe(
 ) -> Description:
     """Return what the manifest says of a DiffSoup model.
 
-    Parameters
-    ----------
-    settings : Settings
-        `layout` has been added; the planes, which depend on it, are added here.
-    level : int
-        The level of the lattice, at most `MAX_LEVEL`.
-    up : sequence of 3 floats, optional
-        The scene's up axis, if it is stored.
-    encoding : {"sigmoid", "lut"}
-        "sigmoid" if features are numbers in [0, 1]; "lut" if they are the bytes of the web export, which
-        stand for value / 255.
+    `layout` is among the settings; the planes, which depend on it, are added here. Features are numbers in
+    [0, 1] ("sigmoid"), or bytes of the web export, which stand for value / 255 ("lut").
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]
