@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from msb.asset.manifest import MANIFEST_NAME
 from msb.base.bounded_parsing import json_nesting
-from msb.errors import AssetError, shorten
+from msb.errors import AssetError, MsbError, shorten
 
 MAX_BYTES = 1 << 20
 """Most bytes of a document. A manifest of 64 buffers has about 20 kB; one MiB leaves room and bounds the
@@ -24,91 +24,82 @@ MAX_DIGITS = 20
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
+class _RefusedError(Exception):
+    """What is wrong with a document, and the byte where."""
+
+    def __init__(self, message: str, byte: int | None = None) -> None:
+        super().__init__(message)
+        self.pointer = None if byte is None else f"byte {byte}"
+
+
 def parse_strict_json(
-    data: bytes, *, file: object, name: str = MANIFEST_NAME, max_bytes: int = MAX_BYTES
+    data: bytes,
+    *,
+    file: object,
+    name: str = MANIFEST_NAME,
+    max_bytes: int = MAX_BYTES,
+    error: type[MsbError] = AssetError,
+    code: str = "TRIASSET_MANIFEST",
 ) -> Any:
     """Return the JSON value in `data`: one UTF-8 document without byte-order mark.
 
-    Errors name `file`, and in it the document `name`.
+    Errors are of class `error` and name `file`, and in it the document `name`.
     """
-    return _Parser(file, name, max_bytes).parse(data)
-
-
-class _Parser:
-    """Parse one document; every method raises `AssetError` naming the file."""
-
-    def __init__(self, file: object, name: str, max_bytes: int) -> None:
-        self.file = file
-        self.name = name
-        self.max_bytes = max_bytes
-
-    def refuse(self, code: str, message: str, **where: Any) -> NoReturn:
-        raise AssetError(code, f"{self.name} {message}", file=self.file, **where)
-
-    def parse(self, data: bytes) -> Any:
-        text = self.decode(data)
+    try:
+        text = _decoded(data, max_bytes)
         if (depth := json_nesting(text)) > MAX_DEPTH:
-            message = f"nests {depth} levels; {MAX_DEPTH} are allowed"
-            self.refuse("TRIASSET_MANIFEST", message)
-        try:
-            value = json.loads(
-                text,
-                object_pairs_hook=self.unique,
-                parse_constant=self.no_constant,
-                parse_float=self.finite,
-                parse_int=self.bounded_integer,
-            )
-        except json.JSONDecodeError as error:
-            self.refuse(
-                "TRIASSET_MANIFEST",
-                f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
-                pointer=f"byte {len(text[: error.pos].encode())}",
-            )
+            raise _RefusedError(f"nests {depth} levels; {MAX_DEPTH} are allowed")
+        hooks: dict[str, Any] = {"parse_float": _finite, "parse_int": _bounded_integer}
+        value = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant, **hooks)
         if has_lone_surrogate(value):
-            message = "escapes half of a surrogate pair, which is no character"
-            self.refuse("TRIASSET_MANIFEST", message)
-        return value
+            raise _RefusedError("escapes half of a surrogate pair, which is no character")
+    except json.JSONDecodeError as found:
+        message = f"{name} is not JSON: {found.msg} at line {found.lineno}, column {found.colno}"
+        pointer = f"byte {len(text[: found.pos].encode())}"
+        raise error(code, message, file=file, pointer=pointer) from None
+    except _RefusedError as found:
+        raise error(code, f"{name} {found}", file=file, pointer=found.pointer) from None
+    return value
 
-    def decode(self, data: bytes) -> str:
-        if not data:
-            self.refuse("TRIASSET_MANIFEST", "is empty; it must hold one JSON document")
-        if len(data) > self.max_bytes:
-            message = f"has more than {self.max_bytes} bytes"
-            self.refuse("TRIASSET_MANIFEST", message)
-        if data.startswith(b"\xef\xbb\xbf"):
-            message = "starts with a byte-order mark; it must be plain UTF-8"
-            self.refuse("TRIASSET_MANIFEST", message, pointer="byte 0")
-        try:
-            return data.decode("utf-8")
-        except UnicodeDecodeError as error:
-            at = error.start
-            message = f"is not UTF-8: byte {at} is 0x{data[at]:02x}"
-            self.refuse("TRIASSET_MANIFEST", message, pointer=f"byte {at}")
 
-    def unique(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        result: dict[str, Any] = {}
-        for key, value in pairs:
-            if key in result:
-                message = f'names the key "{shorten(key)}" twice'
-                self.refuse("TRIASSET_MANIFEST", message)
-            result[key] = value
-        return result
+def _decoded(data: bytes, max_bytes: int) -> str:
+    if not data:
+        raise _RefusedError("is empty; it must hold one JSON document")
+    if len(data) > max_bytes:
+        raise _RefusedError(f"has more than {max_bytes} bytes")
+    if data.startswith(b"\xef\xbb\xbf"):
+        raise _RefusedError("starts with a byte-order mark; it must be plain UTF-8", 0)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        at = error.start
+        raise _RefusedError(f"is not UTF-8: byte {at} is 0x{data[at]:02x}", at) from None
 
-    def no_constant(self, name: str) -> NoReturn:
-        self.refuse("TRIASSET_MANIFEST", f"holds {name}; JSON numbers are finite")
 
-    def finite(self, text: str) -> float:
-        number = float(text)
-        if abs(number) == float("inf"):
-            message = f"holds {shorten(text)}, which overflows"
-            self.refuse("TRIASSET_MANIFEST", message)
-        return number
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in result:
+            raise _RefusedError(f'names the key "{shorten(key)}" twice')
+        result[key] = value
+    return result
 
-    def bounded_integer(self, text: str) -> int:
-        if (digits := len(text.lstrip("-"))) > MAX_DIGITS:
-            message = f"holds an integer of {digits} digits; {MAX_DIGITS} are allowed"
-            self.refuse("TRIASSET_MANIFEST", message)
-        return int(text)
+
+def _no_constant(name: str) -> NoReturn:
+    raise _RefusedError(f"holds {name}; JSON numbers are finite")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if abs(number) == float("inf"):
+        raise _RefusedError(f"holds {shorten(text)}, which overflows")
+    return number
+
+
+def _bounded_integer(text: str) -> int:
+    if (digits := len(text.lstrip("-"))) > MAX_DIGITS:
+        raise _RefusedError(f"holds an integer of {digits} digits; {MAX_DIGITS} are allowed")
+    return int(text)
 
 
 def has_lone_surrogate(value: Any) -> bool:

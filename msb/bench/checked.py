@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
-from msb.errors import AssetError, InputError, shorten
+from msb.errors import InputError, shorten
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Count = Annotated[int, Field(ge=0)]
@@ -48,11 +48,8 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD
 
 def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
     """Return the JSON document in `path`: no repeated keys, no NaN, no deep nesting."""
-    data = read_bytes(path, max_bytes)
-    try:
-        return parse_strict_json(data, file=path, name="the file", max_bytes=max_bytes)
-    except AssetError as error:
-        raise InputError("RECORD_INVALID", error.message, file=path, pointer=error.pointer) from None
+    about: dict[str, Any] = {"name": "the file", "error": InputError, "code": "RECORD_INVALID"}
+    return parse_strict_json(read_bytes(path, max_bytes), file=path, max_bytes=max_bytes, **about)
 
 
 def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:

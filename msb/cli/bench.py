@@ -187,12 +187,9 @@ def _read_old(path: Path) -> dict[str, Any]:
     """Return an earlier record."""
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.base.files import read_file
-    from msb.errors import AssetError
 
-    try:
-        data = parse_strict_json(read_file(path, MAX_BYTES), file=path, name="the record")
-    except AssetError as error:
-        raise InputError("FILE_NOT_RECOGNISED", error.message, file=path) from None
+    about: dict[str, Any] = {"name": "the record", "error": InputError, "code": "FILE_NOT_RECOGNISED"}
+    data = parse_strict_json(read_file(path, MAX_BYTES), file=path, **about)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not _is_record(data):
         text = f"it is no record of msb bench --json (schema {SCHEMA})"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path)

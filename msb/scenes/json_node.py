@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from msb.asset.schema import describe, escape
 from msb.asset.strict_json import parse_strict_json
-from msb.errors import AssetError, SceneError
+from msb.errors import SceneError
 
 if TYPE_CHECKING:
     from msb.scenes.source import Source
@@ -25,11 +25,14 @@ captures have some thousand cameras."""
 
 def read_json(source: Source) -> Node:
     """Return the root of the one JSON document in `source`."""
-    data = bytes(source.data[: MAX_BYTES + 1])
-    try:
-        value = parse_strict_json(data, file=source.path, name="the file", max_bytes=MAX_BYTES)
-    except AssetError as error:
-        raise SceneError("CAMERA_FILE", error.message, file=source.path, pointer=error.pointer) from None
+    value = parse_strict_json(
+        bytes(source.data[: MAX_BYTES + 1]),
+        file=source.path,
+        name="the file",
+        max_bytes=MAX_BYTES,
+        error=SceneError,
+        code="CAMERA_FILE",
+    )
     return Node(source, value, "")
 
 

@@ -15,7 +15,7 @@ from msb.adapters.model import Content, Model, Options
 from msb.adapters.setting_sources import Settings
 from msb.asset.strict_json import MAX_BYTES, parse_strict_json
 from msb.base.files import read_file
-from msb.errors import CheckpointError, InputError, MsbError, finding
+from msb.errors import CheckpointError, InputError, finding
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, domains, samples
@@ -144,14 +144,13 @@ def _read_meta(path: Path, faces: int, level: int) -> tuple[dict[str, Any], list
 
 
 def _read_json(path: Path) -> dict[str, Any]:
+    about: dict[str, Any] = {"error": CheckpointError, "code": "CHECKPOINT_DAMAGED"}
     try:
-        data = parse_strict_json(read_file(path, MAX_BYTES), file=path, name=path.name)
+        text = read_file(path, MAX_BYTES)
     except InputError as error:
-        text = f"{path.name}: {error.message}"
-        raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent) from error
-    except MsbError as error:
-        code, where = "CHECKPOINT_DAMAGED", error.pointer
-        raise CheckpointError(code, error.message, file=path.parent, pointer=where) from None
+        message = f"{path.name}: {error.message}"
+        raise CheckpointError("CHECKPOINT_DAMAGED", message, file=path.parent) from error
+    data = parse_strict_json(text, file=path.parent, name=path.name, **about)
     if not isinstance(data, dict):
         raise CheckpointError("CHECKPOINT_DAMAGED", f"{path.name} holds no object", file=path.parent)
     return data
