@@ -1,28 +1,41 @@
-"""The two forms of an asset behind one interface: names, sizes and mapped bytes."""
+"""The two forms of an asset behind one interface: names, sizes and mapped bytes.
+
+The packed form is a ZIP of stored members, each starting on a 64-byte boundary, mapped as a whole: the strict
+subset of ZIP that `docs/triasset.md` describes and `msb.asset.strict_zip` reads.
+"""
 
 from __future__ import annotations
 
 import itertools
 import mmap
 import os
+import re
 import stat
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import NoReturn, Protocol
 
-from msb.asset.manifest import ASSET_SUFFIX, MANIFEST_NAME
-from msb.asset.packed import parse_packed
-from msb.asset.paths import map_member
+from msb.asset.manifest import ALIGNMENT, ASSET_SUFFIX, MANIFEST_NAME
 from msb.asset.strict_json import MAX_BYTES
-from msb.base.files import map_file, open_error
+from msb.asset.strict_zip import UTF8, Member, Policy, read_members
+from msb.base.files import (
+    READ_ONLY,
+    is_missing,
+    map_descriptor,
+    map_file,
+    open_error,
+    special_kind,
+    system_reason,
+)
 from msb.base.paths import given_path
 from msb.errors import AssetError, Finding, InputError, finding, shorten
 
-if TYPE_CHECKING:
-    from msb.asset.strict_zip import Member
-
 _CRC_CHUNK = 1 << 24
 _MAX_LISTED = 1000
+_MAX_EXTRA = 128
+"""Padding to 64 bytes and one ZIP64 record need fewer bytes than this; a longer field could hide data."""
+_DOS_FOLDER = 0x10
+_BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 
 
 class Container(Protocol):
@@ -47,6 +60,53 @@ class Container(Protocol):
         """Return findings about the container's own checksums; this reads the whole asset."""
 
 
+class _Packed(Policy):
+    """What a packed asset may hold; `file` is named in errors."""
+
+    max_members = 65
+    """manifest.json and the 64 buffers a manifest can declare."""
+
+    def __init__(self, file: object) -> None:
+        self.file = file
+
+    def refuse(self, code: str, message: str, at: int) -> NoReturn:
+        pointer = f"byte {at}"
+        raise AssetError(f"TRIASSET_{code}", message, file=self.file, pointer=pointer)
+
+    def name(self, raw: bytes, flags: int, at: int) -> str:
+        text = raw.decode("utf-8" if flags & UTF8 else "cp437", "replace")
+        if not _is_member_name(text) or text.encode() != raw:
+            message = f'the member "{shorten(text)}" is neither {MANIFEST_NAME} nor buffers/NAME.bin'
+            self.refuse("FORM", message, at)
+        return text
+
+    def same_name(self, name: str) -> str:
+        return name.casefold()
+
+    def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
+        """Refuse what some extractor would make a link, folder or device of, whatever system wrote it."""
+        if extra > _MAX_EXTRA:
+            self.refuse("DAMAGED", f"{name} has {extra} bytes of extra data", at)
+        kind = stat.S_IFMT(attributes >> 16)
+        if kind == stat.S_IFLNK:
+            self.refuse("PATH", f"{name} is a symbolic link", at)
+        if kind not in (0, stat.S_IFREG) or attributes & _DOS_FOLDER:
+            self.refuse("PATH", f"{name} is marked as a folder or device", at)
+
+    def check_place(self, name: str, start: int, extra: int) -> None:
+        if extra > _MAX_EXTRA:
+            text = f"{name} has {extra} bytes of extra data"
+            self.refuse("HOSTILE", text, start - extra)
+        if start % ALIGNMENT:
+            text = f"{name} starts at byte {start}; it must be a multiple of {ALIGNMENT}"
+            self.refuse("FORM", text, start)
+
+
+def _is_member_name(name: str) -> bool:
+    """Return whether `name` is one a member of an asset may have."""
+    return name == MANIFEST_NAME or _BUFFER_FILE.match(name) is not None
+
+
 class PackedContainer:
     """A single file."""
 
@@ -55,7 +115,7 @@ class PackedContainer:
     def __init__(self, path: Path, data: mmap.mmap | bytes) -> None:
         self.path = path
         self._view = memoryview(data)
-        self._members = parse_packed(data, file=path)
+        self._members = read_members(data, _Packed(path))
 
     def _member(self, name: str) -> Member:
         if name in self._members:
@@ -118,7 +178,7 @@ class FolderContainer:
                 raise AssetError(
                     "TRIASSET_PATH", "buffers is a symbolic link", file=self.path, pointer="buffers"
                 )
-            data, status = map_member(self.path / file, file, asset=self.path)
+            data, status = _map_member(self.path / file, file, asset=self.path)
             self._maps[file] = memoryview(data)
             self._link_counts[file] = status.st_nlink
         return self._maps[file], 0
@@ -160,6 +220,48 @@ class FolderContainer:
             for file, links in self._link_counts.items()
             if links > 1
         ]
+
+
+def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
+    """Return a read-only mapping of the file `member` of `asset`, which lies at `path`, and its status.
+
+    A link, pipe, device or folder is refused before it is opened; the open descriptor is checked again.
+    """
+    try:
+        _refuse_special(path.lstat(), asset, member)
+        descriptor = _open_member(path, member)
+        try:
+            status = os.fstat(descriptor)
+            _refuse_special(status, asset, member)
+            return map_descriptor(descriptor), status
+        finally:
+            os.close(descriptor)
+    except (OSError, ValueError) as error:
+        if is_missing(error):
+            code = "TRIASSET_MANIFEST_MISSING" if member == MANIFEST_NAME else "TRIASSET_DAMAGED"
+            raise AssetError(code, f"there is no {member} in it", file=asset, pointer=member) from error
+        text = f"{member} cannot be read: {system_reason(error)}"
+        raise AssetError("TRIASSET_FILE_UNREADABLE", text, file=asset, pointer=member) from error
+
+
+def _open_member(path: Path, member: str) -> int:
+    """Return a descriptor of `path`; no link is followed, not even one put there just now."""
+    flags = READ_ONLY | getattr(os, "O_NOFOLLOW", 0)
+    if "/" not in member or os.open not in os.supports_dir_fd:
+        return os.open(path, flags)
+    folder = os.open(path.parent, flags | os.O_DIRECTORY)
+    try:
+        return os.open(path.name, flags, dir_fd=folder)
+    finally:
+        os.close(folder)
+
+
+def _refuse_special(status: os.stat_result, asset: object, member: str) -> None:
+    if stat.S_ISLNK(status.st_mode):
+        raise AssetError("TRIASSET_PATH", f"{member} is a symbolic link", file=asset, pointer=member)
+    if kind := special_kind(status):
+        text = f"{member} is {kind}; it must be a regular file"
+        raise AssetError("TRIASSET_PATH", text, file=asset, pointer=member)
 
 
 def _mode(path: Path) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -13,9 +14,16 @@ from numpy.typing import NDArray
 from msb.errors import OutputError, shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
-from msb.meshes.gltf import CHUNK, HEADER, Accessor, Document, accessor, open_document
-from msb.meshes.gltf_left_out import left_out
-from msb.meshes.gltf_nodes import IDENTITY, placed_meshes
+from msb.meshes.gltf import (
+    CHUNK,
+    HEADER,
+    IDENTITY,
+    Accessor,
+    Document,
+    accessor,
+    open_document,
+    placed_meshes,
+)
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
 from msb.meshes.writing import as_float32
@@ -36,6 +44,16 @@ _HARMLESS = (
 )
 """Prefixes of extensions that a file may require: they change no geometry, or we read what they add."""
 
+_ATTRIBUTES = {
+    "NORMAL": "normals",
+    "TANGENT": "tangents",
+    "TEXCOORD": "UVs",
+    "COLOR": "further colours",
+    "JOINTS": "a skin",
+    "WEIGHTS": "a skin",
+}
+"""Attribute without its number -> what it is."""
+_PLAIN = [1, 1, 1]
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 _PRIMITIVE_BYTES = 1 << 10
@@ -95,7 +113,7 @@ def read(source: Source) -> Mesh:
         raise source.error("MESH_FILE_INVALID", text)
     parts = {mesh: [_read_part(each) for each in primitives[mesh]] for mesh in primitives}
     joined = _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
-    return replace(joined, left_out=left_out(document, [mesh for mesh, _ in placed]), up=FORMAT.up)
+    return replace(joined, left_out=_left_out(document, [mesh for mesh, _ in placed]), up=FORMAT.up)
 
 
 def write(mesh: Mesh, stream: BinaryIO) -> None:
@@ -307,6 +325,45 @@ def _join_colors(parts: list[_Part]) -> NDArray[Any]:
             colors = (colors / 255).astype(np.float32)
         joined.append(_with_alpha(colors) if wide else colors)
     return np.concatenate(joined)
+
+
+def _left_out(document: Document, meshes: Iterable[int]) -> tuple[str, ...]:
+    """Return what is not read of the `meshes` of a scene, and of the file beside meshes.
+
+    What is malformed here is no error: it is not read.
+    """
+    found: dict[str, None] = {}
+    for mesh in dict.fromkeys(meshes):
+        for primitive in _objects(document.entry("meshes", mesh)[0].get("primitives")):
+            for name in _keys(primitive.get("attributes")):
+                word = str(name).partition("_")[0]
+                if word != "POSITION" and name != "COLOR_0":
+                    found[_ATTRIBUTES.get(word, "further attributes")] = None
+            if primitive.get("targets"):
+                found["morph targets"] = None
+    colored = [each for each in _objects(document.root.get("materials")) if _has_color(each)]
+    for title, entries in (
+        ("texture", document.root.get("textures")),
+        ("material colour", colored),
+        ("animation", document.root.get("animations")),
+    ):
+        if isinstance(entries, list) and entries:
+            found[f"{len(entries)} {title}{'' if len(entries) == 1 else 's'}"] = None
+    return tuple(found)
+
+
+def _has_color(material: dict[str, Any]) -> bool:
+    surface = material.get("pbrMetallicRoughness")
+    factor = surface.get("baseColorFactor", _PLAIN) if isinstance(surface, dict) else _PLAIN
+    return isinstance(factor, list) and factor[:3] != _PLAIN
+
+
+def _objects(entries: Any) -> list[dict[str, Any]]:
+    return [each for each in entries if isinstance(each, dict)] if isinstance(entries, list) else []
+
+
+def _keys(entry: Any) -> list[Any]:
+    return list(entry) if isinstance(entry, dict) else []
 
 
 FORMAT = Format(

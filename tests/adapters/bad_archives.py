@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from msb.adapters.checkpoint.zip_members import MAX_MEMBERS
+from msb.adapters.checkpoint.archive import MAX_MEMBERS
 from tests.adapters.assemble import (
     GOOD,
     MAGIC,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from msb.adapters.checkpoint.pickle_machine import MAX_MEMO, MAX_OPCODES
-from msb.adapters.checkpoint.structure import MAX_DEPTH
+from msb.adapters.checkpoint.reader import MAX_DEPTH
 from tests.adapters.assemble import ORDERED, call, integer, mapping, name, program, row, storage, tensor, text
 from tests.adapters.bad_pickles import bad
 

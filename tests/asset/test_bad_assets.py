@@ -136,9 +136,9 @@ def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch, memb
             raise PermissionError(13, "Permission denied")
         return real_open(name, flags, *args, **keywords)
 
-    monkeypatch.setattr("msb.asset.paths.os.open", refuse)
+    monkeypatch.setattr("msb.asset.container.os.open", refuse)
     # The mapping asks whether this function takes dir_fd.
-    monkeypatch.setattr("msb.asset.paths.os.supports_dir_fd", {refuse})
+    monkeypatch.setattr("msb.asset.container.os.supports_dir_fd", {refuse})
     with pytest.raises(AssetError, match=f"{member} cannot be read: Permission denied") as caught:
         load(path)
     assert caught.value.code == "TRIASSET_FILE_UNREADABLE"

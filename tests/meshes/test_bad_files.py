@@ -36,7 +36,7 @@ def test_every_code_of_mesh_files_has_a_bad_file() -> None:
 
 
 def test_a_glb_of_too_many_nodes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("msb.meshes.gltf_nodes.MAX_NODES", 0)
+    monkeypatch.setattr("msb.meshes.gltf.MAX_NODES", 0)
     (tmp_path / "nodes.glb").write_bytes(SMALL[".glb"])
     with pytest.raises(MeshFileError, match=r"MESH_FILE_TOO_LARGE: .*there are 1 nodes, more than 0"):
         read_mesh(tmp_path / "nodes.glb")

@@ -1,37 +1,74 @@
 """The archive `torch.save` writes since torch 1.6: its members and what they say.
 
-All names start with one folder, which is called like the file's stem, or
-``archive`` when saved into an open file. It holds ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage),
-``version`` and, in newer files, ``byteorder``. We need none of its other members (``.format_version``,
-``.storage_alignment``, ``.data/serialization_id``). Source: pytorch/pytorch `torch/serialization.py`,
-`caffe2/serialize/versions.h`.
+All names start with one folder, which is called like the file's stem, or ``archive`` when saved into an open
+file. It holds ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files,
+``byteorder``. We need none of its other members (``.format_version``, ``.storage_alignment``,
+``.data/serialization_id``). It differs from a packed `.triasset`: sizes and checksum also come behind the
+data (bit 3 of the flags), the end record always has a ZIP64 twin, and the local header's extra field is
+filled up so that data starts on a 64-byte boundary. Sources: pytorch/pytorch `torch/serialization.py`,
+`caffe2/serialize/versions.h`, `caffe2/serialize/inline_container.cc`.
 """
 
 from __future__ import annotations
 
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import Any, NoReturn
 
 from msb.adapters.checkpoint.pickle_machine import run_pickle
 from msb.adapters.checkpoint.refusal import Refusal
 from msb.adapters.checkpoint.tensors import Extent, Storages
-from msb.adapters.checkpoint.zip_members import is_script, read_members, refuse_script
+from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from msb.asset.strict_zip import Member
 
 MAX_PICKLE = 16 << 20
 """Most bytes of data.pkl. It holds no tensor's values, so it has kilobytes in practice; a million losses take
 9 MiB."""
+MAX_MEMBERS = 20_000
+"""Most members. There is one per tensor and a handful more: the methods' files have below 30, large models
+thousands."""
+MAX_NAME = 500
 VERSIONS = range(2, 11)
 """Versions that are read. torch accepts versions up to 10 and writes 3; version 1 had another layout."""
 _PICKLE, _DATA = "data.pkl", "data/"
 
 
+def _is_script(name: str) -> bool:
+    """Return whether a member belongs to a TorchScript program: its constants or source code."""
+    return name.endswith("/constants.pkl") or "/code/" in name
+
+
+def _refuse_script(name: str) -> NoReturn:
+    """Raise the error that the archive is a program."""
+    text = f"it holds a TorchScript program ({shorten(name, 40)}); a saved state is needed"
+    raise Refusal("CHECKPOINT_NOT_RECOGNISED", text)
+
+
+class _Torch(Policy):
+    max_members = MAX_MEMBERS
+    descriptors = True
+
+    def refuse(self, code: str, message: str, at: int) -> NoReturn:
+        raise Refusal(f"CHECKPOINT_{code}", message, at=f"byte {at}")
+
+    def name(self, raw: bytes, flags: int, at: int) -> str:
+        try:
+            name = raw.decode()
+        except UnicodeDecodeError:
+            name = ""
+        if not name or len(name) > MAX_NAME or not name.isprintable():
+            self.refuse("FORM", "a member's name is empty, too long or not printable UTF-8", at)
+        return name
+
+    def compressed(self, name: str, method: int, at: int) -> NoReturn:
+        """Refuse a compressed member; for source code, which torch compresses, say that it is a program."""
+        if _is_script(name):
+            _refuse_script(name)
+        super().compressed(name, method, at)
+
+
 def read_archive(view: memoryview) -> Any:
     """Return what is saved in the archive `view`."""
-    members = read_members(view)
+    members = read_members(view, _Torch())
     root = _root(members)
     _check_version(view, members.get(f"{root}version"))
     _check_byte_order(view, members.get(f"{root}byteorder"))
@@ -52,8 +89,8 @@ def read_archive(view: memoryview) -> Any:
 def _root(members: dict[str, Member]) -> str:
     """Return the folder of the only data.pkl, with its slash."""
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
-    for name in filter(is_script, members):
-        refuse_script(name)
+    for name in filter(_is_script, members):
+        _refuse_script(name)
     if not roots:
         raise Refusal(
             "CHECKPOINT_NOT_RECOGNISED", "it is an archive without data.pkl, so not from torch.save"

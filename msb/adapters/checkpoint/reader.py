@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from msb.adapters.checkpoint.archive import read_archive
 from msb.adapters.checkpoint.legacy import is_legacy, read_legacy
 from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.structure import check_structure
+from msb.adapters.checkpoint.tensors import BFloat16Array
 from msb.base.files import map_file
 from msb.errors import CheckpointError
 
 _END_RECORD = b"PK\x05\x06"
 _LONGEST_TAIL = 22 + 0xFFFF
 """Bytes of a ZIP's end record and the longest comment behind it."""
+MAX_DEPTH = 64
+"""Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000
+deep."""
+MAX_VALUES = 1_000_000
+"""Most values that a walk may meet which does not remember where it was.
+
+A list may hold a second list twice, that list a third one twice, and so on: 30 levels are a thousand million
+values in 200 bytes ("billion laughs"). No file that we read shares lists or dictionaries at all.
+"""
+
+_LEAVES = (str, bytes, int, float, bool, type(None), np.ndarray, BFloat16Array)
+_CONTAINERS = (dict, list, tuple)
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Any:
@@ -29,7 +44,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Any:
     data = map_file(path)
     try:
         value = _read(memoryview(data))
-        check_structure(value)
+        _check_structure(value)
     except Refusal as refusal:
         raise CheckpointError(refusal.code, refusal.message, file=path, pointer=refusal.at) from None
     return value
@@ -70,3 +85,60 @@ def _is_safetensors(view: memoryview, head: bytes) -> bool:
     """A 64-bit length, then that many bytes of a JSON object."""
     length = int.from_bytes(head[:8], "little")
     return len(head) > 8 and head[8:9] == b"{" and length <= len(view) - 8
+
+
+class _Node:
+    """A container on the path from the root: the values not yet visited, and its depth and size so far."""
+
+    def __init__(self, container: Any) -> None:
+        self.container = container
+        values = container.values() if type(container) is dict else container
+        self.rest: Iterator[Any] = iter(values)
+        self.height, self.count = 1, 1
+
+    def add(self, height: int, count: int) -> None:
+        self.height = max(self.height, height + 1)
+        self.count += count
+
+
+def _check_structure(root: Any) -> None:
+    """Refuse a result that is no plain data or that a naive walk would not survive.
+
+    Time and memory are linear in the number of distinct containers, whatever they share.
+    """
+    path = [_Node([root])]
+    known: dict[int, _Node] = {}
+    open_now: set[int] = set()
+    while path:
+        node = path[-1]
+        for value in node.rest:
+            if type(value) in _LEAVES:
+                node.add(0, 1)
+            elif type(value) not in _CONTAINERS:
+                text = f"the file holds a bare {type(value).__name__.lower()} where data should be"
+                raise Refusal("CHECKPOINT_FORM", text)
+            elif id(value) in open_now:
+                raise Refusal("CHECKPOINT_HOSTILE", f"a {type(value).__name__} contains itself")
+            elif id(value) in known:
+                node.add(known[id(value)].height, known[id(value)].count)
+            else:
+                open_now.add(id(value))
+                path.append(_Node(value))
+                break
+        else:
+            path.pop()
+            open_now.discard(id(node.container))
+            known[id(node.container)] = node
+            if path:
+                path[-1].add(node.height, node.count)
+        _check_limits(node, len(path))
+
+
+def _check_limits(node: _Node, above: int) -> None:
+    # The outermost list is ours, hence one more of everything.
+    if max(node.height, above) > MAX_DEPTH + 1:
+        text = f"lists, tuples and dictionaries nest more than {MAX_DEPTH} deep"
+        raise Refusal("CHECKPOINT_HOSTILE", text)
+    if node.count > MAX_VALUES + 1:
+        text = f"shared lists or dictionaries amount to more than {MAX_VALUES} values"
+        raise Refusal("CHECKPOINT_HOSTILE", text)
