@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from msb.base.packages import Lazy
 from msb.metrics.registry import IMAGE_METRICS
@@ -33,8 +33,16 @@ def _quality(name: str) -> Callable[[Result], float | None]:
     return lambda result: None if result.quality is None else result.quality.values[name]
 
 
-def _timing(name: str) -> Callable[[Result], float | None]:
-    return lambda result: None if result.timing is None else getattr(result.timing, name)
+def _at(place: str) -> Callable[[Result], float | None]:
+    """Return what looks up a dotted name in a record."""
+
+    def get(result: Result) -> float | None:
+        value: Any = result
+        for name in place.split("."):
+            value = None if value is None else getattr(value, name)
+        return None if value is None else float(value)
+
+    return get
 
 
 def _of_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
@@ -54,36 +62,28 @@ def _memory(result: Result) -> float | None:
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes
 
 
-def _training(name: str) -> Callable[[Result], float | None]:
-    return lambda result: None if result.training is None else getattr(result.training, name)
-
-
-def _audit(name: str) -> Callable[[Result], float | None]:
-    return lambda result: None if result.audit is None else getattr(result.audit.metrics, name)
-
-
 _OTHERS: dict[str, Metric] = {
     "fps": Metric("higher", lambda result: getattr(result.timing or result.renderer_timing, "fps", None)),
-    "p50_ms": Metric("lower", _timing("p50_ms")),
-    "p95_ms": Metric("lower", _timing("p95_ms")),
+    "p50_ms": Metric("lower", _at("timing.p50_ms")),
+    "p95_ms": Metric("lower", _at("timing.p95_ms")),
     "spread_ms": Metric("lower", _of_timing(lambda timing: timing.p95_ms - timing.p50_ms)),
-    "busy_p50_ms": Metric("lower", _timing("busy_p50_ms")),
+    "busy_p50_ms": Metric("lower", _at("timing.busy_p50_ms")),
     "host_ms": Metric("lower", _of_timing(lambda timing: 1000 / timing.fps - timing.p50_ms)),
     "unsteady": Metric("lower", _of_timing(_unsteadiness)),
     "memory": Metric("lower", _memory),
-    "driver_memory": Metric("lower", lambda result: getattr(result.memory, "driver_bytes", None)),
-    "asset_size": Metric("lower", lambda result: None if result.asset is None else result.asset.bytes),
-    "train_seconds": Metric("lower", _training("seconds")),
-    "train_memory": Metric("lower", _training("peak_memory_bytes")),
-    "chamfer": Metric("lower", lambda result: None if result.chamfer is None else result.chamfer.overall),
-    "vf_ratio": Metric(None, _audit("vf_ratio")),
-    "mean_valence": Metric(None, _audit("mean_valence")),
-    "boundary_edge_ratio": Metric(None, _audit("boundary_edge_ratio")),
-    "nonmanifold_edge_ratio": Metric("lower", _audit("nonmanifold_edge_ratio")),
-    "nonmanifold_vertex_ratio": Metric("lower", _audit("nonmanifold_vertex_ratio")),
-    "lcc_face_ratio": Metric("higher", _audit("lcc_face_ratio")),
-    "lcc_area_ratio": Metric("higher", _audit("lcc_area_ratio")),
-    "components": Metric("lower", _audit("components")),
+    "driver_memory": Metric("lower", _at("memory.driver_bytes")),
+    "asset_size": Metric("lower", _at("asset.bytes")),
+    "train_seconds": Metric("lower", _at("training.seconds")),
+    "train_memory": Metric("lower", _at("training.peak_memory_bytes")),
+    "chamfer": Metric("lower", _at("chamfer.overall")),
+    "vf_ratio": Metric(None, _at("audit.metrics.vf_ratio")),
+    "mean_valence": Metric(None, _at("audit.metrics.mean_valence")),
+    "boundary_edge_ratio": Metric(None, _at("audit.metrics.boundary_edge_ratio")),
+    "nonmanifold_edge_ratio": Metric("lower", _at("audit.metrics.nonmanifold_edge_ratio")),
+    "nonmanifold_vertex_ratio": Metric("lower", _at("audit.metrics.nonmanifold_vertex_ratio")),
+    "lcc_face_ratio": Metric("higher", _at("audit.metrics.lcc_face_ratio")),
+    "lcc_area_ratio": Metric("higher", _at("audit.metrics.lcc_area_ratio")),
+    "components": Metric("lower", _at("audit.metrics.components")),
 }
 AUDITED = tuple(_OTHERS)[list(_OTHERS).index("vf_ratio") :]
 """The metrics of a mesh."""
@@ -115,16 +115,7 @@ CONDITION_TITLES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Mean:
-    """An unweighted mean over scenes.
-
-    Attributes
-    ----------
-    value : float, optional
-        None if no scene has a value.
-    present, expected : int
-        The number of scenes with a value, and of scenes that there should be; a table prints "(7/9)" where
-        they differ.
-    """
+    """An unweighted mean over scenes: `present` of the `expected` ones have a value."""
 
     value: float | None
     present: int
@@ -156,16 +147,10 @@ def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
 
 
 def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean:
-    """Return the mean of scene values: every scene weighs 1, whatever its number of images or frames.
+    """Return the mean over `scenes`: every scene weighs 1, whatever its number of images or frames.
 
-    Parameters
-    ----------
-    values : mapping of str to float, optional
-        Scene -> value; None means the same as absent. Scenes not in `scenes` do not count.
-    scenes : iterable of str
-        The scenes that the mean should be over. A mean of P95s is thus the mean of the scenes' percentiles,
-        and never the percentile of all frames; the mean of Mip-NeRF 360 is over nine scenes, not over two
-        groups.
+    A mean of P95s is thus the mean of the scenes' percentiles, and never the percentile of all frames; the
+    mean of Mip-NeRF 360 is over nine scenes, not over two groups.
     """
     wanted = tuple(scenes)
     found = [value for scene in wanted if (value := values.get(scene)) is not None]

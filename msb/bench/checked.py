@@ -53,18 +53,7 @@ def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
 
 
 def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
-    """Return `data` as `model`.
-
-    Parameters
-    ----------
-    model : type of BaseModel
-    data : object
-        The data that a JSON or TOML parser gave, nested no deeper than our parsers allow.
-    file : path-like
-        The file, for the error message.
-    code : str
-        The code of the error.
-    """
+    """Return as `model` what a JSON or TOML parser of ours gave, or raise `code` about `file`."""
     try:
         # JSON again: only from JSON does a strict model take a list for a tuple.
         return model.model_validate_json(json.dumps(data, allow_nan=False))

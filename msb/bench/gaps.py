@@ -37,38 +37,23 @@ _OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 
 @dataclass(frozen=True)
 class Gap:
-    """One gap, in the metric's unit.
-
-    Attributes
-    ----------
-    value : float, optional
-        The absolute gap; None if there is a `reason`.
-    signed : float, optional
-        The gap with its sign, which is positive where the second condition is worse.
-    reason : str, optional
-        "unsupported", "failed", "missing" (no record), "not_measured" (no such number in it), or what makes
-        two records incomparable: "camera_mismatch" (other images or sizes), "setup_mismatch" (background,
-        ground truth), "metric_mismatch", "asset_mismatch", "device_mismatch",
-        "whole_command" (a time of more than drawing).
-    mean_abs_scene_gap : float, optional
-        For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`.
-    scenes, expected : int
-        The number of scenes that the gap is over, and of scenes that there should be.
-    ends : (float, float), optional
-        The two means that the gap is between, over exactly those scenes; these may be printed beside it. A
-        mean over all scenes that a condition has is over other scenes where some are missing.
-    interval : Interval, optional
-        That of `signed`, from the losses view by view; None between bare values.
-    """
+    """One gap, in the metric's unit, over `scenes` of the `expected` ones."""
 
     value: float | None
+    """The absolute gap; None if there is a `reason`."""
     signed: float | None = None
+    """Positive where the second condition is worse."""
     reason: str | None = None
+    """What `incomparable` says."""
     mean_abs_scene_gap: float | None = None
+    """For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`."""
     scenes: int = 1
     expected: int = 1
     ends: tuple[float, float] | None = None
+    """The two means that the gap is between, over exactly those scenes. A mean over all scenes that a
+    condition has is over other scenes where some are missing."""
     interval: Interval | None = None
+    """That of `signed`, from the losses view by view; None between bare values."""
 
     @property
     def partial(self) -> bool:
@@ -78,42 +63,29 @@ class Gap:
 
 @dataclass(frozen=True)
 class Gaps:
-    """The three gaps of a metric.
-
-    Attributes
-    ----------
-    monotone : bool, optional
-        Whether Dedicated lies between the other two, or equals one of them to the digits that are printed;
-        None where a gap is missing, or where the gaps are not over the same scenes.
-    triangle_excess : float, optional
-        adapt + port - deploy, which counts as 0 where monotone, else 2 min(adapt, port).
-    """
+    """The three gaps of a metric."""
 
     metric: str
     adapt: Gap
     port: Gap
     deploy: Gap
     monotone: bool | None
+    """Whether Dedicated lies between the other two, or equals one of them to the digits that are printed;
+    None where a gap is missing, or where the gaps are not over the same scenes."""
     triangle_excess: float | None
+    """adapt + port - deploy, which counts as 0 where monotone, else 2 min(adapt, port)."""
 
     def __getitem__(self, name: GapName) -> Gap:
-        return {"adapt": self.adapt, "port": self.port, "deploy": self.deploy}[name]
+        gap: Gap = getattr(self, name)
+        return gap
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """The ratio of two rates: that of the means over the same scenes, and that in each scene.
-
-    Attributes
-    ----------
-    value : float, optional
-        The ratio of the means; None if there is a `reason`, as in `Gap`.
-    per_scene : mapping of str to float
-    expected : int
-        The number of scenes that there should be.
-    """
+    """The ratio of two rates: that of the means over the same scenes, and that in each scene."""
 
     value: float | None
+    """None if there is a `reason`, as in `Gap`."""
     reason: str | None = None
     per_scene: Mapping[str, float] = field(default_factory=dict)
     expected: int = 1
@@ -133,29 +105,15 @@ def value_gaps(
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
-    """Return the gaps of one method on one scene.
-
-    Parameters
-    ----------
-    metric : str
-        A key of `METRICS` that has a better and a worse.
-    results : mapping of str to Result
-        Condition -> record. To get the gaps of another engine, give its record as "standard".
-    """
+    """Return the gaps of one method on one scene, of the records by condition."""
     return dataset_gaps(metric, {"": results}, [""])
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
     """Return the gaps of one method on a dataset: the gaps between the means, as in the paper.
 
-    Parameters
-    ----------
-    metric : str
-    results : mapping of str to mapping
-        Scene -> condition -> record.
-    scenes : iterable of str
-        The scenes that there should be. Each gap is over the scenes in which both its conditions can be
-        compared.
+    `results` are the records by scene and condition, `scenes` those that there should be. Each gap is over
+    the scenes in which both its conditions can be compared.
     """
     wanted = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -176,15 +134,7 @@ def gap_between(
 ) -> tuple[Gap, tuple[str, ...]]:
     """Return the gap from the records named `first` to those named `second`, and the scenes it is over.
 
-    Parameters
-    ----------
-    metric : str
-    results : mapping of str to mapping
-        Scene -> name -> record.
-    scenes : tuple of str
-        The scenes that there should be.
-    first, second : str
-        Two conditions, or two methods if the records are not of `one_asset`.
+    The names are of two conditions, or of two methods if the records are not of `one_asset`.
     """
     values, reasons = _comparable(metric, results, scenes, first, second, one_asset=one_asset)
     if not values:
@@ -211,13 +161,7 @@ def slowdown(
 ) -> Ratio:
     """Return the ratio of frame rates of two conditions, by default the paper's "slowdown" of Dedicated.
 
-    Parameters
-    ----------
-    results : mapping of str to mapping
-        Scene -> condition -> record.
-    scenes : iterable of str
-    numerator, denominator : str
-        Conditions; ("dedicated", "non_engine") says whether an engine beats the research renderer.
+    "dedicated" to "non_engine" says whether an engine beats the research renderer.
     """
     wanted = tuple(scenes)
     values, reasons = _comparable("fps", results, wanted, numerator, denominator)
@@ -233,6 +177,10 @@ def incomparable(
     metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
 ) -> str | None:
     """Return why the values of `metric` in two records must not be compared, or None if they may.
+
+    Why is "unsupported", "failed", "missing" (no record), "not_measured" (no such number in it),
+    "camera_mismatch" (other images or sizes), "setup_mismatch" (background, ground truth), "metric_mismatch",
+    "asset_mismatch", "device_mismatch" or "whole_command" (a time of more than drawing).
 
     The records must have the same images and sizes, ground truth, background and definition of the metric,
     the same asset if both have one, and for speed and memory the same device. Versions of libraries may

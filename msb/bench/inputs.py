@@ -34,22 +34,12 @@ _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.
 
 
 class Known:
-    """Facts that are read once for a whole plan.
-
-    Parameters
-    ----------
-    device : mapping, optional
-        The record of the OpenCL device (`msb.bench.machine`), where there is one.
-
-    Attributes
-    ----------
-    warnings : mapping of str
-        Lines about the scenes read, and about records that are not valid, as keys.
-    """
+    """Facts that are read once for a whole plan; `device` is the record of the OpenCL device, if any."""
 
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         self.device = device
         self.warnings: dict[str, None] = {}
+        """Lines about the scenes read, and about records that are not valid, as keys."""
         self._scenes: dict[Path, Scene] = {}
         self.views = cache(self._views)
         self.renders = cache(_renders)

@@ -31,22 +31,13 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Interval:
-    """The 95 % interval of a mean, and what may be said of it.
-
-    Attributes
-    ----------
-    ends : (float, float), optional
-        None if there is none, which `reason` explains.
-    over : str
-        What was drawn at random: "9 scenes" or "20 views of one scene".
-    p : float, optional
-        That of the test whether the mean is 0; None where nothing may be said, which `reason` explains.
-    reason : str, optional
-    """
+    """The 95 % interval of a mean, and what may be said of it; `reason` explains what is None."""
 
     ends: tuple[float, float] | None
     over: str
+    """What was drawn at random: "9 scenes" or "20 views of one scene"."""
     p: float | None = None
+    """That of the test whether the mean is 0."""
     reason: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -76,10 +67,7 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
     """Return the 95 % interval of the mean over scenes of their means over views.
 
-    Parameters
-    ----------
-    scenes : sequence of sequence of float
-        The values of each scene's views, or the differences of two conditions' values view by view.
+    `scenes` holds the values of each scene's views, or the differences of two conditions view by view.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):

@@ -27,47 +27,24 @@ Inputs = dict[str, str]
 
 @dataclass(frozen=True)
 class Job:
-    """One cell to be computed, or a part of it.
-
-    Attributes
-    ----------
-    root, run
-        The results folder, and the run's id.
-    cell : Cell
-    scene, views
-        The place of the scene, and its state when the run was planned.
-    parts : mapping of Part to Inputs
-        The parts to compute, each with the inputs to record. Other parts of a record stay.
-    model : Model, optional
-        The model; None where there are official renderings only.
-    settings : mapping
-        Values that replace the asset's settings.
-    options : mapping
-        Further options of the renderer: the order and sampling of a variant.
-    renders : Path, optional
-        The folder of official renderings; None means our reference renderer.
-    training, mesh, renderer_timing : Path, optional
-    device : str, optional
-    vgg_weights : Path, optional
-    frames, seconds
-        The least numbers of frames and seconds of the timing.
-    chamfer_data : Path, optional
-    chamfer_seed : int
-    trial : TrialTable, optional
-    trained : tuple of str
-        What the model's training did otherwise, as `trained_otherwise` says it.
-    """
+    """One cell to be computed, or a part of it."""
 
     root: Path
     run: str
     cell: Cell
     scene: SceneAt
     views: Views
+    """The scene's state when the run was planned."""
     parts: Mapping[Part, Inputs]
+    """The parts to compute, each with the inputs to record. Other parts of a record stay."""
     model: Model | None = None
+    """None where there are official renderings only."""
     settings: Mapping[str, Any] = field(default_factory=dict)
+    """Values that replace the asset's settings."""
     options: Mapping[str, str] = field(default_factory=dict)
+    """The order and sampling of a variant."""
     renders: Path | None = None
+    """The folder of official renderings; None means our reference renderer."""
     training: Path | None = None
     mesh: Path | None = None
     renderer_timing: Path | None = None
@@ -79,6 +56,7 @@ class Job:
     chamfer_seed: int = 0
     trial: TrialTable | None = None
     trained: tuple[str, ...] = ()
+    """What the model's training did otherwise, as `trained_otherwise` says it."""
 
     @property
     def name(self) -> str:
@@ -103,19 +81,10 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """The outcome of a job.
-
-    Attributes
-    ----------
-    cell : Cell
-    status : Status
-    reasons : mapping of str to Reason
-        Part -> the reason why it is missing.
-    seconds : float
-        The time that the job took.
-    """
+    """The outcome of a job."""
 
     cell: Cell
     status: Status
     reasons: Mapping[str, Reason]
+    """Part -> the reason why it is missing."""
     seconds: float

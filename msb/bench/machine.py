@@ -21,15 +21,7 @@ def machine(
     """Return system, versions, and the OpenCL device that `device` selects, or what an engine draws with.
 
     With an OpenCL device come the options its programs are built with and a SHA-256 of our kernels' text.
-
-    Parameters
-    ----------
-    device : str, optional
-        A selector as for `msb.cl.open_device`.
-    opencl : bool
-        Whether the record has a "device"; false for work that runs on the host alone.
-    engine : mapping, optional
-        `Renderer.device_info` of the measured renderer; if it is given, no OpenCL device is looked up.
+    Without `opencl`, for work of the host alone, there is no device. `engine` is `Renderer.device_info`.
     """
     from importlib.metadata import version
 

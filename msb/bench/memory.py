@@ -12,16 +12,9 @@ from msb.render.backend import Group
 def grouped(
     uses: Mapping[str, int], groups: Mapping[str, str], driver: tuple[int | None, str | None] = (None, None)
 ) -> Memory:
-    """Return group -> bytes of the memory a renderer reports; a use without a group counts as scratch.
+    """Return a renderer's `memory` by its `memory_groups`; a use without a group counts as scratch.
 
-    Parameters
-    ----------
-    uses : mapping of str to int
-        `Renderer.memory`.
-    groups : mapping of str to str
-        `Renderer.memory_groups`.
-    driver : pair of int and str, optional
-        The bytes that the driver tells (`driver_memory`), or the reason why it does not.
+    `driver` is what `driver_memory` gives.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():

@@ -31,23 +31,15 @@ _ANY = "needed before any cell"
 
 @dataclass(frozen=True)
 class Missing:
-    """Something that cells need and that is not there or cannot be used.
-
-    Attributes
-    ----------
-    code : str
-    message : str
-        Which file, what is wrong with it, what it is for, and how many cells need it.
-    cells : int
-        How many cells need it; 0 if that is not known before it is there.
-    blocks : bool
-        Whether these cells cannot be computed; else they only lack a part.
-    """
+    """Something that cells need and that is not there or cannot be used."""
 
     code: str
     message: str
+    """Which file, what is wrong with it, what it is for, and how many cells need it."""
     cells: int
+    """How many cells need it; 0 if that is not known before it is there."""
     blocks: bool
+    """Whether these cells cannot be computed; else they only lack a part."""
 
 
 class _Need(NamedTuple):
@@ -64,16 +56,8 @@ def find_missing(
 ) -> tuple[list[Planned], list[Missing]]:
     """Return the plan, in which cells that lack something have failed, and all that is missing.
 
-    Each cell that is to be computed is asked for everything it needs, so one missing thing hides no other.
-    Scenes are read without their pixels, models are only looked for.
-
-    Parameters
-    ----------
-    planner : Planner
-    planned : sequence of Planned
-        What the planner planned.
-    wrong : sequence of MsbError
-        That for which a run would not start, such as an extra or the device.
+    Everything that a cell needs is looked for, so one missing thing hides no other. Scenes are read without
+    their pixels, models are only located. `wrong` are the errors for which a run would not start.
     """
     search = _Search(planner, wrong)
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
@@ -93,13 +77,9 @@ def find_missing(
 
 
 def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
-    """Return what must be there before one can tell which cells there are.
+    """Return what must be there before it is known which cells there are.
 
-    Parameters
-    ----------
-    lost : mapping of str to MsbError
-        The datasets whose scenes could not be listed, and why.
-    pairs : sequence of Pair
+    `lost` are the datasets whose scenes could not be listed, and why.
     """
     found = [(error, f"the scenes of {name}") for name, error in lost.items()]
     for pair in pairs:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
-
 from msb.adapters.exporter import detect, finish, read_model
 from msb.adapters.locate import locate
 from msb.asset import Asset, is_asset, load, write_asset
@@ -27,35 +25,23 @@ _MAX_BYTES = 1 << 20
 
 
 class Model(Record):
-    """An asset of the run, and the model that it was made from.
-
-    Attributes
-    ----------
-    method : str
-    checkpoint : File, optional
-        The model's own file; for several files the hash of their list of hashes.
-    asset : File
-        The asset's file; its `bytes` is the sum of the sizes of the files in the container.
-    background : (3,) floats, optional
-        The background of the method's official evaluation, if the checkpoint records it.
-    training : dict
-        The manifest's key of that name.
-    stamps : tuple of (path, bytes, time)
-        Stamps of all files of source and asset; while these are unchanged, the hashes are valid.
-    asked : str
-        Path and method as the protocol gives them.
-    warnings : tuple of str
-        The assumptions that the export had to make.
-    """
+    """An asset of the run, and the model that it was made from."""
 
     method: str
     checkpoint: File | None
+    """The model's own file; for several files the hash of their list of hashes."""
     asset: File
+    """Its `bytes` is the sum of the sizes of the files in the container."""
     background: tuple[float, float, float] | None
-    training: dict[str, Any] = Field(default_factory=dict)
+    """That of the method's official evaluation, if the checkpoint records it."""
+    training: dict[str, Any]
+    """The manifest's key of that name."""
     stamps: tuple[tuple[str, int, int], ...]
+    """Of all files of source and asset; while these are unchanged, the hashes are valid."""
     asked: str
+    """Path and method as the protocol gives them."""
     warnings: tuple[str, ...] = ()
+    """The assumptions that the export had to make."""
 
     def open(self) -> Asset:
         """Return the asset."""

@@ -119,10 +119,7 @@ class Gpus:
 def driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
     """Return the bytes that this process holds on NVIDIA's GPUs, or why nobody knows.
 
-    Parameters
-    ----------
-    device : mapping
-        "device" of a machine's record: what draws.
+    `device` is "device" of a machine's record: what draws.
     """
     if device.get("kind") != "gpu":
         return None, "what draws is no GPU"

@@ -35,23 +35,15 @@ _MAX_BYTES = 64 << 20
 
 @dataclass(frozen=True)
 class Views:
-    """The state of a scene's test views: everything that decides a comparison, as hashes.
-
-    Attributes
-    ----------
-    cameras : str
-        The hash of names, sizes, intrinsics and poses.
-    photographs : str
-        The hash of files, sizes, masks and background, which names the folder with the ground truth.
-    setup : Setup
-    names : tuple of str
-        The names of the images without suffix, which renderings and ground truth have, too.
-    """
+    """The state of a scene's test views: everything that decides a comparison, as hashes."""
 
     cameras: str
+    """Of names, sizes, intrinsics and poses."""
     photographs: str
+    """Of files, sizes, masks and background; it names the folder with the ground truth."""
     setup: Setup
     names: tuple[str, ...]
+    """The names of the images without suffix, which renderings and ground truth have, too."""
 
 
 def views_of(scene: Scene) -> Views:

@@ -33,22 +33,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """One method on one scene, as the protocol gives them.
-
-    Attributes
-    ----------
-    dataset : DatasetTable
-    method : MethodTable
-    scene : str
-    path : Path
-        The scene's folder.
-    model : Path, optional
-    """
+    """One method on one scene, as the protocol gives them."""
 
     dataset: DatasetTable
     method: MethodTable
     scene: str
     path: Path
+    """The scene's folder."""
     model: Path | None
 
     def task(self, root: Path, run: str) -> ModelTask | None:
@@ -61,25 +52,16 @@ class Pair:
 
 @dataclass(frozen=True)
 class Planned:
-    """One cell, and what is to be done about it.
-
-    Attributes
-    ----------
-    cell : Cell
-    job : Job, optional
-        The job with the parts to be computed; None if there is nothing to do, or nothing can be done.
-    why : mapping of Part to str
-        The reason to compute each part: "new", "failed before", "asked for", what changed, or what is wrong
-        with its record or a rendering.
-    status : {"done", "pending", "failed", "unsupported"}
-        "done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`.
-    reason : Reason, optional
-    """
+    """One cell, and what is to be done about it."""
 
     cell: Cell
     job: Job | None
+    """The parts to be computed; None if there is nothing to do, or nothing can be done."""
     why: Mapping[Part, str] = field(default_factory=dict)
+    """The reason to compute each part: "new", "failed before", "asked for", what changed, or what is wrong
+    with its record or a rendering."""
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
+    """"done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`."""
     reason: Reason | None = None
 
 
@@ -127,20 +109,7 @@ def _nothing(only: Sequence[str], names: Sequence[str]) -> UsageError:
 
 
 class Planner:
-    """Turns pairs into cells.
-
-    Parameters
-    ----------
-    file : ProtocolFile
-    run : str
-        The id of the run.
-    known : Known
-        Facts about scenes, renderings and files, read once for all cells.
-    only : sequence of str
-        The selection of cells, as `selected` reads it; all if empty.
-    redo : bool
-        Whether finished parts are computed again.
-    """
+    """Turns pairs into cells: those that `only` selects, finished parts again if `redo`."""
 
     def __init__(
         self, file: ProtocolFile, run: str, known: Known, only: Sequence[str] = (), *, redo: bool = False
@@ -150,13 +119,9 @@ class Planner:
         self.pairs: dict[tuple[str, ...], Pair] = {}
 
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, Model | Exception]) -> list[Planned]:
-        """Return all cells that are selected, in the order of the protocol; `pairs` says what each is of.
+        """Return all selected cells in the order of the protocol.
 
-        Parameters
-        ----------
-        pairs : sequence of Pair
-        models : mapping of Pair to Model or Exception
-            The model of each pair, or the error about it. In a dry run it may be missing.
+        `models` holds the model of each pair, or the error about it; in a dry run it may be missing.
         """
         found = []
         for pair in pairs:

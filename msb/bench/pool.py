@@ -47,17 +47,9 @@ def run_all(
 ) -> Iterator[tuple[Task, Answer | Exception]]:
     """Compute ``function(task)`` for all tasks; yield each with its answer or its exception, as they end.
 
-    Parameters
-    ----------
-    workers : Workers
-    function : callable
-        A function of a module, so that a worker can import it.
-    tasks : sequence
-    alone : bool
-        Whether tasks run one after the other, so that nothing else of this run computes during a timing.
+    A worker must be able to import the function. With `alone` tasks run one after the other, so that nothing
+    else of this run computes during a timing.
 
-    Notes
-    -----
     When a process dies, the pool cannot say which task it had, only that it was one of the first unfinished
     ones. Those are then computed one at a time, and the task during which a process dies again gets
     RUN_WORKER_DIED; the others go on as before. A Dask scheduler does the same by itself.
@@ -185,13 +177,7 @@ def _begin(leash: Connection) -> None:
 
 
 class DaskWorkers:
-    """The workers of an existing Dask cluster.
-
-    Parameters
-    ----------
-    address : str
-        The address of the scheduler: "tcp://HOST:PORT".
-    """
+    """The workers of the existing Dask cluster at "tcp://HOST:PORT"."""
 
     def __init__(self, address: str) -> None:
         need_extra("distributed", "distributed", what="--scheduler")

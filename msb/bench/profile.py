@@ -32,48 +32,32 @@ TIMED_SECONDS = 3.0
 
 @dataclass(frozen=True)
 class Profile:
-    """The result of timing a renderer. Times are in milliseconds.
-
-    Attributes
-    ----------
-    frames : int
-        The number of timed frames, with all cameras in turn.
-    p50, p95, mean : float
-        Percentiles and mean of the device's time for a frame, from the start of its first command to the end
-        of its last one; percentiles are interpolated linearly.
-    busy_p50, busy_p95 : float
-        The same percentiles of the sum of the commands' times.
-    queued_p50, queued_p95 : float, optional
-        The same percentiles from when the first command was queued; None if the renderer cannot tell.
-    stages : mapping of str to float
-        Stage -> its median time in a frame.
-    fps : float
-        Frames per second of wall-clock time, which includes uploads, launches and waiting.
-    round_fps : tuple of float
-        The same of up to five rounds, each a stretch of as many consecutive frames.
-    memory : mapping of str to int
-        Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
-        that the most demanding camera needs, however fast the machine is.
-    memory_groups : mapping of str to str
-        Use -> its group (`Renderer.memory_groups`).
-    memory_views : int
-        The number of cameras that `memory` is of: all, unless the budget ended first.
-    """
+    """The result of timing a renderer. Times are in milliseconds; percentiles are interpolated linearly."""
 
     frames: int
     p50: float
+    """Of the device's time for a frame, from the start of its first command to the end of its last one."""
     p95: float
     mean: float
     busy_p50: float
+    """Of the sum of the commands' times."""
     busy_p95: float
     queued_p50: float | None
+    """From when the first command was queued; None if the renderer cannot tell."""
     queued_p95: float | None
     stages: Mapping[str, float]
+    """Stage -> its median time in a frame."""
     fps: float
+    """Frames per second of wall-clock time, which includes uploads, launches and waiting."""
     round_fps: tuple[float, ...]
+    """The same of up to five rounds, each a stretch of as many consecutive frames."""
     memory: Mapping[str, int]
+    """Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
+    that the most demanding camera needs, however fast the machine is."""
     memory_groups: Mapping[str, str]
+    """Use -> its group (`Renderer.memory_groups`)."""
     memory_views: int
+    """The number of cameras that `memory` is of: all, unless the budget ended first."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the profile as JSON data."""
@@ -101,25 +85,11 @@ def profile(
     budget: float = math.inf,
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
-    """Return how fast `renderer` draws `cameras`, in turn and repeatedly.
+    """Return how fast a fresh `renderer` draws `cameras`, in turn and repeatedly.
 
-    Parameters
-    ----------
-    renderer : Renderer
-        A fresh renderer, because its memory also depends on what it drew before.
-    cameras : sequence of Camera
-        At least one camera. Cameras that were not drawn while the clock ran are drawn after it, for the
-        memory.
-    background : (3,) floats
-    frames, seconds : int, float
-        The least numbers of frames and seconds; timing goes on until both are reached.
-    warm_up : int, optional
-        The number of frames drawn before the clock starts; by default 10 frames or one second, whichever ends
-        first, but at least as many as a renderer needs to settle.
-    budget : float
-        Seconds, warm-up and at least one frame included, after which drawing stops in any case.
-    step : callable
-        Called after each timed frame, for a progress bar.
+    Timing goes on until `frames` and `seconds` are both reached, and stops `budget` seconds after the call in
+    any case. The warm-up is by default of 10 frames or one second, whichever ends first, but of as many
+    frames as a renderer needs to settle. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("there is no camera to time")

@@ -9,38 +9,20 @@ from typing import NamedTuple
 
 
 class Left(NamedTuple):
-    """An estimate of the time that is left.
-
-    Attributes
-    ----------
-    seconds : float
-    at_least : bool
-        Whether more than this is to be expected: some of what is left is of a kind of which nothing has been
-        finished, or takes longer than what was.
-    """
+    """An estimate of the time that is left."""
 
     seconds: float
     at_least: bool
+    """Whether more than this is to be expected: some of what is left is of a kind of which nothing has been
+    finished, or takes longer than what was."""
 
 
 class Stage:
     """One stage of a run, kept up to date while its tasks end.
 
-    Workers take tasks in their order, so those being computed are the first ones that have not ended.
-
-    Parameters
-    ----------
-    title : str
-    names : sequence of str
-        The tasks, in the order in which they are begun.
-    kinds : sequence of str
-        The kind of each task. What one takes says something about others of its kind only.
-    at_once : int
-        The number of tasks that are computed at the same time.
-    then : sequence of str
-        The titles of the stages that follow, of whose time nothing is known yet.
-    clock : callable
-        Returns seconds.
+    Workers take tasks in their order, `at_once` at a time, so those being computed are the first ones that
+    have not ended. What a task takes says something about others of its kind only. Of the time of the stages
+    that come `then` nothing is known yet.
     """
 
     def __init__(
@@ -71,16 +53,10 @@ class Stage:
         return tuple(self.names[number] for number in self._waiting[: self._at_once])
 
     def end(self, number: int, seconds: float | None = None, *, failed: bool = False) -> None:
-        """Note that a task has ended.
+        """Note that a task, by its place among them, has ended.
 
-        Parameters
-        ----------
-        number : int
-            Its place among the tasks.
-        seconds : float, optional
-            The time that it took, where that is known better than from when it was begun and ended.
-        failed : bool
-            Whether it failed; how long that took says nothing about others.
+        `seconds` is the time it took, where that is known better than from when it was begun and ended; how
+        long a failure took says nothing about others.
         """
         took = self._clock() - self._began.get(number, self._clock()) if seconds is None else seconds
         self._waiting.remove(number)

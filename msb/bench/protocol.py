@@ -25,22 +25,14 @@ _MAX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class ProtocolFile:
-    """A protocol and the file it came from. Paths in it are relative to that file's folder.
-
-    Attributes
-    ----------
-    path : Path
-    text : bytes
-        The content of the file, which is kept with the results.
-    protocol : Protocol
-    results_instead : Path, optional
-        The results folder to use instead of the one that the file names.
-    """
+    """A protocol and the file it came from. Paths in it are relative to that file's folder."""
 
     path: Path
     text: bytes
+    """The content of the file, which is kept with the results."""
     protocol: Protocol
     results_instead: Path | None = None
+    """The results folder to use instead of the one that the file names."""
 
     @property
     def results(self) -> Path:
@@ -90,19 +82,8 @@ def single_protocol(
 ) -> ProtocolFile:
     """Return the protocol that evaluates one model on one scene, as if it stood in the current folder.
 
-    Parameters
-    ----------
-    model, scene : path-like
-        A checkpoint, .triasset or mesh; the scene's folder.
-    non_engine : str, optional
-        A folder of official renderings, or "reference".
-    image_folder : str, optional
-        The folder of the photographs below the scene's.
-
-    Returns
-    -------
-    ProtocolFile
-        Its results are in a folder of their own, named by the model and the scene.
+    Its results are in a folder of their own, named by the model and the scene. `non_engine` is a folder of
+    official renderings, or "reference".
     """
     from msb.scenes.datasets import dataset_of
 

@@ -51,31 +51,21 @@ class Reason(Record):
 
 
 class Cell(Record):
-    """The identity of a result.
-
-    Attributes
-    ----------
-    dataset : str
-        "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
-    scene, method : str
-        The scene, and the method as `msb.registry` names it.
-    label : str, optional
-        Tells the model from others of its method in one protocol, and names its columns.
-    condition : Condition
-    variant : str, optional
-        The label of a variant of the dedicated tier: another order, sampling, renderer or settings.
-    renderer : str, optional
-        A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
-        tier, or what draws a variant.
-    """
+    """The identity of a result."""
 
     dataset: Name
+    """"mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures."""
     scene: Name
     method: Name
+    """As `msb.registry` names it."""
     label: Name | None = None
+    """Tells the model from others of its method in one protocol, and names its columns."""
     condition: Condition
     variant: Name | None = None
+    """The label of a variant of the dedicated tier: another order, sampling, renderer or settings."""
     renderer: Name | None = None
+    """A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
+    tier, or what draws a variant."""
 
     @property
     def model_name(self) -> str:
@@ -108,26 +98,16 @@ class File(Record):
 
 
 class Setup(Record):
-    """What must be equal before two results may be compared.
-
-    Attributes
-    ----------
-    camera_convention : {"gs_fov", "full_K"}
-        The principal point: in the image's centre, as the 3DGS family trains, or as it is recorded.
-    image_folder : str
-        The folder below the scene, such as "images_4".
-    gt_resized : bool
-        Whether we resized the photographs because they are not shipped in this size.
-    background : (3,) floats
-        The colour behind the model, and behind a masked photograph.
-    mask_source : {"png_alpha", "mask_folder"}, optional
-    render_masked_by_gt_alpha : bool
-    """
+    """What must be equal before two results may be compared."""
 
     camera_convention: Literal["gs_fov", "full_K"]
+    """The principal point: in the image's centre, as the 3DGS family trains, or as it is recorded."""
     image_folder: str
+    """The folder below the scene, such as "images_4"."""
     gt_resized: bool
+    """Whether we resized the photographs because they are not shipped in this size."""
     background: tuple[float, float, float]
+    """The colour behind the model, and behind a masked photograph."""
     mask_source: Literal["png_alpha", "mask_folder"] | None = None
     render_masked_by_gt_alpha: bool = False
 
@@ -234,28 +214,18 @@ class Memory(Record):
 
 
 class RendererTiming(Record):
-    """How fast a method's own renderer is, measured elsewhere by the user: schema msb.renderer_timing/1.
-
-    Attributes
-    ----------
-    frames : int
-    seconds : float
-        The wall-clock time of all frames.
-    device : str
-        What rendered them: "NVIDIA RTX 4090".
-    timed : str
-        What was timed, in words: "render() of 300 test views after a warm-up, nothing written".
-    whole_command : bool
-        Whether loading and writing are included, so that nothing else may be held against this time.
-    peak_gpu_memory_bytes : int, optional
-    """
+    """How fast a method's own renderer is, measured elsewhere by the user: schema msb.renderer_timing/1."""
 
     schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
     frames: Annotated[int, Field(gt=0)]
     seconds: Annotated[float, Field(gt=0)]
+    """The wall-clock time of all frames."""
     device: Name
+    """What rendered them: "NVIDIA RTX 4090"."""
     timed: Name
+    """What was timed, in words: "render() of 300 test views after a warm-up, nothing written"."""
     whole_command: bool = False
+    """Whether loading and writing are included, so that nothing else may be held against this time."""
     peak_gpu_memory_bytes: Count | None = None
 
     @property

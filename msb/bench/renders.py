@@ -32,22 +32,15 @@ _NAMED = 4
 
 @dataclass(frozen=True)
 class Renders:
-    """A folder of official renderings.
-
-    Attributes
-    ----------
-    files : tuple of Path
-        The file of each camera, in the cameras' order.
-    matched_by : {"name", "number"}
-        "name" if images have the names of the photographs; "number" if they are called 00000, 00001, ... in
-        the order of the test views, as the 3DGS family writes them.
-    folder : File
-        The folder; its `sha256` is that of the images' list of hashes.
-    """
+    """A folder of official renderings."""
 
     files: tuple[Path, ...]
+    """The file of each camera, in the cameras' order."""
     matched_by: Literal["name", "number"]
+    """"name" if images have the names of the photographs; "number" if they are called 00000, 00001, ... in
+    the order of the test views, as the 3DGS family writes them."""
     folder: File
+    """Its `sha256` is that of the images' list of hashes."""
 
 
 def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:

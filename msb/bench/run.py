@@ -63,43 +63,27 @@ class _Nobody:
 
 @dataclass(frozen=True)
 class Row:
-    """The outcome of one cell in this run.
-
-    Attributes
-    ----------
-    planned : Planned
-    result : Result, optional
-        The record as it is now; None in a dry run if there is no record.
-    seconds : float
-        The time that this run spent on the cell.
-    reasons : mapping of str to Reason
-        "cell", or a part -> the reason why it is missing.
-    """
+    """The outcome of one cell in this run."""
 
     planned: Planned
     result: Result | None
+    """The record as it is now; None in a dry run if there is no record."""
     seconds: float
+    """The time that this run spent on the cell."""
     reasons: Mapping[str, Reason]
+    """"cell", or a part -> the reason why it is missing."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """The outcome of the whole run.
-
-    Attributes
-    ----------
-    rows : sequence of Row
-    models : mapping of str to Reason
-        The models that could not be read and whose method is unknown, and why.
-    seconds : float
-    missing : tuple of Missing
-        In a dry run, all that must be there before the cells that need it can be computed.
-    """
+    """The outcome of the whole run."""
 
     rows: tuple[Row, ...]
     models: Mapping[str, Reason]
+    """The models that could not be read and whose method is unknown, and why."""
     seconds: float
     missing: tuple[Missing, ...] = ()
+    """In a dry run, all that must be there before the cells that need it can be computed."""
 
     @property
     def exit_status(self) -> int:
@@ -134,20 +118,9 @@ def run_protocol(
 ) -> Report:
     """Evaluate the cells of the protocol `file` that are not done yet.
 
-    Parameters
-    ----------
-    file : ProtocolFile
-    jobs : int
-        The number of processes on this machine.
-    scheduler : str, optional
-        The address of a Dask scheduler, whose workers are used instead.
-    only : sequence of str
-        The selection of cells (`msb.bench.plan.selected`).
-    redo : bool
-        Whether finished parts are computed again.
-    dry : bool
-        Whether nothing is computed or written; the report then holds the plan.
-    watch : Watch, optional
+    The work is done by `jobs` processes of this machine, or by the workers of a Dask `scheduler`. `only`
+    selects cells (`msb.bench.plan.selected`), `redo` computes finished parts again. A `dry` run computes and
+    writes nothing; its report holds the plan.
     """
     start = time.perf_counter()
     watch = watch or _Nobody()

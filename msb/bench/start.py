@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 def check_start(file: ProtocolFile, note: Callable[[str], None]) -> None:
     """Refuse to start a run that lacks an extra, or weights that its protocol names.
 
-    Parameters
-    ----------
-    file : ProtocolFile
-    note : callable
-        It is told what is to be known about the weights.
+    `note` is called with what is to be known about the weights.
     """
     for check in _checks(file, note):
         check()

@@ -24,40 +24,12 @@ from msb.bench.nvml import Gpu, Gpus
 from msb.errors import InputError
 
 INTERVAL = 0.2
-"""Seconds between two looks at the memory; a shorter peak can be missed."""
 _MAX_BYTES = 1 << 20
 _FORWARDED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 
 
 class Track(Record):
-    """The record of one command, schema msb.track/1.
-
-    Attributes
-    ----------
-    command : tuple of str
-    started, ended : str
-        Times in UTC, in the form of ISO 8601.
-    seconds : float
-        The wall-clock time.
-    exit_status : int
-        The command's exit status, or 128 + n if signal n ended it.
-    peak_gpu_memory_bytes : int, optional
-        The most bytes that all GPUs together held at one look.
-    gpu_source : {"processes", "device"}, optional
-        "processes": the memory that NVML reports for the command's processes. "device": the memory that the
-        whole device held beyond what it held before, if NVML cannot tell processes apart (in a container);
-        other programs on the device falsify this number.
-    gpu_reason : str, optional
-        The reason why there is no number.
-    gpus : tuple of Gpu
-    peak_host_memory_bytes : int, optional
-        The most bytes of RAM that the command and its descendants held at one look: the sum of their resident
-        sets.
-    interval_seconds : float
-        Seconds between two looks.
-    machine : mapping
-    tool_version : str
-    """
+    """The record of one command, schema msb.track/1. Times are in UTC, in the form of ISO 8601."""
 
     schema_: Literal["msb.track/1"] = Field(default="msb.track/1", alias="schema")
     command: tuple[str, ...]
@@ -65,12 +37,21 @@ class Track(Record):
     ended: str
     seconds: Amount
     exit_status: int
+    """The command's exit status, or 128 + n if signal n ended it."""
     peak_gpu_memory_bytes: Count | None
+    """The most bytes that all GPUs together held at one look."""
     gpu_source: Literal["processes", "device"] | None
+    """"processes": the memory that NVML reports for the command's processes. "device": the memory that the
+    whole device held beyond what it held before, if NVML cannot tell processes apart (in a container); other
+    programs on the device falsify this number."""
     gpu_reason: str | None
+    """The reason why there is no number."""
     gpus: tuple[Gpu, ...]
     peak_host_memory_bytes: Count | None
+    """The most bytes of RAM that the command and its descendants held at one look: the sum of their resident
+    sets."""
     interval_seconds: Amount
+    """Seconds between two looks; a shorter peak can be missed."""
     machine: dict[str, Any]
     tool_version: str
 
@@ -81,15 +62,10 @@ def read_track(path: Path) -> Track:
 
 
 def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
-    """Run `command` and return what it cost.
+    """Run a program with its arguments, without a shell, and return what it cost.
 
-    Parameters
-    ----------
-    command : sequence of str
-        The program and its arguments, passed on as they are, without a shell. The command gets this process's
-        own standard streams, and signals that this process receives meanwhile.
-    interval : float
-        Seconds between two looks at its memory.
+    It gets this process's own standard streams, and signals that this process receives meanwhile. `interval`
+    is in seconds, between two looks at its memory.
     """
     need_extra("bench", "psutil", what="tracking a command")
     gpus = Gpus()

@@ -39,20 +39,13 @@ _SMALLEST = 240
 
 @dataclass(frozen=True)
 class VideoTask:
-    """The order to make one film of a method on a scene.
-
-    Attributes
-    ----------
-    jobs : tuple of Job
-        The jobs of the conditions shown, in the order shown.
-    options : VideosTable
-    inputs : str
-        The hash of all inputs that decide the film.
-    """
+    """The order to make one film of a method on a scene."""
 
     jobs: tuple[Job, ...]
+    """Those of the conditions shown, in the order shown."""
     options: VideosTable
     inputs: str
+    """The hash of all inputs that decide the film."""
 
     @property
     def name(self) -> str:
