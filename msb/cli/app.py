@@ -57,26 +57,36 @@ class _Entry(NamedTuple):
 GROUPS: dict[str, tuple[_Entry, ...]] = {
     "Look at a mesh": (
         _Entry(audit.audit, audit.EPILOG, "Count a mesh's faults and say what it can be used for."),
-        _Entry(view.view, view.EPILOG, "See those faults, in a window, a picture or a page."),
+        _Entry(view.view, view.view.epilog, "See those faults, in a window, a picture or a page."),
         _Entry(trial.trial, trial.EPILOG, "Try on it what artists do: unwrap, decimate, collide, print."),
         _Entry(repair.repair, repair.EPILOG, "Make it manifold without changing its look."),
-        _Entry(info.info, info.EPILOG, "Show what an asset or a mesh file holds."),
-        _Entry(validate.validate, validate.EPILOG, "List everything that is wrong with a file."),
+        _Entry(info.info, info.info.epilog, "Show what an asset or a mesh file holds."),
+        _Entry(validate.validate, validate.validate.epilog, "List everything that is wrong with a file."),
     ),
     "Take a model out": (
-        _Entry(export.export, export.EPILOG, "Turn a trained checkpoint into an asset, without PyTorch."),
-        _Entry(convert.convert, convert.EPILOG, "Write an asset or mesh in another format."),
-        _Entry(why.why, why.EPILOG, "Say why an export looks worse than the render, in dB."),
-        _Entry(methods.methods, methods.EPILOG, "Say what each method has and what each tier keeps of it."),
+        _Entry(
+            export.export, export.export.epilog, "Turn a trained checkpoint into an asset, without PyTorch."
+        ),
+        _Entry(convert.convert, convert.convert.epilog, "Write an asset or mesh in another format."),
+        _Entry(why.why, why.why.epilog, "Say why an export looks worse than the render, in dB."),
+        _Entry(
+            methods.methods,
+            methods.methods.epilog,
+            "Say what each method has and what each tier keeps of it.",
+        ),
     ),
     "Draw": (
         _Entry(render.render, render.render.epilog, "Draw images, depths and face ids."),
-        _Entry(compare.compare, compare.EPILOG, "See a model's looks side by side with its photographs."),
-        _Entry(web.web, web.EPILOG, "Write a page that shows a model in any browser."),
+        _Entry(
+            compare.compare, compare.compare.epilog, "See a model's looks side by side with its photographs."
+        ),
+        _Entry(web.web, web.web.epilog, "Write a page that shows a model in any browser."),
         _Entry(bench.bench, bench.EPILOG, "Measure how fast an asset is drawn, and its memory."),
     ),
     "Benchmark": (
-        _Entry(scenes.scenes, scenes.EPILOG, "Check scenes: what is there, what counts, what is missing."),
+        _Entry(
+            scenes.scenes, scenes.scenes.epilog, "Check scenes: what is there, what counts, what is missing."
+        ),
         _Entry(run.run, run.EPILOG, "Evaluate methods on scenes under one protocol."),
         _Entry(eval.evaluate, eval.EPILOG, "Compare images with photographs: PSNR, SSIM, LPIPS.", "eval"),
         _Entry(report.report, report.EPILOG, "Make tables, charts and verdicts from results."),
@@ -86,11 +96,20 @@ GROUPS: dict[str, tuple[_Entry, ...]] = {
             "Record time and memory of a training.",
             settings={**_SETTINGS, **track.CONTEXT},
         ),
-        _Entry(demo_data.demo_data, demo_data.EPILOG, "Write small scenes and models to try.", "demo-data"),
+        _Entry(
+            demo_data.demo_data,
+            demo_data.demo_data.epilog,
+            "Write small scenes and models to try.",
+            "demo-data",
+        ),
     ),
     "Machine": (
-        _Entry(devices.devices, devices.EPILOG, "Say what can compute and draw on this machine."),
-        _Entry(completion.completion, completion.EPILOG, "Print what completes commands at the Tab key."),
+        _Entry(devices.devices, devices.devices.epilog, "Say what can compute and draw on this machine."),
+        _Entry(
+            completion.completion,
+            completion.completion.epilog,
+            "Print what completes commands at the Tab key.",
+        ),
     ),
 }
 """Heading of the list of commands -> the commands below it. A command that is not here does not exist."""
@@ -137,9 +156,11 @@ for _entry in (entry for entries in GROUPS.values() for entry in entries):
     )
 
 config_app = _Typer(
-    help="Show the values that files and the environment give to options.", epilog=config.EPILOG, **_PLAIN
+    help="Show the values that files and the environment give to options.",
+    epilog=config.show.epilog,
+    **_PLAIN,
 )
-config_app.command(epilog=config.EPILOG)(with_shared(config.show))
+config_app.command(epilog=config.show.epilog)(config.show)
 app.add_typer(config_app, name="config")
 
 

@@ -165,9 +165,9 @@ class _Task:
         output.check_outputs()
         output.check_free(elements)
         if view:
-            from msb.cli.window import Files, open_probe
+            from msb.cli.window import Window, open_probe
 
-            self.probe = open_probe(Files())
+            self.probe = open_probe(Window())
 
     def run(self, paths: list[Path]) -> int:
         """Audit everything below `paths`; return the highest exit status of all."""
@@ -241,13 +241,13 @@ class _Task:
     def open_window(self, path: Path, mesh: StoredMesh, found: Audit, analysis: Analysis) -> None:
         """Show the mesh that was audited."""
         from msb.cli.view import ViewOptions, present
-        from msb.cli.window import Files
+        from msb.cli.window import Window
         from msb_viewers.model import build_model
         from msb_viewers.viewed_mesh import viewed_mesh
 
         if self.probe is not None:
             self.probe.check()
-        present(build_model(viewed_mesh(mesh, path), found, analysis), ViewOptions(), Files(), self.output)
+        present(build_model(viewed_mesh(mesh, path), found, analysis), ViewOptions(), Window(), self.output)
 
     def ask_peers(self, found: Audit, analysis: Analysis, mesh: StoredMesh, path: Path) -> Audit:
         """Return `found` with the verdicts of the peers."""

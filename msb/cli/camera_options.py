@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+NO_CAMERAS = "needs --cameras PATH"
 Tier = Literal["reference", "dedicated", "standard"]
 TierName = Annotated[Tier, typer.Option("--tier", help="How to draw; msb methods says what each tier keeps.")]
 Cameras = Annotated[

@@ -263,9 +263,9 @@ def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: O
     """Refuse files to write that have a wrong ending or are there already."""
     for each in declared:
         path = values.get(each.name)
-        if each.option.output == "file" and path is not None:
-            if each.option.endings:
-                from msb.api.saving import checked_ending
+        if path is not None and each.option.endings:
+            from msb.api.saving import checked_ending
 
-                checked_ending(path, each.label, each.option.endings)
+            checked_ending(path, each.label, each.option.endings)
+        if path is not None and each.option.output == "file":
             output.check_free(path)

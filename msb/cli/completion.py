@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-import typer
-
-from msb.cli.options import epilog
+from msb.base.option import Argument
+from msb.cli.command import command
 from msb.cli.output import echo
 
-EPILOG = epilog("msb completion bash", "msb completion zsh", "msb completion powershell")
 
-
+@command("msb completion bash", "msb completion zsh", "msb completion powershell")
 def completion(
     shell: Annotated[
         Literal["bash", "zsh", "fish", "powershell"],
-        typer.Argument(metavar="SHELL", help="The shell."),
+        Argument("bash, zsh, fish or powershell.", metavar="SHELL"),
     ],
 ) -> None:
     """Print a completion script for msb and msb-audit.

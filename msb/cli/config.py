@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
+from msb.base.option import Option
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, plain_table
 
-from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
-
-EPILOG = epilog("msb config show", "msb config show --all", "msb config show --json -")
 SCHEMA = "msb.config/1"
 
 
+@command("msb config show", "msb config show --all", "msb config show --json -")
 def show(
-    everything: Annotated[
-        bool, typer.Option("--all", help="Show also options that have their default, in every command.")
-    ] = False,
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    *,
+    all: Annotated[bool, Option("Show also options that have their default, in every command.")] = False,
+    output: JsonOutput,
 ) -> None:
     """Show what files and the environment set, and where.
 
@@ -33,17 +28,15 @@ def show(
     from msb.cli import defaults
     from msb.cli.app import app
 
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
     commands = defaults.single_commands(get_command(app))
     found = defaults.read_defaults(commands)
     rows: list[dict[str, Any]] = []
-    for name, command in commands.items():
-        for key, option in defaults.options(command):
+    for name, each in commands.items():
+        for key, option in defaults.options(each):
             default = found[name].get(option.name)
             if default is not None:
                 rows.append({"key": f"{name}.{key}", "value": default.value, "from": default.source})
-            elif everything and defaults.in_files(key, option):
+            elif all and defaults.in_files(key, option):
                 rows.append({"key": f"{name}.{key}", "value": _plain(option.default), "from": "default"})
     project, user = defaults.project_file(), defaults.user_file()
     output.write_json(

@@ -8,67 +8,59 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog, is_given
-from msb.cli.output import Output, echo
+from msb.base.option import Argument, Option
+from msb.cli.camera_options import Up
+from msb.cli.command import Rule, Typed, command
+from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import EXIT_OK, MsbError, UsageError, about
 
 if TYPE_CHECKING:
     from msb.meshes import Mesh
 
-EPILOG = epilog(
+
+@dataclass(frozen=True)
+class ConvertOptions:
+    """What is written of each input."""
+
+    to: Annotated[str | None, Option("Of a folder: what is written. Default: glb.", metavar="SUFFIX")] = None
+    form: Annotated[
+        Literal["packed", "folder"] | None, Option("Form of a .triasset; packed if not given.")
+    ] = None
+    up: Annotated[
+        Up | None,
+        Option(
+            "Axis that points up in IN; OUT is turned so that it is +y. COLMAP scenes: -y. "
+            "Default: as stored; for .glb what IN is known to have."
+        ),
+    ] = None
+    color: Annotated[
+        Literal["stored", "linear"], Option("Colours as stored, or sRGB converted to linear.")
+    ] = "stored"
+    official: Annotated[bool, Option("Write what the method's own exporter would write.")] = False
+
+
+@command(
     "msb convert data_stubs/checkpoint out/upright.glb",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
     "msb convert --to triasset data_stubs/models/pebble out/assets",
+    rules=(Rule("form up color", "does not go with --official", excludes="official"),),
 )
-Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-
-
-@dataclass(frozen=True)
-class _Wish:
-    """What the options say of every file."""
-
-    form: Literal["packed", "folder"] | None
-    up: Up | None
-    color: str
-    official: bool
-
-
 def convert(
-    context: typer.Context,
     source: Annotated[
-        Path,
-        typer.Argument(metavar="IN", help="A .triasset, checkpoint or mesh file, or a folder of these."),
+        Path, Argument("A .triasset, checkpoint or mesh file, or a folder of these.", metavar="IN")
     ],
     target: Annotated[
         Path,
-        typer.Argument(
-            metavar="OUT", help="Its suffix says what is written. Of a folder: the folder to write into."
+        Argument(
+            "Its suffix says what is written. Of a folder: the folder to write into.",
+            metavar="OUT",
+            output="own",
         ),
-        WRITTEN,
     ],
-    to: Annotated[
-        str, typer.Option("--to", metavar="SUFFIX", help="Of a folder: what is written, glb or another.")
-    ] = "glb",
-    form: Annotated[
-        Literal["packed", "folder"] | None, typer.Option(help="Form of a .triasset; packed if not given.")
-    ] = None,
-    up: Annotated[
-        Up | None,
-        typer.Option(
-            help="Axis that points up in IN; OUT is turned so that it is +y. COLMAP scenes: -y. "
-            "Default: as stored; for .glb what IN is known to have."
-        ),
-    ] = None,
-    color: Annotated[
-        Literal["stored", "linear"], typer.Option(help="Colours as stored, or sRGB converted to linear.")
-    ] = "stored",
-    official: Annotated[
-        bool, typer.Option("--official", help="Write what the method's own exporter would write.")
-    ] = False,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    options: ConvertOptions,
+    output: PlainOutput,
+    typed: Typed,
 ) -> None:
     """Convert between .triasset and mesh files, keeping rows, order and vertex colours.
 
@@ -81,20 +73,18 @@ def convert(
     from msb.cli.failures import report_error
     from msb.cli.inputs import expand
 
-    output = Output(None, quiet, verbose, force)
-    wish = _Wish(form, up, color, official)
     found = expand(source)
     if found == [source]:
-        if is_given(context, "to"):
+        if "to" in typed:
             raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
-        _convert(source, target, wish, output)
+        _convert(source, target, options, output)
         return
-    places = _places(source, found, target, to)
+    places = _places(source, found, target, options.to or "glb")
     status = EXIT_OK
     for path, place in places.items():
         try:
             with about(path):
-                _convert(path, place, wish, output)
+                _convert(path, place, options, output)
         except MsbError as error:
             status = max(status, report_error(error))
     if status:
@@ -125,23 +115,21 @@ def _places(source: Path, found: list[Path], target: Path, to: str) -> dict[Path
     return places
 
 
-def _convert(source: Path, target: Path, wish: _Wish, output: Output) -> None:
+def _convert(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     """Convert one input, and say what was written and what was left out."""
     from msb.asset import ASSET_SUFFIX
 
-    output.check_free(target, folder=wish.form == "folder")
-    if wish.official:
-        if wish.form is not None or wish.up is not None or wish.color != "stored":
-            raise UsageError("USAGE", "--official goes without --form, --up and --color")
+    output.check_free(target, folder=options.form == "folder")
+    if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:
-        if wish.up is not None or wish.color != "stored":
+        if options.up is not None or options.color != "stored":
             raise UsageError("USAGE", "--up and --color are for mesh files; a .triasset keeps what is stored")
-        _write_asset(source, target, wish.form or "packed", output)
+        _write_asset(source, target, options.form or "packed", output)
     else:
-        if wish.form is not None:
+        if options.form is not None:
             raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
-        _write_mesh(source, target, wish, output)
+        _write_mesh(source, target, options, output)
 
 
 def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
@@ -167,7 +155,7 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
     _say(target, [f"as the exporter of {asset.manifest.method} writes it"], output)
 
 
-def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None:
+def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     from msb.adapters.locate import is_mesh_file
     from msb.api.saving import output_suffix
     from msb.base.atomic import new_file
@@ -185,9 +173,9 @@ def _write_mesh(source: Path, target: Path, wish: _Wish, output: Output) -> None
         else:
             asset = open_asset(source, output)
             mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
-            known = wish.up is not None or asset.manifest.coordinate_frame.known_up is not None
-    mesh = turned_upright(mesh, wish.up) if wish.up else mesh
-    mesh = with_linear_colors(mesh) if wish.color == "linear" else mesh
+            known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
+    mesh = turned_upright(mesh, options.up) if options.up else mesh
+    mesh = with_linear_colors(mesh) if options.color == "linear" else mesh
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
         held = as_held(mesh, suffix)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.files import is_file, read_file
-from msb.cli.options import MOVED
 from msb.errors import InputError, UsageError, shorten
 
 if TYPE_CHECKING:
@@ -173,11 +172,8 @@ def _add(found: Defaults, commands: Commands, key: str, value: Any, path: Path, 
 def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> UsageError:
     import difflib
 
-    command, _, key = name.rpartition(".")
-    near = difflib.get_close_matches(key, known, 3, 0.65)
+    near = difflib.get_close_matches(name.rpartition(".")[2], known, 3, 0.65)
     hint = f"did you mean {' or '.join(near)}?" if near else "msb config show --all lists all"
-    if key in MOVED.get(command, {}):
-        hint = f"--{key} is {MOVED[command][key]}"
     text = f'"{shorten(name, 60)}" is no {what} that a file can set; {hint}'
     return UsageError("CONFIG_INVALID", text, file=path)
 

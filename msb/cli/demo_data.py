@@ -5,21 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from msb.base.option import Argument
 from msb.base.paths import shell_word
-from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
-from msb.cli.output import Output, echo
+from msb.cli.command import command
+from msb.cli.output import PlainOutput, echo
 from msb.errors import UsageError
 
-EPILOG = epilog("msb demo-data out/demo-data")
 
-
+@command("msb demo-data out/demo-data")
 def demo_data(
-    target: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to write."), WRITTEN],
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    target: Annotated[Path, Argument("The folder to write.", metavar="DIR", output="own")],
+    output: PlainOutput,
 ) -> None:
     """Write small scenes, trained models and protocols to try every command on: 8 MB, no network.
 
@@ -31,7 +27,6 @@ def demo_data(
     from msb.base.atomic import check_place
     from msb.base.files import is_folder
 
-    output = Output(None, quiet, verbose, force)
     if is_folder(target) and not any(target.iterdir()):
         check_place(target, folder=True)
     else:
@@ -42,7 +37,7 @@ def demo_data(
     with output.progress(f"writing {target.name}"):
         size = write_demo(target)
     echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, two protocols; {size / 1e6:.1f} MB")
-    if not quiet:
+    if not output.quiet:
         names = ("splat_like.triasset", PROTOCOL, RESULTS)
         asset, protocol, results = (shell_word(target / name) for name in names)
         echo(f"next: msb audit {asset}")

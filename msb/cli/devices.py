@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.camera_options import Drawing
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, Output, plain_table
 from msb.errors import DeviceError, MsbError
 
 if TYPE_CHECKING:
     from msb.cl.devices import Choice, Tried
 
-EPILOG = epilog("msb devices", "msb devices -v --device cpu", "msb devices --json -")
 SCHEMA = "msb.devices/1"
 _BYTES = ("global_memory", "max_allocation", "local_memory")
 
 
-def devices(
-    device: DeviceName = None,
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+@command("msb devices", "msb devices -v --device cpu", "msb devices --json -")
+def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> None:
     """List the OpenCL devices, whether each builds kernels and which one is used; and the renderers.
 
     Every device is tried anew. -v shows every limit and ability, and what had to be done to make a device
@@ -33,13 +28,11 @@ def devices(
     from msb.cl.devices import choose_device, try_devices
     from msb.cl.loader import notes
 
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
     with output.progress("building a kernel on each device"):
         tried = try_devices()
     choice, problem = None, None
     try:
-        choice = choose_device(device)
+        choice = choose_device(drawing.device)
     except MsbError as error:
         problem = error
     if not tried:

@@ -2,52 +2,55 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
-from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table, setting_text
+from msb.base.option import Argument, Option
+from msb.cli.camera_options import Drawing
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, Output, plain_table, setting_text
 
 if TYPE_CHECKING:
     from msb.asset import Asset
 
-EPILOG = epilog(
+SCHEMA = "msb.export/1"
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What is expected of the checkpoint, and the form of the asset."""
+
+    method: Annotated[
+        str | None, Option("The method that you expect; detected if not given.", metavar="NAME")
+    ] = None
+    config: Annotated[Path | None, Option("YAML config or log of a 2DTS training.", metavar="FILE")] = None
+    form: Annotated[Literal["packed", "folder"], Option("Form of the .triasset.")] = "packed"
+
+
+@command(
     "msb export data_stubs/checkpoint",
     "msb export data_stubs/checkpoint out/demo.triasset",
     "msb export --set opacity_floor=0.9999 data_stubs/checkpoint out/f.triasset",
     "msb export --json - --quiet data_stubs/checkpoint out/quiet.triasset",
 )
-SCHEMA = "msb.export/1"
-
-
 def export(
     source: Annotated[
-        Path, typer.Argument(metavar="CHECKPOINT", help="A training's output folder, or the model's file.")
+        Path, Argument("A training's output folder, or the model's file.", metavar="CHECKPOINT")
     ],
     target: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="OUT", help="The .triasset to write. Default: named like CHECKPOINT, in this folder."
+        Argument(
+            "The .triasset to write. Default: named like CHECKPOINT, in this folder.",
+            metavar="OUT",
+            output="own",
+            endings=(".triasset",),
         ),
-        WRITTEN,
     ] = None,
-    method: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The method that you expect; detected if not given.")
-    ] = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Override a setting; msb methods lists them."),
-    ] = None,
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML config or log of a 2DTS training.")
-    ] = None,
-    form: Annotated[Literal["packed", "folder"], typer.Option(help="Form of the .triasset.")] = "packed",
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    *,
+    options: ExportOptions,
+    drawing: Annotated[Drawing, ("assignments",)],
+    output: JsonOutput,
 ) -> None:
     """Turn a trained checkpoint into a .triasset, on any machine: no PyTorch, no CUDA.
 
@@ -56,20 +59,16 @@ def export(
     """
     from msb.adapters.exporter import finish, read_model
     from msb.adapters.locate import locate
-    from msb.api.saving import checked_ending
     from msb.asset import ASSET_SUFFIX, write_asset
 
-    output = Output(json_file, quiet, verbose, force)
     place = locate(source)
     target = target or Path(place.name + ASSET_SUFFIX)
-    checked_ending(target, "OUT", (ASSET_SUFFIX,))
-    output.check_free(target, folder=form == "folder")
-    output.check_free(json_file)
+    output.check_free(target, folder=options.form == "folder")
     with output.progress(f"reading {source.name}"):
-        model = read_model(place, method=method, settings=assignments or (), config=config)
+        model = read_model(place, method=options.method, settings=drawing.assignments, config=options.config)
     with output.bars() as progress:
         asset = finish(model, progress=progress)
-        write_asset(asset, target, form, progress=progress)
+        write_asset(asset, target, options.form, progress=progress)
     for warning in asset.warnings:
         output.note(warning.to_line(source))
     manifest = asset.manifest.to_dict()

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table, setting_text
+from msb.cli.camera_options import Source
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, Output, plain_table, setting_text
 from msb.errors import shorten
 
 if TYPE_CHECKING:
@@ -16,16 +15,9 @@ if TYPE_CHECKING:
     from msb.asset.manifest import Manifest
     from msb.registry import Tier
 
-EPILOG = epilog("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/checkpoint")
 
-
-def info(
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+@command("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/checkpoint")
+def info(path: Source, output: JsonOutput) -> None:
     """Show what an asset, checkpoint or mesh file holds: method, counts, bounds, settings and buffers.
 
     Of a .triasset the command reads the manifest and checks paths and sizes. It does not read values; msb
@@ -33,8 +25,6 @@ def info(
     """
     from msb.cli.inputs import open_asset
 
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msb.adapters.locate import bare_models, is_checkpoint, locate
 from msb.asset import ASSET_SUFFIX, is_asset
 from msb.base.files import open_error
-from msb.errors import InputError
+from msb.cli.failures import report_error
+from msb.cli.output import failure
+from msb.errors import InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:
@@ -80,6 +82,41 @@ def open_asset(path: Path, output: Output) -> Asset:
     asset = open(path)
     note_warnings(asset.warnings, path, output)
     return asset
+
+
+def for_each(
+    paths: Iterable[Path], schema: str, output: Output, work: Callable[[Path], tuple[dict[str, Any], int]]
+) -> int:
+    """Call `work` with each input; write the documents that it returns, and return the highest status.
+
+    An input that fails is a line on standard error, and a document with its error beside those of others.
+    """
+    status = 0
+    inputs: list[Path] = []
+    documents: list[dict[str, Any]] = []
+
+    def fail(path: Path, error: MsbError) -> int:
+        documents.append(failure(schema, path, error))
+        return max(status, report_error(error))
+
+    for path in paths:
+        try:
+            inputs += expand(path)
+        except MsbError as error:
+            status = fail(path, error)
+    for path in inputs:
+        if status and output.fail_fast:
+            break
+        try:
+            document, own = work(path)
+        except MsbError as error:
+            status = fail(path, error)
+            continue
+        documents.append(document)
+        status = max(status, own)
+    if len(documents) > 1 or (documents and "error" not in documents[0]):
+        output.write_documents(documents)
+    return status
 
 
 def note_warnings(found: Iterable[Finding], path: Path, output: Output) -> None:

@@ -6,42 +6,35 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from msb.cli.options import Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, echo, plain_table
+from msb.base.option import Option
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, echo, plain_table
 
 if TYPE_CHECKING:
     from msb.report.table import Table
 
-EPILOG = epilog("msb methods", "msb methods --format markdown", "msb methods --json -")
 SCHEMA = "msb.methods/1"
 TableRows = list[tuple[str, ...]]
 
 
+@command("msb methods", "msb methods --format markdown", "msb methods --json -")
 def methods(
-    form: Annotated[
-        Literal["text", "markdown"], typer.Option("--format", help="How to print the tables.")
-    ] = "text",
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    *,
+    format: Annotated[Literal["text", "markdown"], Option("How to print the tables.")] = "text",
+    output: JsonOutput,
 ) -> None:
     """Show the methods: what their representations have, what each tier keeps, their settings.
 
     The mark -- stands for what the source representation does not have, N/A for what a tier does not support.
     """
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
     output.write_json(as_data())
     if not output.prints_text:
         return
     for number, (title, rows) in enumerate(tables()):
         if number:
             echo()
-        echo(f"## {title}\n" if form == "markdown" else title)
-        if form == "markdown":
+        echo(f"## {title}\n" if format == "markdown" else title)
+        if format == "markdown":
             echo("\n".join(_markdown(rows)))
         else:
             # A word a line in the header: the names below it then fit into 80 columns.

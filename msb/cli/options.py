@@ -136,20 +136,6 @@ class Command(TyperCommand):
         super().format_options(ctx, formatter)
 
 
-_BOTH = "an option of msb compare and msb web"
-_COMPARE = "an option of msb compare"
-MOVED: dict[str, dict[str, str]] = {
-    "view": {
-        "compare": "a command of its own: msb compare ASSET",
-        "web": "a command of its own: msb web --out FILE ASSET",
-        "paths": "--tiers of msb compare",
-        **dict.fromkeys(("background", "camera", "cameras", "scale", "set"), _BOTH),
-        **dict.fromkeys(("device", "images", "layout", "pair", "supersample"), _COMPARE),
-    }
-}
-"""Command -> an option that it had -> what that is now."""
-
-
 def refuse(given: Mapping[str, object], why: str) -> None:
     """Refuse options that would be ignored, by their names without dashes."""
     for name, value in given.items():

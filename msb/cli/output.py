@@ -70,6 +70,7 @@ class Output:
             "Write one row per item to FILE; - is standard output.", ("--csv",), metavar="FILE", output="file"
         ),
     ] = None
+    fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _checked: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
@@ -224,8 +225,10 @@ class Output:
 PlainOutput = Annotated[Output, ("force", "quiet", "verbose")]
 """Of a command that writes no JSON."""
 JsonOutput = Annotated[Output, ("json_file", "force", "quiet", "verbose")]
-ManyOutput = Annotated[Output, ("json_file", "json_lines", "force", "quiet", "verbose")]
+ManyOutput = Annotated[Output, ("json_file", "fail_fast", "force", "quiet", "verbose")]
 """Of a command that takes several inputs."""
+LinesOutput = Annotated[Output, ("json_file", "json_lines", "fail_fast", "force", "quiet", "verbose")]
+"""Of one that writes a document for each of them."""
 
 
 def is_stdout(path: Path | None) -> bool:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from msb.base.atomic import DISK_ERRORS
 from msb.cli.failures import report_error
-from msb.cli.options import MOVED
 from msb.cli.output import log, say, silence
 from msb.errors import (
     EXIT_INTERRUPTED,
@@ -169,11 +168,8 @@ def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError |
 def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
     """Return what is wrong, the option that was meant or the file that set it, and the usage."""
     text = str(error.format_message()).rstrip(".")
-    if hasattr(error, "option_name"):
-        if getattr(error, "possibilities", None):
-            text = f"No such option: {error.option_name}; did you mean {_nearest(error)}?"
-        moved = MOVED.get(error.ctx.info_name, {}).get(error.option_name.lstrip("-"))
-        text = f"{error.option_name} is {moved}" if moved else text
+    if hasattr(error, "option_name") and getattr(error, "possibilities", None):
+        text = f"No such option: {error.option_name}; did you mean {_nearest(error)}?"
     context, param = getattr(error, "ctx", None), getattr(error, "param", None)
     if context is None:
         return f"{shorten(text, 200)} (see {name} --help)"

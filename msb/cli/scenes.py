@@ -3,71 +3,66 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from msb.base.option import Argument, Option
+from msb.cli.command import command
 from msb.cli.failures import report_error
-from msb.cli.options import FailFast, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.output import ManyOutput, Output, plain_table
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene, SceneReport
 
-EPILOG = epilog(
+SCHEMA = "msb.scenes/1"
+
+
+@dataclass(frozen=True)
+class ScenesOptions:
+    """How scenes are read."""
+
+    dataset: Annotated[
+        str | None,
+        Option("mipnerf360, tanksandtemples, nerf_synthetic, dtu, or your own.", metavar="NAME"),
+    ] = None
+    image_folder: Annotated[
+        str | None, Option("Folder of photographs instead of the usual one.", metavar="NAME")
+    ] = None
+    resolution: Annotated[
+        int | None, Option("1, 2, 4, 8 divide the size; -1 keeps it; else a width.", ("--resolution", "-r"))
+    ] = None
+    rules: Annotated[str, Option("ours, or a method, to read as its official code does.", metavar="NAME")] = (
+        "ours"
+    )
+
+
+@command(
     "msb scenes data_stubs/scenes",
     "msb scenes data_stubs/scenes/dtu/scan1",
     "msb scenes --image-folder images_8 data_stubs/scenes/mipnerf360",
     "msb scenes --json - --rules two_dts data_stubs/scenes/nerf_synthetic/pebble",
 )
-SCHEMA = "msb.scenes/1"
-
-
 def scenes(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Scenes, or folders of scenes.")],
-    dataset: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="mipnerf360, tanksandtemples, nerf_synthetic, dtu, or your own."),
-    ] = None,
-    image_folder: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Folder of photographs instead of the usual one.")
-    ] = None,
-    resolution: Annotated[
-        int | None,
-        typer.Option(
-            "--resolution", "-r", metavar="N", help="1, 2, 4, 8 divide the size; -1 keeps it; else a width."
-        ),
-    ] = None,
-    rules: Annotated[
-        str, typer.Option(metavar="NAME", help="ours, or a method, to read as its official code does.")
-    ] = "ours",
-    json_file: JsonFile = None,
-    fail_fast: FailFast = False,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    paths: Annotated[tuple[Path, ...], Argument("Scenes, or folders of scenes.", metavar="PATH...")],
+    options: ScenesOptions,
+    output: ManyOutput,
 ) -> None:
     """Say what scenes were found, which photographs count, and what is missing.
 
     One scene is described in full, several in a table (with -v also in full). Only headers are decoded.
     docs/datasets.md shows the layouts and the rules.
     """
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
-    options = {"dataset": dataset, "image_folder": image_folder, "resolution": resolution, "rules": rules}
-    raise typer.Exit(_run(paths, options, output, fail_fast=fail_fast))
-
-
-def _run(paths: list[Path], options: dict[str, Any], output: Output, *, fail_fast: bool) -> int:
     from msb.scenes.datasets import describe_scene, find_scenes
 
     status = 0
     found: list[SceneReport] = []
     for path in paths:
-        if fail_fast and (status or any(item.error for item in found)):
+        if output.fail_fast and (status or any(item.error for item in found)):
             break
         try:
             places = find_scenes(path)
@@ -76,9 +71,9 @@ def _run(paths: list[Path], options: dict[str, Any], output: Output, *, fail_fas
             continue
         with output.counted(f"reading {path.name}", len(places)) as step:
             for place in places:
-                found.append(describe_scene(place, **options))
+                found.append(describe_scene(place, **vars(options)))
                 step()
-                if fail_fast and found[-1].error is not None:
+                if output.fail_fast and found[-1].error is not None:
                     break
     output.write_json({"schema": SCHEMA, "scenes": [as_data(item) for item in found]})
     if output.prints_text and found:
@@ -86,7 +81,7 @@ def _run(paths: list[Path], options: dict[str, Any], output: Output, *, fail_fas
     for item in found:
         if item.error is not None:
             status = max(status, report_error(item.error))
-    return status
+    raise typer.Exit(status)
 
 
 def as_data(item: SceneReport) -> dict[str, Any]:

@@ -7,96 +7,66 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from msb.cli.failures import report_error
-from msb.cli.options import FailFast, Force, JsonFile, JsonLines, Quiet, Verbose, epilog
-from msb.cli.output import Output, echo, failure, plain_table
-from msb.errors import (
-    CODES,
-    EXIT_STATUS,
-    MsbError,
-    UsageError,
-)
+from msb.base.option import Argument, Option
+from msb.cli.command import Rule, command
+from msb.cli.inputs import for_each
+from msb.cli.output import LinesOutput, Output, echo, plain_table
+from msb.errors import CODES, EXIT_STATUS, UsageError
 
 if TYPE_CHECKING:
     from msb.asset import Validation
 
-EPILOG = epilog(
-    "msb validate data_stubs/splat_like.triasset",
-    "msb validate --json - data_stubs/splat_like.triasset",
-    "msb validate --explain TRIASSET_INDEX_OUT_OF_RANGE",
-)
 SCHEMA = "msb.validate/1"
 MAX_FINDINGS = 1000
 """JSON holds this many findings of an asset; a hostile manifest of 1 MiB can cause 90 000."""
 
 
+@command(
+    "msb validate data_stubs/splat_like.triasset",
+    "msb validate --json - data_stubs/splat_like.triasset",
+    "msb validate --explain TRIASSET_INDEX_OUT_OF_RANGE",
+    rules=(
+        Rule(
+            "",
+            "PATH is missing; give a .triasset, a mesh file or a folder of these",
+            needs="paths explain",
+        ),
+    ),
+)
 def validate(
     paths: Annotated[
-        list[Path] | None, typer.Argument(metavar="PATH...", help="Assets, mesh files, or folders of these.")
-    ] = None,
-    json_file: JsonFile = None,
-    json_lines: JsonLines = None,
-    fail_fast: FailFast = False,
+        tuple[Path, ...], Argument("Assets, mesh files, or folders of these.", metavar="PATH...")
+    ] = (),
+    *,
     explain: Annotated[
-        str | None, typer.Option(metavar="CODE", help="Print what a code means, and stop.")
+        str | None, Option("Print what a code means, and stop.", metavar="CODE", only_typed=True)
     ] = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    output: LinesOutput,
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
     Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
     judged by the asset that would be made of it.
     """
-    output = Output(json_file, quiet, verbose, force, json_lines)
     if explain is not None:
         _explain(explain, output)
         return
-    if not paths:
-        raise UsageError("USAGE", "PATH is missing; give a .triasset, a mesh file or a folder of these")
-    output.check_outputs()
-    raise typer.Exit(_run(paths, output, fail_fast=fail_fast))
-
-
-def _run(paths: list[Path], output: Output, *, fail_fast: bool) -> int:
     from msb.api.validating import validate as check
-    from msb.cli.inputs import expand
 
-    status = 0
-    inputs: list[Path] = []
-    reports: list[dict[str, Any]] = []
-    for path in paths:
-        try:
-            inputs += expand(path)
-        except MsbError as error:
-            status = max(status, report_error(error))
-            reports.append(failure(SCHEMA, path, error))
-    for item in inputs:
-        if status and fail_fast:
-            break
-        try:
-            with output.progress(f"validating {item.name}"):
-                found = check(item)
-        except MsbError as error:
-            status = max(status, report_error(error))
-            reports.append(failure(SCHEMA, item, error))
-            continue
-        status = max(status, 0 if found.valid else 1)
-        reports.append(
-            {
-                "schema": SCHEMA,
-                "path": str(item),
-                "valid": found.valid,
-                "findings": [f.to_dict() for f in found.findings[:MAX_FINDINGS]],
-                "truncated": len(found.findings) > MAX_FINDINGS,
-            }
-        )
+    def document(path: Path) -> tuple[dict[str, Any], int]:
+        with output.progress(f"validating {path.name}"):
+            validation = check(path)
         if output.prints_text:
-            _print(found, output)
-    if len(reports) > 1 or "error" not in reports[0]:  # the line on standard error says it all
-        output.write_documents(reports)
-    return status
+            _print(validation, output)
+        return {
+            "schema": SCHEMA,
+            "path": str(path),
+            "valid": validation.valid,
+            "findings": [each.to_dict() for each in validation.findings[:MAX_FINDINGS]],
+            "truncated": len(validation.findings) > MAX_FINDINGS,
+        }, 0 if validation.valid else 1
+
+    raise typer.Exit(for_each(paths, SCHEMA, output, document))
 
 
 def _print(found: Validation, output: Output) -> None:

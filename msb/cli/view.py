@@ -6,21 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
-from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog, refuse
-from msb.cli.output import Output, echo
-from msb.cli.window import (
-    DEFAULT_SIZE,
-    Files,
-    Html,
-    Screenshot,
-    Up,
-    UpAxis,
-    WindowSize,
-    open_probe,
-    parse_window_size,
-)
+from msb.base.option import Option
+from msb.cli.camera_options import Source
+from msb.cli.command import Rule, command
+from msb.cli.output import Output, PlainOutput, echo
+from msb.cli.window import Window, open_probe
 from msb.errors import UsageError, about
 
 if TYPE_CHECKING:
@@ -28,65 +18,48 @@ if TYPE_CHECKING:
     from msb_viewers.state import ViewState
     from msb_viewers.viewed_mesh import ViewedMesh
 
-EPILOG = epilog(
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """What to show at first."""
+
+    show: Annotated[
+        tuple[str, ...],
+        Option("Layers that are on: names, all or none. May be given again.", metavar="LAYERS"),
+    ] = ()
+    at: Annotated[
+        str | None,
+        Option(
+            "Fly to the N-th element of a layer, or to vertex V, whose fans are drawn apart.",
+            ("--at", "--vertex"),
+            metavar="LAYER:N|V",
+        ),
+    ] = None
+    component: Annotated[int | None, Option("Show only the N-th largest component.", least=1)] = None
+    colors: Annotated[
+        Literal["own", "components", "grey"] | None,
+        Option("How the mesh is coloured. Default: its own colours."),
+    ] = None
+
+
+@command(
     "msb view data_stubs/splat_like.triasset",
     "msb view --screenshot out/view.png --show all data_stubs/checkpoint",
     "msb view --figure out/f.png --html out/f.html data_stubs/checkpoint",
     "msb view --at nonmanifold_edges:17 data_stubs/splat_like.triasset",
     "msb view data_stubs/splat_like.triasset --repaired out/repaired.triasset",
+    rules=(Rule("figure", "does not go with --repaired; there is --screenshot", excludes="repaired"),),
 )
-Colors = Literal["own", "components", "grey"]
-
-
-@dataclass(frozen=True)
-class ViewOptions:
-    """What to show at first, as the command line has it."""
-
-    show: tuple[str, ...] = ()
-    at: str | None = None
-    vertex: int | None = None
-    component: int | None = None
-    colors: Colors | None = None
-    up: UpAxis | None = None
-    size: tuple[int, int] = (1280, 800)
-
-
 def view(
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
+    path: Source,
+    *,
     repaired: Annotated[
         Path | None,
-        typer.Option(
-            metavar="OUT", help="Show what a repair of ASSET, OUT, deleted, added and cut, as the layers."
-        ),
+        Option("Show what a repair of ASSET, OUT, deleted, added and cut, as the layers.", metavar="OUT"),
     ] = None,
-    screenshot: Screenshot = None,
-    figure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write the four-panel figure: .png, .svg or .pdf."),
-        WRITTEN,
-    ] = None,
-    html: Html = None,
-    show: Annotated[
-        list[str] | None,
-        typer.Option(metavar="LAYERS", help="Layers that are on: names, all or none. May be given again."),
-    ] = None,
-    at: Annotated[
-        str | None, typer.Option(metavar="LAYER:N", help="Fly to the N-th element of a layer.")
-    ] = None,
-    vertex: Annotated[
-        int | None, typer.Option(metavar="V", min=0, help="Draw the fans of vertex V apart.")
-    ] = None,
-    component: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Show only the N-th largest component.")
-    ] = None,
-    colors: Annotated[
-        Colors | None, typer.Option(help="How the mesh is coloured. Default: its own colours.")
-    ] = None,
-    up: Up = None,
-    size: WindowSize = DEFAULT_SIZE,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    window: Window,
+    options: ViewOptions,
+    output: PlainOutput,
 ) -> None:
     """See what is wrong with a mesh: edges, vertices, faces and components the audit complains about.
 
@@ -98,21 +71,7 @@ def view(
     msb compare shows what deployment makes of a model's look; msb web writes a page that shows it as engines
     do.
     """
-    output = Output(None, quiet, verbose, force)
-    files = Files(screenshot, figure, html)
-    options = ViewOptions(
-        tuple(show or ()),
-        at,
-        vertex,
-        None if component is None else component - 1,
-        colors,
-        up,
-        parse_window_size(size),
-    )
-    if repaired is not None:
-        refuse({"figure": figure}, "does not go with --repaired; there is --screenshot")
-    files.check(output)
-    probe = open_probe(files)
+    probe = open_probe(window)
     try:
         model = _read(path, output) if repaired is None else _read_repaired(path, repaired, output)
         if probe is not None:
@@ -120,44 +79,46 @@ def view(
     finally:
         if probe is not None:
             probe.close()
-    present(model, options, files, output)
+    present(model, options, window, output)
 
 
-def present(model: ViewModel, options: ViewOptions, files: Files, output: Output) -> None:
+def present(model: ViewModel, options: ViewOptions, window: Window, output: Output) -> None:
     """Write what is asked for, or open the window and return when it is closed."""
     state = initial_state(model, options)
     for note in model.notes:
         output.note(f"{model.name}: {note}")
-    written = [path for path in (files.html, files.figure, files.screenshot) if path is not None]
-    if files.html is not None:
+    if window.html is not None:
         from msb_viewers.page import LARGE, write_page
 
         if len(model.faces) > LARGE:
-            output.note(f"warning: {files.html}: {len(model.faces):,} faces are more than most browsers hold")
-        with output.progress(f"writing {files.html.name}"):
-            write_page(model, files.html, state=state, up=options.up)
-    if files.figure is not None:
+            output.note(
+                f"warning: {window.html}: {len(model.faces):,} faces are more than most browsers hold"
+            )
+        with output.progress(f"writing {window.html.name}"):
+            write_page(model, window.html, state=state, up=window.up)
+    if window.figure is not None:
         from msb_viewers.figure import write_figure
 
-        with output.progress(f"writing {files.figure.name}"):
-            write_figure(model, files.figure, up=options.up)
-    if files.screenshot is not None or not files.any:
+        with output.progress(f"writing {window.figure.name}"):
+            write_figure(model, window.figure, up=window.up)
+    if window.screenshot is not None or not window.written:
         from msb_viewers.viewer import TopologyViewer
 
-        viewer = TopologyViewer(model, size=options.size, off_screen=files.any, up=options.up, state=state)
+        off_screen = window.screenshot is not None
+        viewer = TopologyViewer(model, size=window.pixels, off_screen=off_screen, up=window.up, state=state)
         try:
-            if options.at is not None or options.vertex is not None:
+            if options.at is not None:
                 viewer.fly_to_chosen()
             elif options.component is not None:
                 viewer.fly_to_component()
-            if files.screenshot is not None:
-                viewer.screenshot(files.screenshot)
+            if window.screenshot is not None:
+                viewer.screenshot(window.screenshot)
             else:
                 viewer.show()
         finally:
             viewer.close()
-    if written and not output.quiet:
-        echo("\n".join(map(str, written)))
+    if window.written and not output.quiet:
+        echo("\n".join(map(str, window.written)))
 
 
 def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
@@ -173,21 +134,17 @@ def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
             raise UsageError("NAME_UNKNOWN", "--colors own: the mesh has no colours of its own")
         state.coloring = options.colors
     if options.component is not None:
-        count = len(model.sizes)
-        if options.component >= count:
-            text = f"--component {options.component + 1}: there are {count}"
+        if options.component > len(model.sizes):
+            text = f"--component {options.component}: there are {len(model.sizes)}"
             raise UsageError("NAME_UNKNOWN", text)
-        state.isolate(options.component)
-    if options.at is not None and options.vertex is not None:
-        raise UsageError("USAGE", "--at and --vertex exclude each other")
-    if options.at is not None:
+        state.isolate(options.component - 1)
+    if options.at is not None and options.at.isascii() and options.at.isdigit():
+        last = len(model.points) - 1
+        if len(options.at) > 12 or int(options.at) > last:
+            raise UsageError("NAME_UNKNOWN", f"--at {options.at[:12]}: the last vertex is {last}")
+        state.choose_vertex(int(options.at))
+    elif options.at is not None:
         state.choose(*parse_element(model, options.at))
-    if options.vertex is not None:
-        count = len(model.points)
-        if options.vertex >= count:
-            text = f"--vertex {options.vertex}: the last vertex is {count - 1}"
-            raise UsageError("NAME_UNKNOWN", text)
-        state.choose_vertex(options.vertex)
     return state
 
 

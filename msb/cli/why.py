@@ -6,43 +6,32 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from msb.cli.camera_options import Assignments, Background, Cameras, Chosen, Scale, Size
-from msb.cli.options import WRITTEN, DeviceName, Force, JsonFile, Quiet, Verbose, epilog, refuse
-from msb.cli.output import Output, plain_table
+from msb.base.option import Option
+from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Views
+from msb.cli.command import Rule, command
+from msb.cli.output import JsonOutput, Output, plain_table
 
 if TYPE_CHECKING:
-    from msb.views import Views
+    from msb.views import Views as Chosen
     from msb.why import Cause, Causes
 
-EPILOG = epilog(
-    "msb why --size 160x120 data_stubs/models/pebble/two_dts",
-    "msb why --cameras data_stubs/views.json --scale 0.25 --save out/why \\\n      data_stubs/checkpoint",
-)
 SCHEMA = "msb.why/1"
 
 
+@command(
+    "msb why --size 160x120 data_stubs/models/pebble/two_dts",
+    "msb why --cameras data_stubs/views.json --scale 0.25 --save out/why \\\n      data_stubs/checkpoint",
+    rules=(Rule("camera", NO_CAMERAS, needs="cameras"),),
+)
 def why(
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
-    cameras: Cameras = None,
-    chosen: Chosen = None,
-    size: Size = None,
-    scale: Scale = None,
-    background: Background = None,
-    assignments: Assignments = None,
+    path: Source,
+    views: Views,
+    drawing: Annotated[Drawing, ("assignments", "device")],
+    output: JsonOutput,
     save: Annotated[
         Path | None,
-        typer.Option(
-            "--save", metavar="FOLDER", help="Write a picture of each cause: without it, and with it."
-        ),
-        WRITTEN,
+        Option("Write a picture of each cause: without it, and with it.", metavar="FOLDER", output="own"),
     ] = None,
-    device: DeviceName = None,
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
 ) -> None:
     """Say why an export looks worse than the render: what each cause costs, in dB.
 
@@ -51,46 +40,36 @@ def why(
     the method's own look, what engine settings mend of that, and what only a bake could. Without --cameras
     it is seen by those of its training where they lie beside it, else from around.
     """
-    from msb.asset.settings import parse_overrides
-    from msb.cli.camera_options import cameras_at, parse_background, parse_size
+    from msb.cli.camera_options import parse_background, parse_size
     from msb.cli.inputs import open_asset
     from msb.errors import about
     from msb.views import choose_views
     from msb.why import CAUSES
     from msb.why import why as find
 
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
     if save is not None:
         for known in CAUSES:
             output.check_free(save / f"{known.name}.png")
-    if cameras is None:
-        refuse({"camera": chosen, "scale": scale}, "needs --cameras PATH")
+    size = parse_size(views.size or "640x480") if views.cameras is None else (640, 480)
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    given = None if cameras is None else cameras_at(cameras, chosen, size, scale, output)
+    given = None if views.cameras is None else views.read(output)
+    device = drawing.device
     with about(path):
-        views = choose_views(asset, given, size=parse_size(size or "640x480"), device=device)
-        views = views.seeing(asset, device)
-    color = parse_background(background, asset)
+        seen = choose_views(asset, given, size=size, device=device).seeing(asset, device)
+    color = parse_background(views.background, asset)
+    settings = drawing.settings(asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
-        causes = find(
-            asset,
-            views,
-            background=color,
-            settings=dict(parse_overrides(asset.manifest.method, assignments or [])),
-            device=device,
-            step=step,
-        )
-    where: dict[str, Any] = {"views": len(views.cameras)}
-    where |= {"cameras": views.origin if cameras is None else cameras, "background": list(color)}
+        causes = find(asset, seen, background=color, settings=settings, device=device, step=step)
+    where: dict[str, Any] = {"views": len(seen.cameras)}
+    where |= {"cameras": str(views.cameras or seen.origin), "background": list(color)}
     head = {"schema": SCHEMA, "path": str(path), "method": asset.manifest.method, **where}
     listed = [cause.to_dict() for cause in causes]
     output.write_json({**head, "causes": listed, "total": causes.total.to_dict()})
     if save is not None:
         _save(causes, save)
     if output.prints_text:
-        _print(causes, head, views, save, output)
+        _print(causes, head, seen, save, output)
 
 
 def _save(causes: list[Cause], folder: Path) -> None:
@@ -105,7 +84,7 @@ def _save(causes: list[Cause], folder: Path) -> None:
             write_image(folder / f"{cause.name}.png", picture, "png")
 
 
-def _print(causes: Causes, head: dict[str, Any], views: Views, save: Path | None, output: Output) -> None:
+def _print(causes: Causes, head: dict[str, Any], views: Chosen, save: Path | None, output: Output) -> None:
     from rich.markup import escape
 
     from msb.why import EQUAL

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from PIL import Image
-from typer.main import get_command
 
-from msb.cli.app import app
-from msb.cli.defaults import options, single_commands
-from msb.cli.options import MOVED
 from msb.meshes import Mesh, write_mesh
 from tests.cli.conftest import here, refused
 from tests.cli.forks import run_msb
@@ -23,7 +18,7 @@ from tests.conftest import BOOK
 from tests.viewers.conftest import HAS_PYVISTA, ROOT
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Here, Refused
+    from tests.cli.conftest import Here
 
 __all__ = ["here", "refused"]
 NO_DISPLAY = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
@@ -154,32 +149,6 @@ def test_wrong_use_is_one_line(
     assert (result.status, result.err.count("\n")) == (2, 1)
     assert result.err.startswith(f"{code}: ")
     assert not list(tmp_path.glob("a.*"))
-
-
-@pytest.mark.parametrize(
-    ("option", "now"),
-    [
-        ("--compare", "msb compare ASSET"),
-        ("--web=a.html", "msb web --out FILE ASSET"),
-        ("--paths=standard", "--tiers of msb compare"),
-        ("--layout=wipe", "msb compare"),
-        ("--cameras=x.json", "msb compare and msb web"),
-    ],
-)
-def test_options_that_moved_name_the_command_that_has_them(refused: Refused, option: str, now: str) -> None:
-    error = refused(["view", option, "x.ply"])
-    assert error.startswith(f"USAGE: {option.partition('=')[0]} is ")
-    assert f" {now} (usage: msb view " in error
-
-
-def test_every_option_that_moved_is_where_it_is_said_to_be() -> None:
-    own = {name: {key for key, _ in options(one)} for name, one in single_commands(get_command(app)).items()}
-    for old, moved in MOVED.items():
-        for option, now in moved.items():
-            assert option not in own[old]
-            called = re.findall(r"--(\w+)", now) or [option]
-            for command in re.findall(r"msb (\w+)", now):
-                assert command == option or called[0] in own[command], now
 
 
 def test_inputs_that_are_none_are_refused(tmp_path: Path) -> None:
