@@ -14,7 +14,7 @@ from msb.asset.tiers import why_not
 from msb.errors import DeviceError, UsageError
 from msb.render import Renderer
 from msb.render.backend import lean_options
-from msb.scenes.around import around, inside, surrounded
+from msb.scenes.around import around, bulk_of, inside, surrounded
 from msb.scenes.sets import given_cameras
 
 if TYPE_CHECKING:
@@ -120,10 +120,11 @@ def _of_training(asset: Asset, size: tuple[int, int], device: str | None) -> Vie
 
 def _inside(asset: Asset, outside: Views, device: str | None) -> Views | None:
     first = outside.cameras[0]
-    within = inside(asset, len(outside.cameras), first.width, first.height)
+    bulk = bulk_of(asset)
+    within = inside(asset, bulk, len(outside.cameras), first.width, first.height)
     if not within:
         return None
-    if surrounded(asset):
+    if surrounded(bulk):
         why = "large faces surround most of it"
     elif _is_interior(asset, outside.cameras, within, device):
         why = "most of its faces are hidden from outside, or seen from behind"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import up_axis
 from msb.scenes.camera import Camera
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 _LEAST = 0.02
-"""Share of the faces, on each side, of which an asset may be larger than `inside` takes it for."""
+"""Share of the faces, on each side, that do not count where most of them are looked for."""
+_SAMPLES = 200_000
+"""Faces that are looked at; rarer ones of a larger asset may be missed."""
 _SURROUNDED = 2.5
 """Captures before walls have 4 to 6, things and empty rooms 0.7 to 1.5."""
 _MARGIN = 1.05
@@ -36,19 +39,9 @@ def around(
     up: str | None = None,
     elevation: float = ELEVATION,
 ) -> list[Camera]:
-    """Return a turntable of `count` cameras that see all of the asset.
+    """Return a turntable of `count` cameras that see all of the asset, so many degrees above the horizon.
 
-    Parameters
-    ----------
-    asset : Asset
-    count : int
-    width, height : int
-        Size of the images in pixels.
-    up : str, optional
-        The axis of the turntable, such as "+y"; the asset's own if not given, where that is unknown that of
-        `up_axis`.
-    elevation : float
-        Degrees above the horizon.
+    Its axis `up`, such as "+y", is the asset's own if not given (`up_axis`).
     """
     sphere = asset.manifest.bounding_sphere
     vector = _vector(up or up_axis(asset))
@@ -67,40 +60,56 @@ def around(
     return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
 
 
-def inside(asset: Asset, count: int, width: int, height: int) -> list[Camera]:
+class Bulk(NamedTuple):
+    """Where most faces of an asset are, float64, of a sample of them: a few far ones do not count."""
+
+    corners: NDArray[np.float64]
+    """(n, 3, 3), those of far faces included."""
+    low: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    high: NDArray[np.float64]
+    """(3,) the bounds and the median of the middles of faces."""
+
+
+def bulk_of(asset: Asset) -> Bulk:
+    """Return where most faces of an asset are; of large assets, evenly spread ones are looked at."""
+    faces = asset.buffers["indices"]
+    some = faces[:: max(1, len(faces) // _SAMPLES)]
+    corners = asset.buffers["positions"][some].astype(np.float64)
+    low, middle, high = np.quantile(corners.mean(axis=1), (_LEAST, 0.5, 1 - _LEAST), axis=0)
+    return Bulk(corners, low, middle, high)
+
+
+def inside(asset: Asset, bulk: Bulk, count: int, width: int, height: int) -> list[Camera]:
     """Return cameras within an asset that look across its middle, half-way out to what encloses it.
 
-    The middle is that of most faces, and a few far ones do not count; no camera where that has no extent.
+    There is no camera where most of it has no extent.
     """
-    middles = asset.buffers["positions"][asset.buffers["indices"]].mean(axis=1, dtype=np.float64)
-    low, middle, high = np.quantile(middles, (_LEAST, 0.5, 1 - _LEAST), axis=0)
-    up = _vector(up_axis(asset))
+    low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
         return []
-    found = []
+    up = _vector(up_axis(asset))
+    cameras = []
     for camera in around(asset, count, width, height):
         away = camera.center - asset.manifest.bounding_sphere.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
-        distance = math.dist(eye, middle)
         pose = look_at_pose(eye, middle, up)
         lens = Camera.from_fov(width, height, pose, fov_y=_FOV_INSIDE, name=camera.name)
-        found.append(replace(lens, unit=unit_at(distance)))
-    return found
+        cameras.append(replace(lens, unit=unit_at(math.dist(eye, middle))))
+    return cameras
 
 
-def surrounded(asset: Asset) -> bool:
+def surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces are round many small ones, as walls or hills are in a capture.
 
-    Then half of the area is far further from the middle than half of the faces. A few far faces do not count.
+    Then half of the area is far further from the middle than half of the faces.
     """
-    corners = asset.buffers["positions"][asset.buffers["indices"]].astype(np.float64)
-    middles = corners.mean(axis=1)
-    low, middle, high = np.quantile(middles, (_LEAST, 0.5, 1 - _LEAST), axis=0)
-    kept = ((low <= middles) & (middles <= high)).all(axis=1)
-    sides = corners[kept, 1:] - corners[kept, :1]
+    middles = bulk.corners.mean(axis=1)
+    kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
+    sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    away = np.linalg.norm(middles[kept] - middle, axis=1)
+    away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

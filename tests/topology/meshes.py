@@ -78,11 +78,11 @@ METRIC_OF = {
     "lcc_area": "lcc_area_ratio",
     "euler": "euler_characteristic",
 }
-"""Symbol of the specification -> key of the JSON; with E_max_faces these are all expected fields."""
+"""Symbol in formulas -> key of the JSON; with E_max_faces these are all expected fields."""
 
 
 def assert_as_expected(audit: Any, expected: dict[str, Any]) -> None:
-    """Assert every expected field: integers exactly, real numbers to 1e-9 (specification 1.2)."""
+    """Assert every expected field: integers exactly, real numbers to 1e-9."""
     assert set(expected) == {*COUNT_OF, *METRIC_OF, "E_max_faces"}
     counts, metrics = vars(audit.counts), vars(audit.metrics)
     assert {k: counts[key] for k, key in COUNT_OF.items()} == {k: expected[k] for k in COUNT_OF}

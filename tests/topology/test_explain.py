@@ -38,7 +38,7 @@ def test_every_variant_is_explained_by_its_path() -> None:
 @pytest.mark.parametrize(
     ("symbol", "key"), [*COUNT_OF.items(), *METRIC_OF.items(), ("E_max_faces", "max_edge_faces")]
 )
-def test_symbol_of_the_specification_finds_its_key(symbol: str, key: str) -> None:
+def test_symbol_finds_its_key(symbol: str, key: str) -> None:
     assert explain(symbol).name == key
 
 

@@ -1,4 +1,4 @@
-"""What must hold for every mesh, whatever it is (specification 1.3), tried on meshes Hypothesis makes up."""
+"""What must hold for every mesh, whatever it is, tried on meshes Hypothesis makes up."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def test_identities_hold(mesh: Mesh) -> None:
 
 
 def assert_identities(mesh: Mesh) -> None:
-    """Assert the identities 1, 2, 3 and 8 of the specification."""
+    """Assert what follows from the definitions for any mesh."""
     report = audit(*mesh)
     c, m = report.counts, report.metrics
     crowded = 3 * (c.faces - c.repeated_index_faces) - c.boundary_edges - 2 * c.manifold_edges

@@ -102,7 +102,7 @@ class Facts:
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums agree to 1e-9 (specification 1.2); slivers may cancel down to the rounding of their sides.
+        # Sums in another order agree to 1e-9; slivers may cancel down to the rounding of their sides.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
