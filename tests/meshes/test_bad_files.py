@@ -8,26 +8,17 @@ import pytest
 
 from msb.errors import CODES, MeshFileError
 from msb.meshes import read_mesh
+from msb.meshes.formats import FORMATS
 
 from .bad_files import BAD
 from .builders import SMALL
+from .checks import check_bad
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_file(name: str, tmp_path: Path) -> None:
     suffix, content, code, message = BAD[name]
-    path = tmp_path / f"bad{suffix}"
-    path.write_bytes(content)
-    with pytest.raises(MeshFileError) as caught:
-        read_mesh(path)
-    error = caught.value
-    assert error.code == code
-    assert message in error.message
-    assert error.file == str(path)
-    assert str(error) == f"{code}: {path}: {error.message}"
-    assert str(error).isprintable()
-    assert len(error.message) < 300
-    assert error.__cause__ is None
+    check_bad(FORMATS[suffix], content, code, message, tmp_path)
 
 
 def test_every_code_of_mesh_files_has_a_bad_file() -> None:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +25,20 @@ from tests.conftest import ROOT
 from tests.test_docs_commands import blocks
 
 from .builders import SMALL, SQUARE, SQUARE_FACES
+from .checks import check_format
 
 CORNERS = np.array(SQUARE)[np.array(SQUARE_FACES)].reshape(-1, 3)
+
+
+TRIANGLES = {title: np.array(SQUARE)[np.array(SQUARE_FACES)] for title in ("PLY", "OFF", "GLB")}
+TRIANGLES["OBJ"] = np.array(SQUARE)[[[0, 1, 2], [0, 2, 3]]]
+TRIANGLES["STL"] = np.array(SQUARE)[[[0, 1, 2], [1, 2, 3]]]
+
+
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+def test_every_format_is_what_it_declares(suffix: str, tmp_path: Path) -> None:
+    form = FORMATS[suffix]
+    check_format(form, SMALL[suffix], TRIANGLES[form.title], tmp_path)
 
 
 @pytest.fixture
@@ -33,6 +48,7 @@ def tri(monkeypatch: pytest.MonkeyPatch) -> Format:
     module = ModuleType("msb.meshes.tri")
     exec(text, vars(module))
     monkeypatch.setitem(FORMATS, ".tri", module.FORMAT)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
     found: Format = module.FORMAT
     return found
 
@@ -55,6 +71,16 @@ def test_an_added_format_is_converted_audited_and_exported(tri: Format, tmp_path
     assert len(msb.load(tmp_path / "c.triasset").buffers["indices"]) == 2
     assert locate(target).kind == "mesh"
     assert ".glb, .tri." in " ".join(run("convert", "--help").split())
+
+
+def test_the_test_of_contributing_holds_the_format_to_its_declaration(tri: Format, tmp_path: Path) -> None:
+    (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "check_format(" in block)
+    names: dict[str, Any] = {}
+    exec(text, names)
+    names["test_tri"](tmp_path)
+    for wrong in ({"is_soup": False}, {"is_single": True}, {"keeps": ("vertex_colors",)}):
+        with pytest.raises((AssertionError, pytest.fail.Exception)):
+            check_format(replace(tri, **wrong), b"tri\n0 0 0 1 0 0 1 1 0\n", CORNERS[None, :3], tmp_path)
 
 
 def test_an_added_format_is_known_by_its_content(tri: Format, tmp_path: Path) -> None:

@@ -11,64 +11,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msb.errors import InputError, MeshError, OutputError
-from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh, write_mesh, writing
+from msb.errors import InputError, OutputError
+from msb.meshes import Mesh, write_mesh, writing
 
-BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
-"""Only zeros and ones: the hardest bytes to tell from decimals in a text file."""
-
-FLOATS = np.random.default_rng(2).random((9, 4), dtype=np.float32)
-COLORS = {
-    "none": None,
-    "uint8 rgb": BYTES[:, :3].copy(),
-    "uint8 rgba": BYTES,
-    "float32 rgb": FLOATS[:, :3].copy(),
-    "float32 rgba": FLOATS,
-}
-
-
-def make(dtype: type, colors: str = "none", face_colors: str = "none") -> Mesh:
-    """Return nine vertices, one of them unused and two equal, and faces that are not in order."""
-    vertices = np.random.default_rng(0).normal(size=(9, 3)).astype(dtype)
-    vertices[3] = vertices[1]
-    vertices[4] = [0, 1e-30, -1e30]
-    faces = np.array([[7, 1, 0], [3, 2, 1], [5, 5, 6], [0, 1, 7], [7, 1, 0]])
-    wanted = COLORS[face_colors]
-    return Mesh(vertices, faces, COLORS[colors], None if wanted is None else wanted[: len(faces)])
-
-
-def written(mesh: Mesh, suffix: str) -> bytes:
-    stream = io.BytesIO()
-    write_mesh(mesh, stream, suffix=suffix)
-    return stream.getvalue()
-
-
-def arrays(mesh: Mesh) -> list[NDArray[np.generic] | None]:
-    return [array for array in vars(mesh).values() if not isinstance(array, tuple)]
-
-
-def round_trip(mesh: Mesh, suffix: str, folder: Path) -> Mesh:
-    """Write and read `mesh`; check that the arrays written are as before and the bytes the same each time."""
-    before = [None if array is None else array.copy() for array in arrays(mesh)]
-    path = folder / f"mesh{suffix}"
-    write_mesh(mesh, path, suffix=suffix.upper())
-    assert path.read_bytes() == written(mesh, suffix)
-    for array, copy in zip(arrays(mesh), before, strict=True):
-        np.testing.assert_array_equal(array, copy)
-    return read_mesh(path)
-
-
-def equal(array: NDArray[np.generic] | None, other: NDArray[np.generic] | None) -> bool:
-    """Return whether both are None, or of one type and equal."""
-    if array is None or other is None:
-        return array is other
-    return array.dtype == other.dtype and np.array_equal(array, other)
+from .checks import BYTES, COLORS, equal, make, round_trip, written
 
 
 @pytest.mark.parametrize("colors", COLORS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".glb"])
-def test_round_trip(suffix: str, dtype: type, colors: str, tmp_path: Path) -> None:
+def test_types_of_what_is_read_back(suffix: str, dtype: type, colors: str, tmp_path: Path) -> None:
     mesh = make(dtype, colors)
     again = round_trip(mesh, suffix, tmp_path)
     stored = {".ply": dtype, ".obj": np.float64, ".off": np.float64, ".glb": np.float32}[suffix]
@@ -85,19 +37,11 @@ def test_round_trip(suffix: str, dtype: type, colors: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("colors", COLORS)
 @pytest.mark.parametrize("suffix", [".ply", ".off"])
-def test_round_trip_of_face_colors(suffix: str, colors: str, tmp_path: Path) -> None:
+def test_face_colors_keep_their_type(suffix: str, colors: str, tmp_path: Path) -> None:
     mesh = make(np.float64, "uint8 rgba", colors)
     again = round_trip(mesh, suffix, tmp_path)
     assert equal(again.face_colors, mesh.face_colors)
     assert equal(again.vertex_colors, mesh.vertex_colors)
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_round_trip_of_stl_gives_the_corners(dtype: type, tmp_path: Path) -> None:
-    mesh = make(dtype, "uint8 rgb")
-    again = round_trip(mesh, ".stl", tmp_path)
-    assert equal(again.vertices, mesh.vertices[mesh.faces].reshape(-1, 3).astype(np.float32))
-    assert again.vertex_colors is None
 
 
 def test_stl_normals_are_unit_length_and_zero_for_no_area() -> None:
@@ -114,37 +58,6 @@ def test_rows_are_written_in_parts_without_a_seam(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(writing, "ROWS_AT_A_TIME", 2)
     monkeypatch.setattr("msb.meshes.ply.ROWS_AT_A_TIME", 2)
     assert [written(mesh, suffix) for suffix in (".ply", ".obj", ".off")] == whole
-
-
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_coordinates_that_are_not_finite_are_refused(suffix: str, value: float) -> None:
-    mesh = make(np.float32)
-    mesh.vertices[4, 1] = value
-    stream = io.BytesIO()
-    with pytest.raises(OutputError, match=r"OUTPUT_FORMAT_LIMIT: vertex 4 is not finite") as caught:
-        write_mesh(mesh, stream, suffix=suffix)
-    assert caught.value.pointer == "vertices[4]"
-    assert stream.getvalue() == b""
-
-
-@pytest.mark.parametrize("suffix", [".stl", ".glb"])
-def test_coordinates_beyond_float32_are_refused_where_the_format_has_only_that(suffix: str) -> None:
-    mesh = make(np.float64)
-    mesh.vertices[2, 0] = 1e39
-    with pytest.raises(OutputError, match=r"OUTPUT_FORMAT_LIMIT: vertex 2 does not fit float32"):
-        written(mesh, suffix)
-
-
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
-@pytest.mark.parametrize("index", [-1, 9])
-def test_faces_that_use_no_vertex_are_refused(suffix: str, index: int) -> None:
-    mesh = make(np.float32)
-    mesh.faces[1, 2] = index
-    with pytest.raises(
-        MeshError, match=r"MESH_INDEX_OUT_OF_RANGE: face 1 is \[3, 2, -?\d\]; there are 9 vertices"
-    ):
-        written(mesh, suffix)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off"])

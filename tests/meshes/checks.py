@@ -1,0 +1,147 @@
+"""What the test of any mesh format does: a file as stored, meshes there and back, and files that are wrong.
+
+    def test_tri(tmp_path: Path) -> None:
+        check_format(FORMAT, b"tri\\n0 0 0 1 0 0 1 1 0\\n", [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]], tmp_path)
+        check_bad(FORMAT, b"tri\\n0 0\\n", "MESH_FILE_INVALID", "nine coordinates", tmp_path)
+
+is a whole one.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from msb.errors import MeshError, MeshFileError, OutputError
+from msb.meshes import Mesh, read_mesh, write_mesh
+
+if TYPE_CHECKING:
+    from msb.meshes.formats import Format
+
+BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
+"""Only zeros and ones: the hardest bytes to tell from decimals in a text file."""
+FLOATS = np.random.default_rng(2).random((9, 4), dtype=np.float32)
+COLORS = {
+    "none": None,
+    "uint8 rgb": BYTES[:, :3].copy(),
+    "uint8 rgba": BYTES,
+    "float32 rgb": FLOATS[:, :3].copy(),
+    "float32 rgba": FLOATS,
+}
+
+
+def make(dtype: type, colors: str = "none", face_colors: str = "none") -> Mesh:
+    """Return nine vertices, one of them unused and two equal, and faces that are not in order."""
+    vertices = np.random.default_rng(0).normal(size=(9, 3)).astype(dtype)
+    vertices[3] = vertices[1]
+    vertices[4] = [0, 1e-30, -1e30]
+    faces = np.array([[7, 1, 0], [3, 2, 1], [5, 5, 6], [0, 1, 7], [7, 1, 0]])
+    wanted = COLORS[face_colors]
+    return Mesh(vertices, faces, COLORS[colors], None if wanted is None else wanted[: len(faces)])
+
+
+def written(mesh: Mesh, suffix: str) -> bytes:
+    """Return the file of a mesh."""
+    stream = io.BytesIO()
+    write_mesh(mesh, stream, suffix=suffix)
+    return stream.getvalue()
+
+
+def equal(array: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
+    """Return whether both are None, or of one type and equal."""
+    if array is None or other is None:
+        return array is other
+    return array.dtype == other.dtype and np.array_equal(array, other)
+
+
+def round_trip(mesh: Mesh, suffix: str, folder: Path) -> Mesh:
+    """Write and read `mesh`; check that the arrays written are as before and the bytes the same each time."""
+    arrays = [array for array in vars(mesh).values() if isinstance(array, np.ndarray)]
+    before = [array.copy() for array in arrays]
+    path = folder / f"mesh{suffix}"
+    write_mesh(mesh, path, suffix=suffix.upper())
+    assert path.read_bytes() == written(mesh, suffix)
+    for array, copy in zip(arrays, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+    return read_mesh(path)
+
+
+def check_format(form: Format, example: bytes, triangles: Sequence[Any], folder: Path) -> None:
+    """Hold a format to what its declaration says; `triangles` (F, 3, 3) are those that `example` holds."""
+    for suffix in form.suffixes:
+        for path in (folder / f"a{suffix}", folder / f"b{suffix.upper()}"):
+            path.write_bytes(example)
+            mesh = read_mesh(path)
+            np.testing.assert_array_equal(mesh.vertices[mesh.faces], np.array(triangles))
+    check_bad(form, b"", "MESH_FILE_INVALID", "the file is empty", folder)
+    if form.write is None:
+        return
+    for dtype in (np.float32, np.float64):
+        for colors in COLORS:
+            _check_round_trip(form, make(dtype, colors, colors), folder)
+    check_refusals(form)
+
+
+def _check_round_trip(form: Format, mesh: Mesh, folder: Path) -> None:
+    again = round_trip(mesh, form.suffixes[0], folder)
+    stored = mesh.vertices.astype(np.float32) if form.is_single else mesh.vertices
+    corners = np.arange(3 * len(mesh.faces)).reshape(-1, 3)
+    assert np.array_equal(again.faces, corners if form.is_soup else mesh.faces)
+    assert np.array_equal(again.vertices, stored[mesh.faces].reshape(-1, 3) if form.is_soup else stored)
+    for name in ("vertex_colors", "face_colors"):
+        before, after = getattr(mesh, name), getattr(again, name)
+        assert (after is None) == (before is None or name not in form.keeps), name
+        if after is not None:
+            np.testing.assert_allclose(_decimal(after), _decimal(before), atol=1e-6)
+
+
+def _decimal(colors: NDArray[Any]) -> NDArray[np.float64]:
+    """Return colours (N, 4) in [0, 1]."""
+    values = colors / (255 if colors.dtype == np.uint8 else 1)
+    return np.concatenate([values, np.ones((len(values), 4 - values.shape[1]))], axis=1)
+
+
+def check_refusals(form: Format) -> None:
+    """Check that coordinates and faces which no program can use are refused before the first byte."""
+    for row, value in ((4, np.nan), (2, -np.inf), (1, 1e39)):
+        mesh = make(np.float64)
+        mesh.vertices[row, 1] = value
+        if np.isfinite(value) and not form.is_single:
+            continue
+        narrow = f"does not fit float32, which is what {form.title} holds"
+        wrong = narrow if np.isfinite(value) else "is not finite"
+        _check_refused(form, mesh, OutputError, f"OUTPUT_FORMAT_LIMIT: vertex {row} {wrong}")
+    for index in (-1, 9):
+        mesh = make(np.float32)
+        mesh.faces[1, 2] = index
+        text = f"MESH_INDEX_OUT_OF_RANGE: face 1 is [3, 2, {index}]; there are 9 vertices"
+        _check_refused(form, mesh, MeshError, text)
+
+
+def _check_refused(form: Format, mesh: Mesh, kind: type[Exception], text: str) -> None:
+    stream = io.BytesIO()
+    with pytest.raises(kind) as caught:
+        write_mesh(mesh, stream, suffix=form.suffixes[0])
+    assert str(caught.value) == text
+    assert stream.getvalue() == b""
+
+
+def check_bad(form: Format, content: bytes, code: str, words: str, folder: Path) -> None:
+    """Check that a file is refused in one line with the code, the file's name and these words."""
+    path = folder / f"bad{form.suffixes[0]}"
+    path.write_bytes(content)
+    with pytest.raises(MeshFileError) as caught:
+        read_mesh(path)
+    error = caught.value
+    assert (error.code, error.file) == (code, str(path))
+    assert words in error.message
+    assert str(error) == f"{code}: {path}: {error.message}"
+    assert str(error).isprintable()
+    assert len(error.message) < 300
+    assert error.__cause__ is None
