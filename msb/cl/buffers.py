@@ -6,6 +6,7 @@ import contextlib
 import math
 import mmap
 import weakref
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -92,16 +93,11 @@ class Buffer:
         return other
 
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
-        """Copy the array to the host, after everything queued before.
+        """Copy the elements from `start` on to the host, after everything queued before.
 
-        Parameters
-        ----------
-        out : array, optional
-            A C-contiguous array of the buffer's dtype, which is filled. By default a new array of all
-            elements from `start` on (of the buffer's shape if `start` is 0). Give the same array again and
-            again, because the first touch of new memory costs more than the copy.
-        start : int
-            The first element to read.
+        `out`, a C-contiguous array of the buffer's dtype, is filled; without it a new array is (of the
+        buffer's shape if `start` is 0). Give the same array again and again, because the first touch of new
+        memory costs more than the copy.
         """
         if out is None:
             shape = self.shape if start == 0 else (self.size - start,)
@@ -295,11 +291,11 @@ class Memory:
 
 def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
     """Return use -> bytes held for that use now, in order of name."""
-    found: dict[str, int] = {}
-    for held in list(allocations):
-        if held.handle is not None:
-            found[held.use] = found.get(held.use, 0) + held.nbytes
-    return dict(sorted(found.items()))
+    held: Counter[str] = Counter()
+    for allocation in list(allocations):
+        if allocation.handle is not None:
+            held[allocation.use] += allocation.nbytes
+    return dict(sorted(held.items()))
 
 
 def _is_constant(array: NDArray[Any]) -> bool:

@@ -27,13 +27,8 @@ class Device:
     """An OpenCL device with one in-order queue; made by `open_device`, closed by `close` or ``with``.
 
     Threads may share a device: each command is safe by itself, and commands that belong together go into a
-    block of `using` or `timing`, during which other threads wait.
-
-    Attributes
-    ----------
-    record : DeviceRecord
-    style : "cpu" | "gpu"
-        The style of kernels to use: `record.style`, unless the caller chose another.
+    block of `using` or `timing`, during which other threads wait. `style` is that of the kernels to use:
+    `record.style`, unless the caller chose another.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
@@ -47,11 +42,7 @@ class Device:
     def program(
         self, name: str, defines: Mapping[str, Define] | None = None, package: str = OWN
     ) -> programs.Program:
-        """Return the kernels of file `name`.cl of `package`, built with `defines`.
-
-        A program is built once for each (file, defines) of this device; platforms keep built programs on
-        disk.
-        """
+        """Return the kernels of file `name`.cl of `package`, built once for each set of `defines`."""
         chosen = dict(defines or {})
         key = (package, name, tuple(sorted(chosen.items())))
         with self._lock:
@@ -106,12 +97,9 @@ class Device:
 
     @contextlib.contextmanager
     def using(self, memory: Memory | None = None) -> Iterator[None]:
-        """Have the device alone for a block; other threads wait. Buffers allocated in it belong to `memory`.
+        """Have the device alone for a block; other threads wait.
 
-        Parameters
-        ----------
-        memory : Memory, optional
-            An account that `new_memory` returned; by default the device's own.
+        Buffers allocated in it belong to `memory`, an account that `new_memory` returned, or the device's.
         """
         with self._lock:
             before, self._memory = self._memory, memory or self._own_memory
@@ -127,10 +115,7 @@ class Device:
 
     @contextlib.contextmanager
     def timing(self) -> Iterator[Timing]:
-        """Collect the events of the block by stage; ask the yielded `Timing` after the block.
-
-        Other threads wait meanwhile.
-        """
+        """Collect the events of the block by stage, for the yielded `Timing`; other threads wait."""
         with self._lock:
             if self._queue.timing is not None:
                 raise RuntimeError("timing blocks do not nest")

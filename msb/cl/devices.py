@@ -50,11 +50,11 @@ def list_devices() -> list[DeviceRecord]:
 
 def try_devices() -> list[Tried]:
     """Build and run a small kernel on every device, even if tried before; raises as `list_devices`."""
-    found = []
+    tried = []
     for record, handle in found_devices(opencl()):
         trial = try_device(handle, record, again=True)
-        found.append(Tried(record, trial, None if trial.builds else _advice(record, handle, trial.why or "")))
-    return found
+        tried.append(Tried(record, trial, None if trial.builds else _advice(record, handle, trial.why or "")))
+    return tried
 
 
 def choose_device(selector: str | None = None) -> Choice:
@@ -120,7 +120,7 @@ def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
         platforms = cl.get_platforms()
     except cl.Error:  # PLATFORM_NOT_FOUND_KHR is how a loader says that there is none
         return []
-    found: list[tuple[DeviceRecord, Any]] = []
+    known: list[tuple[DeviceRecord, Any]] = []
     counts: dict[str, int] = {}
     for number, platform in enumerate(platforms):
         try:
@@ -131,11 +131,11 @@ def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
         for device in devices:
             if device.available and device.compiler_available:
                 index = counts[short] = counts.get(short, -1) + 1
-                found.append((describe(cl, device, f"{short}:{index}", number), device))
-    return found
+                known.append((describe(cl, device, f"{short}:{index}", number), device))
+    return known
 
 
-def _choose(found: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> tuple[Choice, Any]:
+def _choose(known: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> tuple[Choice, Any]:
     """Return the device that is meant, its handle with it."""
     source = "argument"
     if selector is None:
@@ -143,18 +143,17 @@ def _choose(found: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> 
             (name for name in (DEVICE_VARIABLE, PYOPENCL_VARIABLE) if os.environ.get(name)), "default"
         )
         selector = os.environ.get(source) if source != "default" else None
-    records = [record for record, _ in found]
+    records = [record for record, _ in known]
     if not records:
-        asked = f" for {_told(selector, source)}" if selector else ""
-        text = f"there is no OpenCL device{asked} ({looked_for()}): {how_to_get_a_device()}"
+        wanted = f" for {_quoted(selector, source)}" if selector else ""
+        text = f"there is no OpenCL device{wanted} ({looked_for()}): {how_to_get_a_device()}"
         raise DeviceError("DEVICE_NOT_FOUND", text)
     meant = records if selector is None else _matching(records, selector, source)
     named = selector is not None and selector.strip().lower() not in KINDS
     if not meant:
-        there_are = ", ".join(record.selector for record in records)
-        told = _told(selector, source)
-        raise DeviceError("DEVICE_NOT_FOUND", f"{told} names no OpenCL device; there are: {there_are}")
-    handles = {record.selector: handle for record, handle in found}
+        text = f"{_quoted(selector, source)} names no OpenCL device; there are: "
+        raise DeviceError("DEVICE_NOT_FOUND", text + ", ".join(record.selector for record in records))
+    handles = {record.selector: handle for record, handle in known}
     meant = sorted(meant, key=_age if named else _preference)
     for record in meant:
         if try_device(handles[record.selector], record).builds:
@@ -178,9 +177,9 @@ def _advice(record: DeviceRecord, handle: Any, why: str) -> str:
         return f"Choose another device (msb devices), or mend its platform. {how_to_get_another()}"
     if not mend.is_wheel(handle):
         return f"The platform's compiler is older than this processor. {how_to_get_another()}"
-    kept = mend.why_not()
-    told = f" ({kept})" if kept else ""
-    text = f"PoCL's wheel is of 2022, and its compiler does not know this processor{told}."
+    hindrance = mend.hindrance()
+    aside = f" ({hindrance})" if hindrance else ""
+    text = f"PoCL's wheel is of 2022, and its compiler does not know this processor{aside}."
     return f"{text} {how_to_get_another()}"
 
 
@@ -191,8 +190,8 @@ def _matching(records: Sequence[DeviceRecord], selector: str, source: str) -> li
     # PYOPENCL_CTX may name several devices, separated by commas; one is all we take.
     platform, colon, index = text.partition(",")[0].partition(":")
     if not platform or (colon and not index) or ":" in index:
-        told = _told(selector, source)
-        raise UsageError("DEVICE_SELECTOR", f"{told} is not cpu, gpu or PLATFORM:INDEX (see msb devices)")
+        text = f"{_quoted(selector, source)} is not cpu, gpu or PLATFORM:INDEX (see msb devices)"
+        raise UsageError("DEVICE_SELECTOR", text)
     on_platform = [record for record in records if _is_on(record, platform)]
     if not colon:
         return on_platform
@@ -222,6 +221,6 @@ def _age(record: DeviceRecord) -> bool:
     return record.driver == mend.DRIVER
 
 
-def _told(selector: str | None, source: str) -> str:
+def _quoted(selector: str | None, source: str) -> str:
     name = "device" if source == "argument" else source
     return f"{name} '{shorten(selector or '', 60)}'"

@@ -52,14 +52,14 @@ def _literal(value: Define) -> str:
 @functools.cache
 def kernels_hash(packages: tuple[str, ...]) -> str:
     """Return the SHA-256 of names and texts of all kernel files in `OWN` and `packages`, in order of name."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     places = dict.fromkeys((OWN, *packages))
     files = [
         file for place in places for file in resources.files(place).iterdir() if file.name.endswith(".cl")
     ]
     for file in sorted(files, key=lambda file: file.name):
-        found.update(f"{file.name}\0".encode() + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
-    return found.hexdigest()
+        digest.update(f"{file.name}\0".encode() + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
+    return digest.hexdigest()
 
 
 @functools.cache

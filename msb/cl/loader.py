@@ -72,9 +72,9 @@ def looked_for() -> str:
     """Return in a few words where platforms were looked for and which were found."""
     user = os.environ.get(VENDOR_VARIABLE)
     where = f"{VENDOR_VARIABLE}={shorten(user)}" if user else "the system's entries and Python packages"
-    found = ", ".join(map(shorten, _platforms))
+    names = ", ".join(map(shorten, _platforms))
     return f"looked in {where}; " + (
-        f"found {found} without a usable device" if found else "found no platform"
+        f"found {names} without a usable device" if names else "found no platform"
     )
 
 
@@ -126,9 +126,9 @@ def _start(cl: Any, early: bool) -> None:
         importlib.import_module("pyopencl.invoker")  # opens a file in the cache
 
         with contextlib.suppress(cl.Error):
-            for found in cl.get_platforms():
-                _platforms.append(found.name.strip())
-                found.get_devices()  # PoCL reads the environment here, not before
+            for one in cl.get_platforms():
+                _platforms.append(one.name.strip())
+                one.get_devices()  # PoCL reads the environment here, not before
     if INTEL_PACKAGE in registered and not any("Intel" in name for name in _platforms):
         cause = "pyopencl was in use before msb.cl" if early else "its library does not load"
         _notes.append(f"{INTEL_PACKAGE} is installed but its platform does not appear: {cause}")
@@ -138,7 +138,7 @@ def _missing_entries() -> dict[str, str]:
     """Return name -> library of the platforms that are installed and have no entry; load what they need."""
     user = os.environ.get(VENDOR_VARIABLE)
     known = " ".join(_system_entries().values())
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     intel = _intel_library()
     if intel and INTEL_LIBRARY not in known:
         missing = _preload(intel.parent)
@@ -147,12 +147,12 @@ def _missing_entries() -> dict[str, str]:
         elif missing:
             _notes.append(f"{INTEL_PACKAGE} needs {missing}: {install('intel')}")
         else:
-            found[INTEL_PACKAGE] = str(intel)
+            entries[INTEL_PACKAGE] = str(intel)
     if not user and "nvidia" not in known:
         with contextlib.suppress(OSError):
             ctypes.CDLL(NVIDIA_LIBRARY)
-            found["nvidia"] = NVIDIA_LIBRARY
-    return found
+            entries["nvidia"] = NVIDIA_LIBRARY
+    return entries
 
 
 def _system_entries() -> dict[str, str]:

@@ -48,12 +48,12 @@ def is_off() -> bool:
     return os.environ.get(MEND_VARIABLE) == "0"
 
 
-def why_not() -> str | None:
-    """Return why nothing can be mended on this machine, whatever the compiler says, or None."""
+def hindrance() -> str | None:
+    """Return what keeps this machine from being mended, whatever the compiler says, or None."""
     if is_off():
         return f"{MEND_VARIABLE}=0 keeps it from being mended"
-    if not _has_what_the_name_promises():
-        return f"it cannot be told of one like it, since this one lacks {', '.join(_lacking())}"
+    if lacking := _lacking():
+        return f"{NAME.decode()} cannot stand for it, since it lacks {', '.join(lacking)}"
     return None
 
 
@@ -82,7 +82,7 @@ def compiler_cpu(device: Any) -> str | None:
 
 def can_mend(device: Any) -> bool:
     """Return whether the wheel's compiler gets a name it refuses, and `NAME` fits this processor."""
-    if is_off() or compiler_cpu(device) != UNKNOWN.decode() or not _has_what_the_name_promises():
+    if hindrance() or compiler_cpu(device) != UNKNOWN.decode():
         return False
     words = _read(device.int_ptr, _STRUCTURE)
     if words is None:
@@ -122,8 +122,8 @@ def _write(device: Any, there: bytes, wanted: bytes) -> None:
 
 
 def _pointer(device: Any) -> int | None:
-    found = _read(device.int_ptr + _SLOT, 8)
-    return None if found is None else int.from_bytes(found, "little")
+    pointer = _read(device.int_ptr + _SLOT, 8)
+    return None if pointer is None else int.from_bytes(pointer, "little")
 
 
 def _read(address: int, size: int) -> bytes | None:
@@ -133,8 +133,8 @@ def _read(address: int, size: int) -> bytes | None:
         Path("/proc/self/mem").open("rb", 0) as memory,
     ):
         memory.seek(address)
-        found: bytes = memory.read(size)
-        return found if len(found) == size else None
+        content: bytes = memory.read(size)
+        return content if len(content) == size else None
     return None
 
 
@@ -155,15 +155,11 @@ def _is_mapped(file: Path) -> bool:
         return file.exists() and any(line.rstrip().endswith(str(file.resolve())) for line in maps)
 
 
-def _has_what_the_name_promises() -> bool:
-    return not _lacking()
-
-
 def _lacking() -> list[str]:
     """Return what `NAME` promises and a processor of this machine does not have."""
     lines = []
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
-    found = {line.partition(":")[2] for line in lines if line.startswith("flags")} or {""}
-    common = frozenset.intersection(*(frozenset(text.split()) for text in found))
+    flags = {line.partition(":")[2] for line in lines if line.startswith("flags")} or {""}
+    common = frozenset.intersection(*(frozenset(text.split()) for text in flags))
     return sorted(_NEEDS - common) + ([] if common & _LZCNT else ["lzcnt"])

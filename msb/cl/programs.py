@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 import threading
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,22 +60,10 @@ class LocalMemory:
 
 
 class Program:
-    """The kernels of one file, built for one device; each is an attribute.
+    """The kernels of one file, PACKAGE/FILE, built for one device; each is an attribute."""
 
-    Attributes
-    ----------
-    name : str
-        The package and the file.
-    options : tuple of str
-        Build options, the same for every program of a device.
-    hash : str
-        The SHA-256 of the text given to the compiler, which contains defines and included files.
-    """
-
-    def __init__(self, name: str, options: tuple[str, ...], source: str, kernels: dict[str, Kernel]) -> None:
+    def __init__(self, name: str, kernels: dict[str, Kernel]) -> None:
         self.name = name
-        self.options = options
-        self.hash = hashlib.sha256(source.encode()).hexdigest()
         self._kernels = kernels
 
     @property
@@ -95,12 +82,11 @@ class Program:
 
 
 class Kernel:
-    """One kernel; calling it queues a launch.
+    """One kernel; ``kernel(global_size, local_size, *arguments)`` queues a launch.
 
-    ``kernel(global_size, local_size, *arguments)`` returns the event, or None when there is nothing to
-    do. Sizes are an integer or up to three of them. `global_size` is rounded up to a multiple of
-    `local_size`, so a kernel must compare its global id with a count. The local size is never left to
-    the platform: PoCL compiles every kernel once for each local size it meets.
+    It returns the event, or None when there is nothing to do. Sizes are an integer or up to three of them.
+    `global_size` is rounded up to a multiple of `local_size`, so a kernel must compare its global id with a
+    count. The local size is never left to the platform: PoCL compiles every kernel once for each it meets.
 
     Arguments are `Buffer`, `LocalMemory`, NumPy scalars (the kernel's type exactly: ``np.uint32(n)``) or,
     for vector types, NumPy arrays of as many elements. Anything else is a TypeError. Larger work-groups than
@@ -126,18 +112,15 @@ class Kernel:
         self._queue = queue
         self._handle = handle
         self._lock = threading.Lock()
-        self._checks = [_check(queue.cl, handle, number) for number in range(handle.num_args)]
+        self._wanted = [_wanted(queue.cl, handle, number) for number in range(handle.num_args)]
 
     def __call__(self, global_size: Size, local_size: Size, *arguments: Any) -> Any:
         self._queue.check_open()
         local = local_size if isinstance(local_size, tuple) else (local_size,)
         wanted = global_size if isinstance(global_size, tuple) else (global_size,)
-        if len(arguments) != len(self._checks):
-            raise TypeError(f"{self.name} takes {len(self._checks)} arguments, not {len(arguments)}")
-        values = [
-            check(self.name, number, argument)
-            for number, (check, argument) in enumerate(zip(self._checks, arguments, strict=True))
-        ]
+        if len(arguments) != len(self._wanted):
+            raise TypeError(f"{self.name} takes {len(self._wanted)} arguments, not {len(arguments)}")
+        values = [self._checked(number, argument) for number, argument in enumerate(arguments)]
         if 0 in wanted:
             return None
         most = self._queue.record.max_work_group
@@ -157,6 +140,15 @@ class Kernel:
             if math.prod(local) > self.max_work_group:
                 raise self._too_large(local, self.max_work_group) from error
             raise
+
+    def _checked(self, number: int, argument: Any) -> Any:
+        wanted = self._wanted[number]
+        value = _as_opencl_takes_it(wanted, argument)
+        if value is None:
+            given = getattr(argument, "dtype", type(argument).__name__)
+            text = f"{self.name}: argument {number} must be {_in_words(wanted)}, not {given}"
+            raise TypeError(text)
+        return value
 
     def _too_large(self, local: tuple[int, ...], most: int) -> DeviceError:
         needed = math.prod(local)
@@ -198,7 +190,7 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
                 raise _build_error(f"{name}.cl", queue.record, log, found) from error
             time.sleep(_PAUSE)
     kernels = {handle.function_name: Kernel(queue, handle) for handle in handles}
-    return Program(f"{package}/{name}.cl", options, source, kernels)
+    return Program(f"{package}/{name}.cl", kernels)
 
 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
@@ -232,63 +224,43 @@ def _first_complaint(log: str) -> str:
     return next(errors, None) or next(others, None) or lines[0]
 
 
-def _check(cl: Any, handle: Any, number: int) -> Callable[[str, int, Any], Any]:
-    """Return a function from a given argument to what is handed to OpenCL, or a TypeError."""
+def _wanted(cl: Any, handle: Any, number: int) -> Any:
+    """Return what an argument must be: Buffer, LocalMemory, (dtype, width), or None if anything goes."""
     info, qualifiers = cl.kernel_arg_info, cl.kernel_arg_address_qualifier
     try:
         place = handle.get_arg_info(number, info.ADDRESS_QUALIFIER)
         kind = handle.get_arg_info(number, info.TYPE_NAME)
     except cl.Error:  # a platform need not have it
-        return _any_argument
-    if place == qualifiers.LOCAL:
-        return _local_argument
+        return None
     if place != qualifiers.PRIVATE:
-        return _buffer_argument
+        return LocalMemory if place == qualifiers.LOCAL else Buffer
     base = kind.rstrip("0123456789")
     if base not in _SCALARS:  # a struct or a name of the kernel's own
-        return _any_argument
-    dtype, width = np.dtype(_SCALARS[base]), kind[len(base) :]
-    return _vector_argument(dtype, int(width)) if width else _scalar_argument(dtype)
+        return None
+    return np.dtype(_SCALARS[base]), int(kind[len(base) :] or 1)
 
 
-def _any_argument(kernel: str, number: int, value: Any) -> Any:
+def _as_opencl_takes_it(wanted: Any, value: Any) -> Any:
+    """Return an argument as it is handed to OpenCL, or None if it is not what is wanted."""
     if isinstance(value, Buffer):
-        return value.handle
-    return _local_argument(kernel, number, value) if isinstance(value, LocalMemory) else value
+        return value.handle if wanted in (Buffer, None) else None
+    if isinstance(value, LocalMemory):
+        from pyopencl import LocalMemory as Handle
 
-
-def _buffer_argument(kernel: str, number: int, value: Any) -> Any:
-    if not isinstance(value, Buffer):
-        raise TypeError(f"{kernel}: argument {number} must be a Buffer, not {type(value).__name__}")
-    return value.handle
-
-
-def _local_argument(kernel: str, number: int, value: Any) -> Any:
-    from pyopencl import LocalMemory as Handle
-
-    if not isinstance(value, LocalMemory):
-        raise TypeError(f"{kernel}: argument {number} must be LocalMemory, not {type(value).__name__}")
-    return Handle(value.nbytes)
-
-
-def _scalar_argument(dtype: np.dtype[Any]) -> Callable[[str, int, Any], Any]:
-    def check(kernel: str, number: int, value: Any) -> Any:
-        if not isinstance(value, np.generic) or value.dtype != dtype:
-            given = getattr(value, "dtype", type(value).__name__)
-            raise TypeError(f"{kernel}: argument {number} must be a NumPy scalar {dtype}, not {given}")
+        return Handle(value.nbytes) if wanted in (LocalMemory, None) else None
+    if wanted is None:
         return value
+    if not isinstance(wanted, tuple) or getattr(value, "dtype", None) != wanted[0]:
+        return None
+    width = wanted[1]
+    if width == 1:
+        return value if isinstance(value, np.generic) else None
+    # Three numbers are stored as four: OpenCL 1.2 specification, section 6.1.5.
+    return np.pad(value, (0, width == 3)) if value.shape == (width,) else None
 
-    return check
 
-
-def _vector_argument(dtype: np.dtype[Any], width: int) -> Callable[[str, int, Any], Any]:
-    stored = 4 if width == 3 else width  # OpenCL 1.2 specification, section 6.1.5
-
-    def check(kernel: str, number: int, value: Any) -> Any:
-        if not isinstance(value, np.ndarray) or value.dtype != dtype or value.shape != (width,):
-            raise TypeError(f"{kernel}: argument {number} must be an array of {width} {dtype}")
-        padded = np.zeros(stored, dtype)
-        padded[:width] = value
-        return padded
-
-    return check
+def _in_words(wanted: Any) -> str:
+    if not isinstance(wanted, tuple):
+        return f"a {wanted.__name__}"
+    dtype, width = wanted
+    return f"a NumPy scalar {dtype}" if width == 1 else f"an array of {width} {dtype}"

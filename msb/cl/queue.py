@@ -16,21 +16,9 @@ if TYPE_CHECKING:
 
 
 class Queue:
-    """The part of an open device that buffers and kernels need.
+    """The part of an open device that buffers and kernels need: pyopencl, its device, context and queue.
 
-    Attributes
-    ----------
-    cl : module
-        pyopencl.
-    handle : pyopencl.Device
-    record : DeviceRecord
-    timing : Timing or None
-        The timing that receives the event of every command.
-    allocations : WeakSet of Allocation
-        Everything that is allocated on the device, for all its users.
-    failed : bool
-        Whether a command failed for another reason than memory; some platforms then refuse all later
-        commands.
+    `timing`, if any, receives the event of every command; `allocations` are those of all users of the device.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord) -> None:
@@ -39,7 +27,7 @@ class Queue:
         self.record = record
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
-        self.failed = False
+        self.failed = False  # by a command, but for memory; some platforms then refuse all later ones
         self._queue: Any = None
         try:
             self._context = cl.Context([handle])

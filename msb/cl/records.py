@@ -94,8 +94,8 @@ def short_name(platform: str) -> str:
     >>> short_name("Portable Computing Language"), short_name("Intel(R) OpenCL"), short_name("NVIDIA CUDA")
     ('pocl', 'intel', 'nvidia')
     """
-    found = re.match(r"[a-z0-9]+", platform.lower())
-    return _SHORT_NAMES.get(platform) or (found[0] if found else "platform")
+    word = re.match(r"[a-z0-9]+", platform.lower())
+    return _SHORT_NAMES.get(platform) or (word[0] if word else "platform")
 
 
 def describe(cl: Any, device: Any, selector: str, platform_index: int) -> DeviceRecord:

@@ -46,7 +46,6 @@ def test_built_once_for_each_set_of_defines(device: Device) -> None:
     assert device.program("simple", {"SCALE": 7, "OFFSET": 0}, KERNELS) is first
     second = device.program("simple", {"OFFSET": 1, "SCALE": 7}, KERNELS)
     assert second is not first
-    assert second.hash != first.hash
     assert first.name == "tests.cl.kernels/simple.cl"
     assert first.scaled is first.scaled
     assert "scaled" in dir(first)

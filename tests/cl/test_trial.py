@@ -248,7 +248,7 @@ def test_nothing_is_mended_where_the_processor_lacks_what_the_name_promises(
         "read_text",
         lambda self, *args: f"flags\t\t: {flags}\n" if self.name == "cpuinfo" else read(self),
     )
-    assert "lacks" in (mend.why_not() or "")
+    assert "lacks" in (mend.hindrance() or "")
 
 
 def test_nothing_is_read_where_there_is_nothing() -> None:
