@@ -201,7 +201,7 @@ def track(path: Path) -> None:
 
 
 def renderer_timing(path: Path) -> None:
-    from msb.bench.renderer_timing import read_renderer_timing as read
+    from msb.bench.records import read_renderer_timing as read
 
     assert read(path).fps > 0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from msb.adapters.locate import locate
 from msb.asset import is_asset
+from msb.base.extras import need_extra
+from msb.base.files import regular_file
 from msb.bench.inputs import scan_files
 from msb.bench.models import method_of
 from msb.bench.protocol_tables import AUTO, PLACE, REFERENCE
+from msb.bench.quality import image_measures
 from msb.bench.records import Reason
 from msb.bench.renders import check_size, stored_size
 from msb.errors import InputError, MsbError, UsageError
+from msb.metrics.registry import modules_needed
 from msb.render.backend import what_is_missing
 
 if TYPE_CHECKING:
@@ -92,6 +96,32 @@ def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Mi
         Missing(error.code, f"{_text(error)}; {what}, and so the number of cells, cannot be told", 0, True)
         for error, what in found
     ]
+
+
+def start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[MsbError]:
+    """Yield why a run does not start: a missing extra, or weights that its protocol names.
+
+    `note` is called with what is to be known about the weights.
+    """
+    weights = file.protocol.metrics.vgg_weights
+    place = None if weights is None else file.resolve(weights)
+
+    def load() -> None:
+        for warning in () if place is None else image_measures(place).warnings:
+            note(f"{warning.code}: {warning.message}")
+
+    checks: list[Callable[[], object]] = [
+        lambda: need_extra("bench", "filelock", *modules_needed(), what="a run")
+    ]
+    if file.protocol.videos is not None:
+        checks.append(lambda: need_extra("video", "av", what="[videos]"))
+    if place is not None:  # without its extra, loading does not come to look for the file
+        checks += [load, lambda: regular_file(place)]
+    for check in checks:
+        try:
+            check()
+        except MsbError as error:
+            yield error
 
 
 class _Search:

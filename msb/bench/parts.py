@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.machine import machine
-from msb.bench.memory import grouped
 from msb.bench.nvml import driver_memory
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
-from msb.bench.records import Timing, Training
+from msb.bench.records import Memory, Timing, Training, read_renderer_timing
 from msb.errors import InputError, MetricError, Unsupported
+from msb.render.backend import Group
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,6 +62,20 @@ def measure_timing(job: Job) -> dict[str, Any]:
         device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
     )
     return {"timing": timing, "memory": memory, "device": about}
+
+
+def grouped(
+    uses: Mapping[str, int], groups: Mapping[str, str], driver: tuple[int | None, str | None] = (None, None)
+) -> Memory:
+    """Return a renderer's `memory` by its `memory_groups`; a use without a group counts as scratch.
+
+    `driver` is what `driver_memory` gives.
+    """
+    sums = dict.fromkeys(get_args(Group), 0)
+    for use, size in uses.items():
+        group = groups.get(use)
+        sums[group if group in sums else "scratch"] += size
+    return Memory(**sums, uses=dict(uses), driver_bytes=driver[0], driver_reason=driver[1])
 
 
 def measure_audit(job: Job) -> dict[str, Any]:
@@ -187,8 +201,6 @@ def _masks(scene: Scene) -> Iterator[NDArray[np.uint8]]:
 
 def read_own_timing(job: Job) -> dict[str, Any]:
     """Return how fast the method's own renderer is, as the user measured it."""
-    from msb.bench.renderer_timing import read_renderer_timing
-
     assert job.renderer_timing is not None
     return {"renderer_timing": read_renderer_timing(job.renderer_timing)}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -190,7 +190,7 @@ class Planner:
         except MsbError as error:
             return Planned(cell, None, status="failed", reason=reason_of(error))
         todo = self._todo(job, wanted)
-        job = Job(**{**vars(job), "parts": {part: wanted[part] for part in todo}})
+        job = replace(job, parts={part: wanted[part] for part in todo})
         return Planned(cell, job, todo, "pending" if todo else "done")
 
     def _unsupported(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Reason | None:

@@ -12,10 +12,11 @@ import os
 import signal
 import threading
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from multiprocessing.connection import Connection
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from msb.base.extras import need_extra
 from msb.base.packages import PackageWarning
@@ -26,20 +27,24 @@ Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 
-class Workers(Protocol):
+class Workers(ABC):
     """Workers that compute tasks, `jobs` at a time."""
 
-    @property
-    def jobs(self) -> int: ...
+    jobs: int
 
+    @abstractmethod
     def executor(self) -> Executor:
         """Return the executor that runs tasks; a fresh one if the last one broke."""
 
+    @abstractmethod
     def close(self) -> None:
         """Release all workers, and stop their unfinished tasks where that is possible."""
 
-    def __enter__(self) -> Self: ...
-    def __exit__(self, *_: object) -> None: ...
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def run_all(
@@ -120,7 +125,7 @@ def _death() -> DeviceError:
     return DeviceError("RUN_WORKER_DIED", text)
 
 
-class LocalWorkers:
+class LocalWorkers(Workers):
     """Processes of this machine, started afresh so that none inherits an OpenCL context.
 
     They end when this process ends, in whatever way: each watches a pipe whose other end only this process
@@ -134,7 +139,6 @@ class LocalWorkers:
         self._leash, self._held = self._context.Pipe(duplex=False)
 
     def executor(self) -> Executor:
-        """Return a pool of processes."""
         if self._pool is None or _is_broken(self._pool):
             self._pool = ProcessPoolExecutor(
                 self.jobs, mp_context=self._context, initializer=_begin, initargs=(self._leash,)
@@ -147,12 +151,6 @@ class LocalWorkers:
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
         self._leash.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _is_broken(pool: ProcessPoolExecutor) -> bool:
@@ -176,7 +174,7 @@ def _begin(leash: Connection) -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-class DaskWorkers:
+class DaskWorkers(Workers):
     """The workers of the existing Dask cluster at "tcp://HOST:PORT"."""
 
     def __init__(self, address: str) -> None:
@@ -196,16 +194,9 @@ class DaskWorkers:
             raise UsageError("RUN_SCHEDULER", text)
 
     def executor(self) -> Executor:
-        """Return the cluster as an executor."""
         executor: Executor = self._client.get_executor(pure=False)
         return executor
 
     def close(self) -> None:
         """Disconnect from the cluster; tasks that were not begun are dropped, the workers stay."""
         self._client.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

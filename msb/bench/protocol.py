@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
 from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTable, Protocol, VariantTable
 from msb.bench.records import CONDITIONS
-from msb.errors import InputError, MsbError, UsageError, shorten
+from msb.errors import InputError, UsageError, shorten
 from msb.registry import METHODS
 
 PROTOCOL_NAME = "protocol.toml"
@@ -61,9 +62,11 @@ def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
     try:
         data = parse_toml(text.decode())
     except ValueError as error:  # of the encoding, the syntax or the limits
-        raise _bad(path, f"it is not TOML: {shorten(str(error))}") from error
+        fault = f"it is not TOML: {shorten(str(error))}"
+        raise InputError("PROTOCOL_INVALID", fault, file=path) from error
     protocol = checked(Protocol, data, file=path, code="PROTOCOL_INVALID")
-    _check(protocol, path)
+    for pointer, fault in _check(protocol):
+        raise InputError("PROTOCOL_INVALID", f"{pointer}: {fault}", file=path, pointer=pointer)
     return ProtocolFile(Path(path), text, protocol)
 
 
@@ -117,109 +120,99 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-def _check(protocol: Protocol, path: object) -> None:
-    """Refuse what types alone cannot."""
+_Faults = Iterator[tuple[str, str]]
+"""Place and fault of what types alone cannot refuse."""
+
+
+def _check(protocol: Protocol) -> _Faults:
+    from msb.render.backend import BUILT_IN, renderers
+
     for number, method in enumerate(protocol.methods):
-        where = f"/methods/{number}"
-        if method.name != AUTO and method.name not in METHODS:
-            titles = {each.title.lower(): name for name, each in METHODS.items()}
-            meant = titles.get(method.name.lower())
-            there = ", ".join((AUTO, *METHODS)) + (f"; {method.name} is called {meant} here" if meant else "")
-            text = f'{where}/name: there is no method "{shorten(method.name)}"; there are {there}'
-            raise _bad(path, text, f"{where}/name")
-        if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
-            text = f"{where}: it has no model, and no name with a folder of official renderings instead"
-            raise _bad(path, text, where)
-        for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):
-            known = PLACES if method.name != AUTO else PLACES[:2]
-            for found in PLACE.finditer(getattr(method, key) or ""):
-                if found[1] is not None and found[1] not in known:
-                    there = ", ".join(f"{{{name}}}" for name in known)
-                    text = f"{where}/{key}: there is no {{{shorten(found[1])}}}; there are {there}"
-                    raise _bad(path, text, f"{where}/{key}")
-        there_are = [dataset.name for dataset in protocol.datasets]
-        for name in method.datasets:
-            if name not in there_are:
-                text = f'{where}/datasets: there is no dataset "{name}"; there are {", ".join(there_are)}'
-                raise _bad(path, text, f"{where}/datasets")
-        if method.name != AUTO:
-            _check_settings(method, where, path)
-    _check_labels(protocol, path)
+        yield from _check_method(method, protocol, f"/methods/{number}")
+    yield from _check_labels(protocol)
+    for number, variant in enumerate(protocol.variants):
+        yield from _check_variant(variant, protocol, f"/variants/{number}")
     if protocol.trial is not None:
         from msb.trial.registry import chosen_tasks
 
-        try:
-            chosen_tasks(protocol.trial.tasks)
-        except UsageError as error:
-            raise _bad(path, f"/trial/tasks: {error.message}", "/trial/tasks") from None
-    from msb.render.backend import BUILT_IN, renderers
-
+        yield from _refused("/trial/tasks", chosen_tasks, protocol.trial.tasks)
     engines = [name for name in renderers() if name not in BUILT_IN]
     for engine in protocol.engines:
         if engine not in engines:
-            text = f'/engines: there is no engine "{engine}"; there are {", ".join(engines) or "none"}'
-            raise _bad(path, text, "/engines")
+            yield "/engines", f'there is no engine "{engine}"; there are {", ".join(engines) or "none"}'
 
 
-def _check_labels(protocol: Protocol, path: object) -> None:
-    """Refuse a name of a model or a variant that would stand for two things in a table or a folder."""
+def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Faults:
+    from msb.asset.settings import check_overrides
+
+    if method.name != AUTO and method.name not in METHODS:
+        titles = {each.title.lower(): name for name, each in METHODS.items()}
+        meant = titles.get(method.name.lower())
+        there = ", ".join((AUTO, *METHODS)) + (f"; {method.name} is called {meant} here" if meant else "")
+        yield f"{place}/name", f'there is no method "{shorten(method.name)}"; there are {there}'
+    if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
+        yield place, "it has no model, and no name with a folder of official renderings instead"
+    known = PLACES if method.name != AUTO else PLACES[:2]
+    there = ", ".join(f"{{{name}}}" for name in known)
+    for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):
+        for match in PLACE.finditer(getattr(method, key) or ""):
+            if match[1] is not None and match[1] not in known:
+                yield f"{place}/{key}", f"there is no {{{shorten(match[1])}}}; there are {there}"
+    datasets = [dataset.name for dataset in protocol.datasets]
+    for name in method.datasets:
+        if name not in datasets:
+            yield f"{place}/datasets", f'there is no dataset "{name}"; there are {", ".join(datasets)}'
+    if method.name != AUTO:
+        yield from _refused(f"{place}/settings", check_overrides, method.name, overrides(method))
+
+
+def _check_labels(protocol: Protocol) -> _Faults:
+    """Find a name of a model or a variant that would stand for two things in a table or a folder."""
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
+        place = f"/methods/{number}/label"
         if method.label is None:
             continue
-        where = f"/methods/{number}/label"
         if method.label in (AUTO, *METHODS):
-            text = f'{where}: "{method.label}" is the name of a method; take another'
-            raise _bad(path, text, where)
+            yield place, f'"{method.label}" is the name of a method; take another'
         of = methods.setdefault(method.label.casefold(), method.name)
         if of != method.name:
-            text = f'{where}: "{shorten(method.label)}" is the label of {of} already; take another'
-            raise _bad(path, text, where)
+            yield place, f'"{shorten(method.label)}" is the label of {of} already; take another'
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
     for number, variant in enumerate(protocol.variants):
-        where = f"/variants/{number}"
-        if of_what := taken.get(variant.label.casefold()):
-            text = f'{where}/label: "{shorten(variant.label)}" is the name of {of_what} already; take another'
-            raise _bad(path, text, f"{where}/label")
+        if variant.label.casefold() in taken:
+            of = taken[variant.label.casefold()]
+            text = f'"{shorten(variant.label)}" is the name of {of} already; take another'
+            yield f"/variants/{number}/label", text
         taken[variant.label.casefold()] = "a variant"
-        _check_variant(variant, protocol, where, path)
 
 
-def _check_variant(variant: VariantTable, protocol: Protocol, where: str, path: object) -> None:
+def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Faults:
     from msb.asset.settings import check_overrides
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        text = f"{where}: it is the dedicated tier as it is; give it an order, sampling, renderer or settings"
-        raise _bad(path, text, where)
+        yield place, "it is the dedicated tier as it is; give it an order, sampling, renderer or settings"
     if variant.renderer is not None and variant.renderer not in renderers():
-        text = f'{where}/renderer: there is no renderer "{shorten(variant.renderer)}"'
-        raise _bad(path, f"{text}; there are {', '.join(renderers())}", f"{where}/renderer")
+        there = ", ".join(renderers())
+        text = f'there is no renderer "{shorten(variant.renderer)}"; there are {there}'
+        yield f"{place}/renderer", text
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
     for name, value in overrides(variant).items():
         able = [method for method in known if name in METHODS[method].settings]
-        try:
-            for method in able or known:
-                check_overrides(method, {name: value})
-        except UsageError as error:
-            raise _bad(path, f"{where}/settings: {error.message}", f"{where}/settings") from None
+        for method in able or known:
+            yield from _refused(f"{place}/settings", check_overrides, method, {name: value})
 
 
-def _check_settings(method: MethodTable, where: str, path: object) -> None:
-    from msb.asset.settings import check_overrides
-
+def _refused(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
     try:
-        check_overrides(method.name, overrides(method))
+        check(*arguments)
     except UsageError as error:
-        raise _bad(path, f"{where}/settings: {error.message}", f"{where}/settings") from None
+        yield place, error.message
 
 
 def overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
     """Return the settings of `table`; TOML has no null, so "none" switches one off, as ``--set`` does."""
     return {name: None if value == "none" else value for name, value in table.settings.items()}
-
-
-def _bad(path: object, text: str, pointer: str | None = None) -> MsbError:
-    return InputError("PROTOCOL_INVALID", text, file=path, pointer=pointer)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 MAX_BYTES = 64 << 20
 """Most bytes of a record; it holds about 400 an image, and no dataset has 100,000 test views."""
+_MAX_TIMING = 1 << 16
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
@@ -292,6 +293,11 @@ class Result(Record):
     """Part ("timing", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
     """Part -> its inputs, name -> hash or version; one that changed is computed again."""
+
+
+def read_renderer_timing(path: str | os.PathLike[str]) -> RendererTiming:
+    """Return the measurement in the file `path`."""
+    return checked(RendererTiming, read_json(path, _MAX_TIMING), file=path, code="RECORD_INVALID")
 
 
 def read_result(path: str | os.PathLike[str]) -> Result:

@@ -21,7 +21,7 @@ from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
 from msb.bench.job import MAIN, Done, Job
 from msb.bench.machine import machine
-from msb.bench.missing import Missing, find_missing, find_unknown
+from msb.bench.missing import Missing, find_missing, find_unknown, start_errors
 from msb.bench.models import Model, ModelTask, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
@@ -30,7 +30,6 @@ from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Reason, Result
-from msb.bench.start import check_start, wrong_at_start
 from msb.bench.videos import video_tasks, write_video
 from msb.errors import CODES, EXIT_STATUS, InputError, MsbError
 from msb.scenes import write_cameras
@@ -126,7 +125,8 @@ def run_protocol(
     watch = watch or _Nobody()
     if dry:
         return _dry(file, scheduler, only, redo, start, watch)
-    check_start(file, watch.note)
+    for error in start_errors(file, watch.note):
+        raise error
     with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:
         with new_file(file.results / PROTOCOL_NAME) as copy:
             copy.write(file.text)
@@ -151,7 +151,7 @@ def _dry(
     start: float,
     watch: Watch,
 ) -> Report:
-    wrong = wrong_at_start(file, watch.note)
+    wrong = list({str(error): error for error in start_errors(file, watch.note)}.values())
     device: Mapping[str, Any] | None = None
     try:
         if scheduler is None:

@@ -21,9 +21,11 @@ from msb._version import __version__
 from msb.base.extras import need_extra
 from msb.bench.checked import Amount, Count, Record, checked, read_json
 from msb.bench.nvml import Gpu, Gpus
+from msb.bench.records import RendererTiming
 from msb.errors import InputError
 
 INTERVAL = 0.2
+WHOLE_COMMAND = "whole command, loading and writing included"
 _MAX_BYTES = 1 << 20
 _FORWARDED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 
@@ -59,6 +61,19 @@ class Track(Record):
 def read_track(path: Path) -> Track:
     """Return the record in the file `path`."""
     return checked(Track, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
+
+
+def timing_of_command(found: Track, frames: int) -> RendererTiming:
+    """Return what a command that drew `frames` images says of its renderer: a bound of its time."""
+    device = ", ".join(gpu.name for gpu in found.gpus) or str(found.machine.get("host", "unknown"))
+    return RendererTiming(
+        frames=frames,
+        seconds=found.seconds,
+        device=device,
+        timed=WHOLE_COMMAND,
+        whole_command=True,
+        peak_gpu_memory_bytes=found.peak_gpu_memory_bytes,
+    )
 
 
 def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:

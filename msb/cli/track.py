@@ -46,7 +46,7 @@ def track(
     measured by NVML (NVIDIA, extra gpu); if that is missing the record says why.
     """
     from msb.base.atomic import new_file
-    from msb.bench.renderer_timing import timing_of_command
+    from msb.bench.track import timing_of_command
     from msb.bench.track import track as run
 
     output = Output(None, quiet, verbose, force)

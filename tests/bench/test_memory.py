@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb.bench.memory import grouped
+from msb.bench.parts import grouped
 from msb.cl import open_device
 from msb.render.backend import check_supported, find_renderer
 from msb.render.device_scope import DeviceScope

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from msb.bench.gaps import slowdown
-from msb.bench.records import RendererTiming, read_result
-from msb.bench.renderer_timing import WHOLE_COMMAND, read_renderer_timing
+from msb.bench.records import RendererTiming, read_renderer_timing, read_result
 from msb.bench.run import run_protocol
+from msb.bench.track import WHOLE_COMMAND
 from msb.errors import MsbError
 from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, RatioKey
