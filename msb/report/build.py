@@ -13,17 +13,14 @@ from msb.errors import UsageError, shorten
 from msb.report import tables
 from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
-from msb.report.contradictions import with_contradictions
 from msb.report.figures import figures
 from msb.report.findings import find
 from msb.report.numbers import Numbers, dataset_title, method_title
-from msb.report.paper import PAPER_TABLES, paper_numbers
+from msb.report.paper import contradictions, paper_numbers
 from msb.report.pictures import view_names, views
 from msb.report.report import Report, Section, places_of
-from msb.report.tables.reproducibility import SOURCES
 
 if TYPE_CHECKING:
-    from msb.report.against import Comparison
     from msb.report.figures import Figure
     from msb.report.numbers import Key, Number
     from msb.report.pictures import View
@@ -41,6 +38,18 @@ ONE_SCENE = (
 NOTHING_AGAINST = "against {}: no other method was measured under the same condition on the same scene"
 FEW_SCENES = ("tanksandtemples",)
 """The paper sets the scenes of these datasets side by side, and of others below each other."""
+_PAPER: dict[str, tuple[Callable[..., Table], str]] = {
+    "native_summary": (tables.native_summary, ""),
+    "native_comprehensive_results": (tables.native_summary, ""),
+    "mip360_renderer_comparison": (tables.renderer_comparison, "mipnerf360"),
+    "tnt_renderer_comparison": (tables.scene_comparison, "tanksandtemples"),
+    "tnt_unity_runtime_resources": (tables.runtime_resources, "tanksandtemples"),
+    "mip360_unity_gpu_latency": (tables.latency, "mipnerf360"),
+    "mip360_unity_memory": (tables.memory, "mipnerf360"),
+    "mesh_connectivity": (tables.mesh_connectivity, "mipnerf360"),
+    "reproducibility_comparison": (tables.reproducibility, ""),
+}
+"""Label of a table of the paper -> the function that makes ours, and its dataset if it is of one."""
 
 
 def build_report(
@@ -56,7 +65,6 @@ def build_report(
 
     Parameters
     ----------
-    results : ResultSet
     published : mapping of Key to Number, optional
         More published numbers (`published_numbers`).
     chosen : sequence of str
@@ -79,70 +87,44 @@ def build_report(
     findings = tuple(find(numbers, first=against_findings(compared, against or "")))
     charts = figures(numbers, paper) if pictures else []
     places = places_of(results, numbers) if pictures else []
-    shown = tuple(
-        view
-        for _, own in groupby(places, key=lambda place: place.dataset)
-        for view in views(results, list(own), chosen)
-    )
+    by_dataset = groupby(places, key=lambda place: place.dataset)
+    shown = tuple(view for _, own in by_dataset for view in views(results, list(own), chosen))
+    sections = _sections(numbers, paper, charts, shown)
+    if compared and against:
+        title = f"Against {method_title(against)}"
+        intro = "Whether the other methods are better, and how sure that is."
+        sections = (Section(LABEL, title, intro, (against_table(compared, numbers, against),)), *sections)
+    notes = [*results.notes]
+    notes += [ONE_SCENE] if any("views of one scene" in one.sentence for one in findings) else []
+    notes += [NOTHING_AGAINST.format(against)] if against and not compared else []
+    notes += [OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []
+    notes += [*_failures(results), *_other_renderings(results, shown)]
+    summary = _summary(results, numbers)
     return Report(
-        "MeshSplatBench report",
-        _summary(results, numbers),
-        (
-            *([_against(compared, numbers, against)] if compared and against else []),
-            *_sections(numbers, paper, charts, shown),
-        ),
-        findings,
-        (
-            *results.notes,
-            *([ONE_SCENE] if any("views of one scene" in one.sentence for one in findings) else []),
-            *([NOTHING_AGAINST.format(against)] if against and not compared else []),
-            *([OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []),
-            *_failures(results),
-            *_other_renderings(results, shown),
-        ),
-        numbers,
-        results,
-        with_paper,
+        "MeshSplatBench report", summary, sections, findings, tuple(notes), numbers, results, with_paper
     )
 
 
 def paper_report(*, pictures: bool = True) -> Report:
     """Return the paper's own tables, made of its numbers by the builders that make ours."""
-    made: dict[str, Callable[[Numbers, str], Table]] = {
-        "native_summary": lambda n, label: tables.native_summary(n, label=label),
-        "native_comprehensive_results": lambda n, label: tables.native_summary(n, label=label),
-        "mip360_renderer_comparison": lambda n, label: tables.renderer_comparison(
-            n, "mipnerf360", label=label
-        ),
-        "tnt_renderer_comparison": lambda n, label: tables.scene_comparison(
-            n, "tanksandtemples", label=label
-        ),
-        "tnt_unity_runtime_resources": lambda n, label: tables.runtime_resources(
-            n, "tanksandtemples", label=label
-        ),
-        "mip360_unity_gpu_latency": lambda n, label: tables.latency(n, "mipnerf360", label=label),
-        "mip360_unity_memory": lambda n, label: tables.memory(n, "mipnerf360", label=label),
-        "mesh_connectivity": lambda n, label: tables.mesh_connectivity(n, "mipnerf360", label=label),
-        "reproducibility_comparison": lambda n, label: tables.reproducibility(
-            n, label=label, sources=("paper", "public", "meshsplatbench")
-        ),
-    }
-    own = [made[label](paper_numbers(label), label) for label in PAPER_TABLES]
-    own += [tables.native_features(), tables.deployment_features()]
     numbers = paper_numbers()
+    own = [
+        build(paper_numbers(label), *filter(None, [dataset]), label=label)
+        for label, (build, dataset) in _PAPER.items()
+    ]
     derived = [tables.gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
     sections = (
         Section(
             "tables",
             "The paper's tables",
             "Printed from the paper's numbers by the writer of ours.",
-            tuple(map(with_contradictions, own)),
+            _with_contradictions(*own, tables.native_features(), tables.deployment_features()),
         ),
         Section(
             "derived",
             "What follows from them",
             "Gaps and ratios the paper states in prose, from the means it prints.",
-            tuple(map(with_contradictions, (*derived, tables.slowdown_table(numbers)))),
+            _with_contradictions(*derived, tables.slowdown_table(numbers)),
             tuple(figures(numbers)) if pictures else (),
         ),
     )
@@ -150,106 +132,95 @@ def paper_report(*, pictures: bool = True) -> Report:
     labels = {"renderer_comparison-mipnerf360": "mip360_renderer_comparison",
               "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
               "mesh_connectivity-mipnerf360": "mesh_connectivity"}  # fmt: skip
-    found = [replace(finding, table=labels.get(finding.table, finding.table)) for finding in find(numbers)]
+    findings = [replace(one, table=labels.get(one.table, one.table)) for one in find(numbers)]
     summary = "The tables of the MeshSplatBench paper, from its own numbers; nothing here was measured."
-    return Report("The paper's tables", summary, sections, tuple(found), (), numbers)
+    return Report("The paper's tables", summary, sections, tuple(findings), (), numbers)
 
 
-def _against(compared: list[Comparison], numbers: Numbers, other: str) -> Section:
-    return Section(
-        LABEL,
-        f"Against {method_title(other)}",
-        "Whether the other methods are better, and how sure that is.",
-        (against_table(compared, numbers, other),),
-    )
+def _with_contradictions(*own: Table) -> tuple[Table, ...]:
+    """Return tables of the paper with notes on what contradicts them elsewhere in the paper."""
+    known = contradictions()
+    return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in own)
 
 
 def _sections(
-    numbers: Numbers, paper: Numbers, charts: Iterable[Figure], shown: tuple[View, ...]
+    numbers: Numbers, paper: Numbers, charts: Sequence[Figure], shown: tuple[View, ...]
 ) -> tuple[Section, ...]:
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
-    sources = tuple(one for one in SOURCES if not one or any(key.source == one for key in paper.values))
-    known = any(key.source for key in paper.values if key.dataset in datasets)
-    charts = tuple(charts)
 
-    def of(*names: str) -> tuple[Figure, ...]:
-        return tuple(figure for figure in charts if figure.name.startswith(names))
+    def section(
+        name: str, title: str, intro: str, *own: Table, figure: str = "-", views: tuple[View, ...] = ()
+    ) -> Section:
+        """Return a section of the tables that are not empty and the charts called `figure`-DATASET."""
+        held = tuple(table for table in own if table.rows and table.columns)
+        return Section(name, title, intro, held, tuple(c for c in charts if c.name.startswith(figure)), views)
 
-    quality: list[Table] = [tables.renderer_comparison(numbers, dataset, paper) for dataset in drawn]
-    quality += [tables.scene_comparison(numbers, dataset, paper) for dataset in few]
-    runtime: list[Table] = [tables.slowdown_table(numbers, paper)] if deployed else []
+    runtime = [tables.slowdown_table(numbers, paper)] if deployed else []
     runtime += [tables.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
         if dataset not in few:
             runtime += [tables.latency(numbers, dataset, paper), tables.memory(numbers, dataset, paper)]
         runtime += [tables.frame_time(numbers, dataset)]
     published: list[Table] = []
-    if known:
-        published = [
-            tables.reproducibility(numbers, paper, sources=sources),
-            tables.reproducibility_statistics(numbers, paper),
-        ]
+    if any(key.source for key in paper.values if key.dataset in datasets):
+        published += [tables.reproducibility(numbers, paper)]
+        published += [tables.reproducibility_statistics(numbers, paper)]
+    native = any("non_engine" in numbers.conditions(dataset) for dataset in drawn)
     sections = (
-        Section(
+        section(
             "deployment",
             "From condition to condition",
             "What each tier and engine makes of the same models, and what is lost on the way.",
-            tuple(quality),
-            of("deployment_gap"),
+            *(tables.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
+            *(tables.scene_comparison(numbers, dataset, paper) for dataset in few),
+            figure="deployment_gap",
         ),
-        Section(
+        section(
             "gaps",
             "Deployment gaps",
             "How much quality each step costs.",
-            tuple(tables.gaps_table(numbers, dataset, paper) for dataset in deployed),
+            *(tables.gaps_table(numbers, dataset, paper) for dataset in deployed),
         ),
-        Section("looks", "What it looks like", "The same test view under every condition.", views=shown),
-        Section(
+        section("looks", "What it looks like", "The same test view under every condition.", views=shown),
+        section(
             "native",
             "With their own renderers",
             "The methods before any deployment.",
-            (tables.native_summary(numbers, paper),)
-            if any("non_engine" in numbers.conditions(d) for d in drawn)
-            else (),
+            *([tables.native_summary(numbers, paper)] if native else []),
         ),
-        Section("runtime", "Speed and memory", "What drawing costs.", tuple(runtime), of("quality_speed")),
-        Section(
+        section("runtime", "Speed and memory", "What drawing costs.", *runtime, figure="quality_speed"),
+        section(
             "structure",
             "Structure of the meshes",
             "Whether the exported mesh is more than a set of triangles.",
-            tuple(tables.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
+            *(tables.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
         ),
-        Section(
+        section(
             "reproducibility",
             "Against published results",
             "How near this run comes to what was published.",
-            tuple(published),
-            of("reproducibility"),
+            *published,
+            figure="reproducibility",
         ),
-        Section(
+        section(
             "features",
             "What each tier keeps",
             "What the representations have, and what the tiers keep of it.",
-            (tables.native_features(), tables.deployment_features()),
+            tables.native_features(),
+            tables.deployment_features(),
         ),
-        Section(
+        section(
             "scenes",
             "Every scene",
             "The numbers behind the means.",
-            tuple(
-                tables.per_scene(numbers, d, condition) for d in drawn for condition in numbers.conditions(d)
-            ),
+            *(tables.per_scene(numbers, d, condition) for d in drawn for condition in numbers.conditions(d)),
         ),
     )
-    whole = (
-        replace(section, tables=tuple(table for table in section.tables if table.rows and table.columns))
-        for section in sections
-    )
-    return tuple(section for section in whole if not section.empty)
+    return tuple(section for section in sections if not section.empty)
 
 
 def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
@@ -279,13 +250,9 @@ def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
 def _summary(results: ResultSet, numbers: Numbers) -> str:
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
-    parts = (
-        _count(len(results), "result"),
-        _count(len(methods), "method"),
-        _count(len(scenes), "scene"),
-        _count(len(numbers.datasets()), "dataset"),
-    )
-    return f"{parts[0]} of {parts[1]} on {parts[2]} of {parts[3]}. msb {__version__}."
+    of = f"{_count(len(results), 'result')} of {_count(len(methods), 'method')}"
+    on = f"{_count(len(scenes), 'scene')} of {_count(len(numbers.datasets()), 'dataset')}"
+    return f"{of} on {on}. msb {__version__}."
 
 
 def _count(number: int, noun: str) -> str:

@@ -7,7 +7,7 @@ import os
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -131,11 +131,20 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     return found
 
 
+def contradictions() -> dict[str, list[str]]:
+    """Return label of a table of the paper's report -> notes on what in the paper contradicts it."""
+    found: dict[str, list[str]] = json.loads(_text("contradictions"))
+    return found
+
+
+def _text(name: str) -> str:
+    return resources.files("msb.report").joinpath("paper_tables", f"{name}.json").read_text("utf-8")
+
+
 @cache
 def _table(label: str) -> dict[Key, Number]:
-    text = resources.files("msb.report").joinpath("paper_tables", f"{label}.json").read_text("utf-8")
-    table: Any = _PaperTable.model_validate_json(json.dumps(json.loads(text)))
-    return {key: _noted(key, number) for key, number in map(_entry, table.cells)}
+    cells = _PaperTable.model_validate_json(_text(label)).cells
+    return {key: _noted(key, number) for key, number in map(_entry, cells)}
 
 
 def _entry(cell: _Cell) -> tuple[Key, Number]:

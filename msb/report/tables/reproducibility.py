@@ -40,23 +40,25 @@ class Pair(NamedTuple):
 
 
 def reproducibility(
-    numbers: Numbers,
-    paper: Numbers | None = None,
-    *,
-    label: str = "reproducibility",
-    sources: tuple[str, ...] = tuple(SOURCES),
+    numbers: Numbers, paper: Numbers | None = None, *, label: str = "reproducibility"
 ) -> Table:
     """Return a row per dataset and method, a block per source; in it a dataset's best is bold."""
     published = {} if paper is None else {key: number for key, number in paper.values.items() if key.source}
     both = numbers if paper is None else Numbers({**numbers.values, **published})
     known = {(key.dataset, key.method) for key in both.values if key.source}
+    sources = {key.source for key in both.values}
     return make_table(
         both,
         None,
         label,
         "Reproducibility: published results, and ours with the methods' own renderers.",
         ("Dataset", "Method"),
-        [column for source in sources for column in metric_columns(QUALITY, SOURCES[source], source=source)],
+        [
+            column
+            for source, heading in SOURCES.items()
+            if source in sources
+            for column in metric_columns(QUALITY, heading, source=source)
+        ],
         [line for line in native_lines(numbers) if (line.of["dataset"], line.of["method"]) in known],
         {"scene": MEAN, "condition": "non_engine"},
         best_of=("dataset", "source"),
