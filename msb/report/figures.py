@@ -126,11 +126,11 @@ def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
         _legend(axes)
 
     caption = (
-        f"{dataset_title(dataset)}: PSNR of each method with its own renderer, dedicated and standard. A "
-        "line stops at the last condition that supports the method; its means are over the scenes that all "
-        "of its conditions have. A thin line with open markers goes through a variant of Dedicated."
+        "PSNR of each method with its own renderer, dedicated and standard. A line stops at the last "
+        "condition that supports the method; its means are over the scenes that all of its conditions have. "
+        "A thin line with open markers goes through a variant of Dedicated."
     )
-    return _figure(f"deployment_gap-{slug(dataset)}", dataset_title(dataset), caption, draw)
+    return _figure("deployment_gap", dataset, caption, draw)
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
@@ -179,9 +179,8 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
         for method, own in points.items():
             style = styles[method]
-            axes.plot(
-                [x for _, x, _ in own], [y for _, _, y in own], **{**style, "marker": "", "linewidth": 1}
-            )
+            _, xs, ys = zip(*own, strict=True)
+            axes.plot(xs, ys, **{**style, "marker": "", "linewidth": 1})
             for condition, x, y in own:
                 axes.plot([x], [y], color=style["color"], linestyle="none", markeredgecolor=_INK,
                           markeredgewidth=0.6, marker=markers[condition],
@@ -202,10 +201,10 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
         _legend(axes, handles)
 
     caption = (
-        f"{dataset_title(dataset)}: quality against speed. Up is better, right is faster; the markers are "
-        "the conditions, the line styles the methods."
+        "quality against speed. Up is better, right is faster; the markers are the conditions, the line "
+        "styles the methods."
     )
-    return _figure(f"quality_speed-{slug(dataset)}", dataset_title(dataset), caption, draw)
+    return _figure("quality_speed", dataset, caption, draw)
 
 
 def differences(found: Sequence[Pair], dataset: str) -> Figure | None:
@@ -235,25 +234,25 @@ def differences(found: Sequence[Pair], dataset: str) -> Figure | None:
     def draw(axes: Axes) -> None:
         width = 0.8 / len(kinds)
         for place, kind in enumerate(kinds):
-            bars = [(groups.index(name(pair)), pair.difference) for pair in own if series(pair) == kind]
-            style: dict[str, Any] = {
-                "color": _COLORS[place % len(_COLORS)],
-                "hatch": _HATCHES[place % len(_HATCHES)],
-            }
-            at = [group + (place - (len(kinds) - 1) / 2) * width for group, _ in bars]
+            bars = [pair for pair in own if series(pair) == kind]
             axes.bar(
-                at, [value for _, value in bars], width, label=kind, edgecolor=_INK, linewidth=0.6, **style
+                [groups.index(name(pair)) + (place - (len(kinds) - 1) / 2) * width for pair in bars],
+                [pair.difference for pair in bars],
+                width,
+                label=kind,
+                edgecolor=_INK,
+                linewidth=0.6,
+                color=_COLORS[place % len(_COLORS)],
+                hatch=_HATCHES[place % len(_HATCHES)],
             )
         axes.axhline(0, color=_INK, linewidth=0.8)
-        long = sum(map(len, groups)) > 40
-        turned: dict[str, Any] = {"rotation": 30, "ha": "right"} if long else {}
+        turned: dict[str, Any] = {"rotation": 30, "ha": "right"} if sum(map(len, groups)) > 40 else {}
         axes.set_xticks(range(len(groups)), groups, **turned)
         axes.set_ylabel("PSNR difference (dB)")
         _legend(axes)
 
     of = "per scene" if scenes else "of the means over scenes"
-    caption = f"{dataset_title(dataset)}: PSNR of this run minus published PSNR, {of}."
-    return _figure(f"reproducibility-{slug(dataset)}", dataset_title(dataset), caption, draw)
+    return _figure("reproducibility", dataset, f"PSNR of this run minus published PSNR, {of}.", draw)
 
 
 def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
@@ -292,8 +291,9 @@ def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
     figure.set_size_inches(width, height + _ROW * max(rows - _ROWS, 0))
 
 
-def _figure(name: str, title: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
-    return Figure(name, caption, partial(_drawn, title, draw))
+def _figure(kind: str, dataset: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
+    title = dataset_title(dataset)
+    return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_drawn, title, draw))
 
 
 def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
@@ -303,6 +303,8 @@ def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
+    inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
+    faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {
         "svg.fonttype": "none",
         "svg.hashsalt": "msb",
@@ -315,13 +317,8 @@ def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]
         "axes.spines.top": False,
         "axes.spines.right": False,
         "legend.handlelength": 3.2,
-        **dict.fromkeys(
-            ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color"),
-            _INK,
-        ),
-        **dict.fromkeys(
-            ("figure.facecolor", "axes.facecolor", "savefig.facecolor"), _PAPER if form == "svg" else "none"
-        ),
+        **dict.fromkeys(inked, _INK),
+        **dict.fromkeys(faces, _PAPER if form == "svg" else "none"),
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():

@@ -25,7 +25,6 @@ MEAN = "mean"
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
 """Names that stand for means over scenes -> the headings of their rows."""
 
-CONDITION_PLACES: dict[str, int] = {name: place for place, name in enumerate(CONDITIONS)}
 DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""
 
@@ -36,20 +35,10 @@ ON_CPU = "measured on a CPU device"
 
 
 class Key(NamedTuple):
-    """What a number is of.
+    """What a number is of: `scene` may be a key of `MEANS`; `metric` is one of `msb.bench.aggregate.METRICS`.
 
-    Attributes
-    ----------
-    dataset, method : str
-    scene : str
-        A scene, or a key of `MEANS`.
-    condition : str
-        A condition; "standard/NAME" where an engine draws in its place, "dedicated/NAME" of a variant.
-    metric : str
-        A key of `msb.bench.aggregate.METRICS`.
-    source : str
-        "" for measured numbers; "paper", "public" and "meshsplatbench" are the columns of the paper's
-        reproducibility table.
+    `condition` is "standard/NAME" where an engine draws in its place, "dedicated/NAME" of a variant. `source`
+    is "" for measured numbers, and a key of `msb.report.tables.reproducibility.SOURCES` for published ones.
     """
 
     dataset: str
@@ -62,20 +51,9 @@ class Key(NamedTuple):
 
 @dataclass(frozen=True)
 class Number:
-    """A number in the records' unit, or why there is none.
+    """A number in the records' unit, or `reason` why there is none and `absent`, "N/A" or "--", in its place.
 
-    Attributes
-    ----------
-    value : float, optional
-    absent : str
-        "N/A" or "--" where `value` is None.
-    reason : str, optional
-        Why there is no value.
-    present, expected : int
-        For a mean, the number of scenes with a value, and of scenes there should be.
-    notes : tuple of str
-    interval : Interval, optional
-        That of a mean over views.
+    A mean is over `present` of the `expected` scenes; `interval` is that of a mean over views.
     """
 
     value: float | None
@@ -133,7 +111,6 @@ class Numbers:
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
-        """Return the value at `key`."""
         return self.number(key).value
 
     def datasets(self) -> list[str]:
@@ -142,11 +119,8 @@ class Numbers:
 
     def methods(self, dataset: str, *conditions: str) -> list[str]:
         """Return the methods of a dataset; if `conditions` are named, those with a value or an N/A in one."""
-        return list(
-            dict.fromkeys(
-                key.method for key in self._of(dataset) if not conditions or key.condition in conditions
-            )
-        )
+        own = (key for key in self._of(dataset) if not conditions or key.condition in conditions)
+        return list(dict.fromkeys(key.method for key in own))
 
     def scenes(self, dataset: str) -> list[str]:
         """Return the scenes of a dataset, means apart."""
@@ -197,7 +171,7 @@ def gap_tiers(conditions: Sequence[str]) -> list[tuple[str, str]]:
 def condition_order(condition: str) -> tuple[int, bool]:
     """Return what conditions are sorted by: as quality is lost, each followed by its variants or engines."""
     own, slash, _ = condition.partition("/")
-    return CONDITION_PLACES[own], bool(slash)
+    return CONDITIONS.index(own), bool(slash)
 
 
 def condition_title(condition: str) -> str:

@@ -41,21 +41,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """The report as data.
+    """The report as data, with the numbers and records it is made of.
 
-    Attributes
-    ----------
-    title, summary : str
-    sections : tuple of Section
-    findings : tuple of Finding
-    notes : tuple of str
-        What to know before reading: mixed results, failed cells.
-    numbers : Numbers
-        The numbers that the tables are made of.
-    results : ResultSet, optional
-        The records that the numbers are made of; None for the paper's own tables.
-    with_paper : bool
-        Whether the paper's numbers stand beside ours, where it has them.
+    `notes` is what to know before reading: mixed results, failed cells. `results` is None for the paper's own
+    tables, `with_paper` says whether its numbers stand beside ours.
     """
 
     title: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from msb.metrics.registry import IMAGE_METRICS
@@ -18,26 +19,11 @@ NOT_SUPPORTED, NOT_THERE = "N/A", "--"
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell.
+    """One cell: `text` is what is printed without footnote marks, "22.51 (7/9)", "N/A", "--" or "yes".
 
-    Attributes
-    ----------
-    text : str
-        What is printed, without footnote marks: "28.16", "22.51 (7/9)", "N/A", "--", "yes".
-    value : float, bool or str, optional
-        The unrounded value in `unit`; None for N/A and --.
-    metric, unit : str
-        Empty if the cell is not a number.
-    bold : bool
-        Whether it is the best, by the rule of its table.
-    reason : str, optional
-        Why there is no value.
-    notes : tuple of str
-        Footnotes.
-    present, expected : int
-        For a mean, the number of scenes with a value, and of scenes there should be.
-    interval : Interval, optional
-        That of a mean over views, or of a difference, in `unit`.
+    `value` is the unrounded value in `unit`, None for N/A and --, which `reason` explains. `metric` and
+    `unit` are empty if it is no number, `bold` marks the best. A mean is over `present` of the `expected`
+    scenes; `interval` is that of a mean over views or of a difference, in `unit`.
     """
 
     text: str
@@ -73,11 +59,8 @@ class Cell:
         if self.interval is not None:
             data |= self.interval.to_dict()
         if (self.present, self.expected) != (1, 1):
-            data |= {
-                "present": self.present,
-                "expected": self.expected,
-                "partial": self.present < self.expected,
-            }
+            data |= {"present": self.present, "expected": self.expected}
+            data["partial"] = self.present < self.expected
         return data
 
 
@@ -91,6 +74,11 @@ class Column:
     title: str
     groups: tuple[str, ...] = ()
     of: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    @property
+    def name(self) -> str:
+        """The title with the headings above it."""
+        return " ".join((*self.groups, self.title))
 
 
 @dataclass(frozen=True)
@@ -126,35 +114,23 @@ class Table:
 
     def spans(self, level: int) -> list[tuple[str, int]]:
         """Return the headings of one level, from left to right, each with the columns it spans."""
-        found: list[tuple[tuple[str, ...], int]] = []
-        for column in self.columns:
-            # The same heading under another one above it is another heading.
-            path = column.groups[: level + 1] if level < len(column.groups) else ()
-            if found and found[-1][0] == path:
-                found[-1] = (path, found[-1][1] + 1)
-            else:
-                found.append((path, 1))
-        return [(path[-1] if path else "", count) for path, count in found]
+        # The same heading under another one above it is another heading.
+        paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
+        return [(path[-1] if path else "", len(list(own))) for path, own in groupby(paths)]
 
     def blocks(self) -> list[tuple[str, list[Row]]]:
         """Return the rows in blocks, each with its heading: its section and all labels but the last."""
-        found: list[tuple[str, list[Row]]] = []
-        for row in self.rows:
-            heading = ", ".join(filter(None, (row.section, *row.labels[:-1])))
-            if not found or found[-1][0] != heading:
-                found.append((heading, []))
-            found[-1][1].append(row)
-        return found
+
+        def heading(row: Row) -> str:
+            return ", ".join(filter(None, (row.section, *row.labels[:-1])))
+
+        return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
         """Return whether a column can sort the rows of each block: it holds numbers of one metric there."""
-        several = False
-        for _, rows in self.blocks():
-            cells = [row.cells[column] for row in rows if not row.paper]
-            if len({cell.metric for cell in cells}) > 1:
-                return False
-            several = several or sum(cell.number is not None for cell in cells) > 1
-        return several
+        blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
+        several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
+        return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
 
     def footnotes(self) -> dict[str, str]:
         """Return footnote -> mark, "a" to "z", then "aa", in the order in which a reader meets them."""

@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Literal
 
 from msb.errors import formula_safe
@@ -18,7 +19,7 @@ from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
 
 if TYPE_CHECKING:
-    from msb.report.table import Cell, Row, Table
+    from msb.report.table import Cell, Table
 
 Printed = Literal["md", "tex", "csv", "json"]
 Format = Printed | Literal["html"]
@@ -50,14 +51,13 @@ def markdown(table: Table) -> str:
     """Return the table as GitHub's Markdown: headings on one line, the caption above, footnotes below."""
     marks = table.footnotes()
     heads = [markdown_text(head) for head in table.heads]
-    heads += [markdown_text(" ".join((*column.groups, column.title))) for column in table.columns]
+    heads += [markdown_text(column.name) for column in table.columns]
     aligned = "|" + "---|" * len(table.heads) + "---:|" * len(table.columns)
     lines = [f"**{markdown_text(table.caption)}**", "", _markdown_line(heads), aligned]
     section = ""
     for row in table.rows:
         if row.section and row.section != section:
-            blanks = [""] * (len(heads) - 1)
-            lines.append(_markdown_line([f"*{markdown_text(row.section)}*", *blanks]))
+            lines.append(_markdown_line([f"*{markdown_text(row.section)}*"] + [""] * (len(heads) - 1)))
         section = row.section
         labels = [markdown_text(label) for label in row.labels]
         labels[-1] = f"**{labels[-1]}**" if row.strong else f"*{labels[-1]}*" if row.paper else labels[-1]
@@ -101,7 +101,7 @@ def csv_table(table: Table) -> str:
     """Return the table as CSV with printed values; each row says "ours" or "paper"."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
-    heads = [*table.heads, *(" ".join((*column.groups, column.title)) for column in table.columns)]
+    heads = [*table.heads, *(column.name for column in table.columns)]
     sections = any(row.section for row in table.rows)
     writer.writerow(map(csv_text, [*(["Section"] if sections else []), *heads, "Source"]))
     for row in table.rows:
@@ -161,7 +161,7 @@ def _without_empty_columns(table: Table) -> Table:
     titles = {table.columns[number].title for number in kept}
     left = [number for number in range(len(cells)) if number not in kept]
     names = dict.fromkeys(
-        " ".join((*column.groups, column.title)) if column.title in titles else column.title
+        column.name if column.title in titles else column.title
         for column in (table.columns[number] for number in left)
     )
     why = dict.fromkeys(note for number in left for cell in cells[number] for note in cell.footnotes)
@@ -193,22 +193,20 @@ def _latex_headings(table: Table) -> list[str]:
 def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
     lines: list[str] = []
     width = len(table.heads) + len(table.columns)
-    before: Row | None = None
-    for row in table.rows:
-        block = row.section, row.labels[:-1]
-        if before is not None and block != (before.section, before.labels[:-1]):
-            lines.append(r"\midrule")
-        if row.section and (before is None or row.section != before.section):
-            lines += [
-                rf"\multicolumn{{{width}}}{{c}}{{\textit{{{latex_text(row.section)}}}}} \\",
-                r"\midrule",
-            ]
-        repeated = before is not None and block == (before.section, before.labels[:-1])
-        labels = ["" if repeated else latex_text(label) for label in row.labels[:-1]]
-        last = latex_text(row.labels[-1])
-        labels.append(rf"\textbf{{{last}}}" if row.strong else rf"\emph{{{last}}}" if row.paper else last)
-        lines.append(" & ".join([*labels, *(_latex_cell(cell, marks) for cell in row.cells)]) + r" \\")
-        before = row
+    section = ""
+    for (heading, above), rows in groupby(table.rows, lambda row: (row.section, row.labels[:-1])):
+        lines += [r"\midrule"] if lines else []
+        if heading and heading != section:
+            title = rf"\multicolumn{{{width}}}{{c}}{{\textit{{{latex_text(heading)}}}}} \\"
+            lines += [title, r"\midrule"]
+        section = heading
+        first = [latex_text(label) for label in above]
+        for row in rows:
+            last = latex_text(row.labels[-1])
+            last = rf"\textbf{{{last}}}" if row.strong else rf"\emph{{{last}}}" if row.paper else last
+            cells = (_latex_cell(cell, marks) for cell in row.cells)
+            lines.append(" & ".join([*first, last, *cells]) + r" \\")
+            first = [""] * len(above)
     return lines
 
 
