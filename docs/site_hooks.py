@@ -1,4 +1,4 @@
-"""What the site needs beside docs/: files of the root as pages, and links to them.
+"""What the site needs beside docs/: files of the root as pages, links to them, and tables of the code's own.
 
 MkDocs calls these functions by their names (mkdocs.yml, hooks).
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import Any
+
+from docs.tables import AT_THE_END
 
 ROOT = Path(__file__).parent.parent
 PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md", "SECURITY.md": "security.md"}
@@ -26,7 +28,9 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Let links to those files lead to their pages, and give README's own pictures their place."""
+    """Add the tables that the code has for a page, and let links to files of the root lead to their pages."""
+    if page.file.src_uri in AT_THE_END:
+        markdown += AT_THE_END[page.file.src_uri]()
     up = "../" * page.file.src_uri.count("/")
     for name, place in PAGES.items():
         markdown = re.sub(rf"\]\((?:\.\./)*{re.escape(name)}", f"]({up}{place}", markdown)

@@ -720,4 +720,4 @@ CODES: dict[str, Code] = {
         },
     ),
 }
-"""Every code there is. docs/errors.md is generated from this table (a test holds them equal)."""
+"""Every code there is. The page docs/errors.md has this table on the site."""

@@ -39,7 +39,7 @@ def validate(
     ] = (),
     *,
     explain: Annotated[
-        str | None, Option("Print what a code means, and stop.", metavar="CODE", only_typed=True)
+        str | None, Option("Print what a code means, and stop.", metavar="CODE|all", only_typed=True)
     ] = None,
     output: LinesOutput,
 ) -> None:
@@ -94,19 +94,21 @@ def _explain(name: str, output: Output) -> None:
     import difflib
 
     code = name.upper()
-    if code not in CODES:
-        near = ", ".join(difflib.get_close_matches(code, CODES, 3, 0.4)) or "docs/errors.md lists all"
-        raise UsageError("NAME_UNKNOWN", f'there is no code "{name}"; did you mean {near}?')
-    entry = CODES[code]
-    status = EXIT_STATUS[entry.kind]
-    output.write_json(
+    if code != "ALL" and code not in CODES:
+        near = ", ".join(difflib.get_close_matches(code, CODES, 3, 0.4))
+        hint = f"did you mean {near}?" if near else "--explain all lists them"
+        raise UsageError("NAME_UNKNOWN", f'there is no code "{name}"; {hint}')
+    documents = [
         {
             "schema": "msb.code/1",
             "code": code,
-            "exit_status": status,
+            "exit_status": EXIT_STATUS[entry.kind],
             "summary": entry.summary,
             "remedy": entry.remedy,
         }
-    )
+        for code, entry in (CODES.items() if code == "ALL" else [(code, CODES[code])])
+    ]
+    output.write_documents(documents)
     if output.prints_text:
-        echo(f"{code}: {entry.summary}\nRemedy: {entry.remedy}\nExit status: {status}")
+        row = "{code}: {summary}\nRemedy: {remedy}\nExit status: {exit_status}"
+        echo("\n\n".join(row.format(**document) for document in documents))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import msb as library
+from msb.errors import CODES
 from msb.meshes import read_mesh
 from tests.conftest import ROOT
 
@@ -185,6 +186,8 @@ def test_validate_explains_a_code(msb: Msb) -> None:
     assert result.status == 0
     assert "Copy the asset again" in result.out
     assert "did you mean TRIASSET_DAMAGED" in msb("validate", "--explain", "TRIASSET_DAMAGE").err
+    every = msb("validate", "--explain", "all", "--json", "-").json
+    assert [item["code"] for item in every] == list(CODES)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])

@@ -6,7 +6,6 @@ from dataclasses import fields
 
 import pytest
 
-from docs.make_definitions import PAGE, page
 from msb import audit
 from msb.errors import UsageError
 from msb.topology.audit import Metrics
@@ -75,7 +74,3 @@ def test_unknown_name_lists_the_nearest() -> None:
         explain("???")
     with pytest.raises(UsageError):
         explain("")
-
-
-def test_manual_is_current() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m docs.make_definitions"

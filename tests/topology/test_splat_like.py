@@ -33,7 +33,7 @@ def test_shuffling_changes_the_order_alone() -> None:
     assert one.metrics.lcc_area_ratio == pytest.approx(other.metrics.lcc_area_ratio)
 
 
-def test_default_has_the_structure_of_the_specification() -> None:
+def test_default_has_the_structure_it_was_made_for() -> None:
     report = audit(*splat_like(36))
     c, m = report.counts, report.metrics
     assert c.repeated_index_faces == c.duplicate_faces == c.zero_area_faces == 0

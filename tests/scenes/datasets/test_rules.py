@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from docs.make_datasets import PAGE, page
 from msb.errors import SceneError
 from msb.registry import METHODS
 from msb.scenes.colors import BLACK, WHITE
@@ -106,7 +105,3 @@ def test_background_is_the_datasets_or_else_the_methods() -> None:
     assert (
         evaluation_background("mipnerf360", "two_dgs") == evaluation_background("mipnerf360", "mesh") == BLACK
     )
-
-
-def test_the_page_has_the_tables_of_the_code() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m docs.make_datasets"

@@ -1,13 +1,17 @@
-"""Write the tables at the end of docs/datasets.md: `python -m docs.make_datasets`."""
+"""What pages of docs/ have of the code's own tables: the site is built with it (site_hooks.py).
+
+`python -m docs.tables errors`, or definitions or datasets, prints what docs/errors.md has at its end.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
+import sys
+import textwrap
 
+from msb.errors import CODES, EXIT_STATUS
 from msb.scenes.datasets import DATASETS, RULES, Photographs, color_name
+from msb.topology.explain import EXPLANATIONS
 
-PAGE = Path(__file__).with_name("datasets.md")
-BEGIN = "<!-- Made by `python -m docs.make_datasets` from msb/scenes/datasets: change that, not this. -->\n"
 _COMPOSITING = {
     "before_resize": ", mask applied, then resized",
     "after_resize": ", resized, then mask applied",
@@ -15,14 +19,8 @@ _COMPOSITING = {
 }
 
 
-def page() -> str:
-    """Return docs/datasets.md: what is written there by hand, and the tables made anew."""
-    by_hand, _, _ = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    return f"{by_hand}{BEGIN}\n{datasets()}\n{rules()}"
-
-
 def datasets() -> str:
-    """Return the table of datasets and their scenes."""
+    """Return a table of datasets and their scenes, and those of the rules by which methods read them."""
     lines = ["| dataset | scenes | over | folder above |", "|---|---|---|---|"]
     for key, dataset in DATASETS.items():
         groups: dict[str, list[str]] = {}
@@ -31,10 +29,10 @@ def datasets() -> str:
         scenes = "; ".join(f"{group + ': ' if group else ''}{' '.join(s)}" for group, s in groups.items())
         over = "the method's own" if dataset.background is None else color_name(dataset.background)
         lines.append(f"| `{key}` | {scenes} | {over} | {', '.join(dataset.folders)} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", *_rules()])
 
 
-def rules() -> str:
+def _rules() -> list[str]:
     """Return a table with a column for each dataset and a row for each loader, and one of the rest."""
     keys = [
         f"{key}/{group}" if group else key
@@ -61,7 +59,7 @@ def rules() -> str:
             loader.source,
         ]
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _photographs(rule: Photographs | None) -> str:
@@ -73,5 +71,40 @@ def _photographs(rule: Photographs | None) -> str:
     return f"{place}{size}{_COMPOSITING[rule.compositing]}{instead}"
 
 
+def errors() -> str:
+    """Return a table of codes for each class of errors."""
+    lines = []
+    for kind, status in EXIT_STATUS.items():
+        codes = {name: code for name, code in CODES.items() if code.kind is kind}
+        if codes:
+            lines += [f"## `{kind.__name__}`, exit status {status}", "", kind.__doc__ or "", ""]
+            lines += ["| code | meaning | remedy |", "|---|---|---|"]
+            lines += [f"| `{name}` | {code.summary} | {code.remedy} |" for name, code in codes.items()]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def definitions() -> str:
+    """Return one table of all that is audited, then a section for each quantity."""
+    lines = ["| key | symbol | meaning | formula |", "|---|---|---|---|"]
+    for entry in EXPLANATIONS.values():
+        symbol = f"`{entry.symbol}`" if entry.symbol else ""
+        formula = entry.formula.replace("|", "\\|")
+        lines.append(f"| [`{entry.name}`](#{entry.name}) | {symbol} | {entry.title} | {formula} |")
+    for entry in EXPLANATIONS.values():
+        title = f"{entry.title[0].upper()}{entry.title[1:]}."
+        lines += ["", f"### {entry.name}", "", *_wrap(f"**{title}** {entry.definition}"), ""]
+        for label, text in entry.paragraphs():
+            lines += _wrap(f"- *{label}*: {text}", indent="  ")
+    return "\n".join(lines)
+
+
+def _wrap(text: str, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, 110, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+AT_THE_END = {"datasets.md": datasets, "definitions.md": definitions, "errors.md": errors}
+"""Page -> what stands at its end."""
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    sys.stdout.write(AT_THE_END[f"{sys.argv[1]}.md"]() + "\n")
