@@ -30,7 +30,7 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Add the tables that the code has for a page, and let links to files of the root lead to their pages."""
     if page.file.src_uri in AT_THE_END:
-        markdown += AT_THE_END[page.file.src_uri]()
+        markdown = f"{markdown}\n\n{AT_THE_END[page.file.src_uri]()}"
     up = "../" * page.file.src_uri.count("/")
     for name, place in PAGES.items():
         markdown = re.sub(rf"\]\((?:\.\./)*{re.escape(name)}", f"]({up}{place}", markdown)

@@ -1,7 +1,6 @@
 """The definition of every number of the audit, as plain data: what `msb-audit --explain` prints.
 
-The data is explanations.toml; docs/definitions.md holds the same (`python -m docs.make_definitions`) and the
-reasoning behind it.
+The data is explanations.toml; docs/definitions.md holds the reasoning behind it, and the data on the site.
 """
 
 from __future__ import annotations
