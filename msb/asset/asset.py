@@ -83,9 +83,7 @@ class Asset:
         """Return a repaired copy, and what was done: `msb.repair`, which describes plan and options."""
         import msb
 
-        if plan is not None:
-            options["plan"] = plan
-        return msb.repair(self, **options)
+        return msb.repair(self, plan, **options)
 
     def render(self, camera: Camera, tier: Tier = "standard", **options: Any) -> Frame:
         """Draw it once, as one camera sees it: `msb.render`, which describes tiers and options."""

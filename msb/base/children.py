@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import math
 import os
 import re
 import signal
@@ -20,9 +19,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from numbers import Real
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +28,10 @@ from numpy.typing import NDArray
 from msb.base.atomic import DISK_ERRORS
 from msb.base.files import read_file
 from msb.base.npz import write_npy
-from msb.errors import OutputError, UsageError, shorten
+from msb.errors import OutputError, shorten
+
+if TYPE_CHECKING:
+    from msb.base.limits import Limits
 
 Arrays = Mapping[str, NDArray[Any]]
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]
@@ -43,36 +44,6 @@ _UNWRITTEN = 74
 _OF_MEMORY = re.compile(r"MemoryError|bad_alloc|[Oo]ut of memory|[Cc]annot allocate|Unable to allocate")
 _PR_SET_PDEATHSIG = 1
 """A constant of linux/prctl.h."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a call in a child process may take.
-
-    Attributes
-    ----------
-    seconds : float
-        Of the clock, its start and its files included.
-    memory : float, optional
-        GiB of memory that the process may write to (on Linux: RLIMIT_DATA); None sets no limit.
-    """
-
-    seconds: float = 60.0
-    memory: float | None = 4.0
-
-    def __post_init__(self) -> None:
-        for name, value in (("seconds", self.seconds), ("memory", self.memory)):
-            if value is not None and not (isinstance(value, Real) and 0 < value < math.inf):
-                raise UsageError("USAGE", f"the limit of {name} is {value}; it must be a positive number")
-
-    @property
-    def limits_memory(self) -> bool:
-        """Whether the system holds a process to its memory limit; only Linux does it as is meant here."""
-        return sys.platform == "linux" and self.memory is not None
-
-    def to_dict(self) -> dict[str, float | None]:
-        """Return them as JSON data; the memory is None where there is no such limit."""
-        return {"seconds": self.seconds, "memory_gib": self.memory if self.limits_memory else None}
 
 
 @dataclass(frozen=True)

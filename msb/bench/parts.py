@@ -99,7 +99,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
     The cell's folder gets a picture of each.
     """
     from msb.base.atomic import new_folder
-    from msb.base.children import Limits
+    from msb.base.limits import Limits
     from msb.trial.run import try_asset
 
     asset, cameras, wanted = _to_try(job)
@@ -131,11 +131,12 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     The cell's folder gets a picture of each.
     """
     from msb.base.atomic import new_folder
+    from msb.base.limits import Limits
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
 
     asset, cameras, wanted = _to_try(job)
-    options = Options(seconds=wanted.seconds, memory_gib=wanted.memory)
+    options = Options(limits=Limits(wanted.seconds, wanted.memory))
     tasks = compared_tasks(wanted)
     with new_folder(job.folder / REPAIRS_FOLDER) as folder:
         rows = compare(asset, cameras, options, tasks=tasks, device=job.device, keep=folder)

@@ -58,8 +58,12 @@ GROUPS: dict[str, tuple[_Entry, ...]] = {
     "Look at a mesh": (
         _Entry(audit.audit, audit.EPILOG, "Count a mesh's faults and say what it can be used for."),
         _Entry(view.view, view.view.epilog, "See those faults, in a window, a picture or a page."),
-        _Entry(trial.trial, trial.EPILOG, "Try on it what artists do: unwrap, decimate, collide, print."),
-        _Entry(repair.repair, repair.EPILOG, "Make it manifold without changing its look."),
+        _Entry(
+            trial.trial,
+            trial.trial.epilog,
+            "Try on it what artists do: unwrap, decimate, collide, print.",
+        ),
+        _Entry(repair.repair, repair.repair.epilog, "Make it manifold without changing its look."),
         _Entry(info.info, info.info.epilog, "Show what an asset or a mesh file holds."),
         _Entry(validate.validate, validate.validate.epilog, "List everything that is wrong with a file."),
     ),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from msb.base.paths import shell_word
 from msb.cli.output import plain_table
-from msb.cli.repair_text import advice
 from msb.errors import MsbError, one_line
 from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
@@ -218,3 +217,17 @@ def _escape(text: str) -> str:
     from rich.markup import escape
 
     return escape(text)
+
+
+def advice(audit: Audit, output: str, source: str) -> str | None:
+    """Return what helps where faces share no vertices; `output` is the option -o, `source` what to repair."""
+    from msb.registry import lookup
+
+    if audit.closed_once_merged or audit.corners_coincide:
+        return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
+    if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:
+        shown = f"msb web --tier dedicated -o page.html {source}"
+        return (
+            f"As trained it is seen on the dedicated tier alone: {shown}; what engines lose: msb why {source}"
+        )
+    return None

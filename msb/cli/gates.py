@@ -7,14 +7,12 @@ import math
 import operator
 import re
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from msb.base.option import Option
 from msb.errors import GateFailed, UsageError, shorten
-from msb.topology.audit import Metrics
-from msb.topology.findings import Counts
-from msb.topology.verdict import judge
 
 if TYPE_CHECKING:
     from msb.topology.audit import Audit
@@ -69,6 +67,26 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
+class GateOptions:
+    """What makes a command fail that audits a mesh."""
+
+    fail_on: Annotated[
+        tuple[str, ...], Option('Fail if e.g. "components>1" holds. May be given again.', metavar="COND")
+    ] = ()
+    fail_on_verdict: Annotated[FailingLevel | None, Option("Fail if the verdict is this or worse.")] = None
+    profile: Annotated[
+        Profile | None, Option("Fail unless the mesh is fit for this; docs/cli.md has the conditions.")
+    ] = None
+
+    def gates(self) -> list[Gate | VerdictGate]:
+        """Return the gates that are asked for."""
+        gates: list[Gate | VerdictGate] = [*map(parse_gate, self.fail_on)]
+        if self.profile is not None:
+            gates += [replace(parse_gate(text), profile=self.profile) for text in PROFILES[self.profile]]
+        return gates if self.fail_on_verdict is None else [*gates, VerdictGate(self.fail_on_verdict)]
+
+
+@dataclass(frozen=True)
 class Gate:
     """The command fails if ``key operator limit`` holds."""
 
@@ -103,6 +121,8 @@ class VerdictGate:
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
         """Return the failure if the verdict on `audit` is this bad, with its first reason."""
+        from msb.topology.verdict import judge
+
         verdict = judge(audit)
         if verdict.level not in _FAILING[self.level]:
             return None
@@ -112,6 +132,9 @@ class VerdictGate:
 
 def parse_gate(text: str) -> Gate:
     """Return the gate written as ``KEY OPERATOR NUMBER``, such as "nonmanifold_edge_ratio>0"."""
+    from msb.topology.audit import Metrics
+    from msb.topology.findings import Counts
+
     match = _PATTERN.fullmatch(text)
     if not match:
         shown = shorten(text)

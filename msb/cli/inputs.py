@@ -13,7 +13,7 @@ from msb.asset import ASSET_SUFFIX, is_asset
 from msb.base.files import open_error
 from msb.cli.failures import report_error
 from msb.cli.output import failure
-from msb.errors import InputError, MsbError
+from msb.errors import InputError, MsbError, UsageError
 from msb.meshes import MESH_SUFFIXES
 
 if TYPE_CHECKING:
@@ -85,11 +85,16 @@ def open_asset(path: Path, output: Output) -> Asset:
 
 
 def for_each(
-    paths: Iterable[Path], schema: str, output: Output, work: Callable[[Path], tuple[dict[str, Any], int]]
+    paths: Iterable[Path],
+    schema: str,
+    output: Output,
+    work: Callable[[Path, bool], tuple[dict[str, Any], int]],
+    single: Iterable[str] = (),
 ) -> int:
     """Call `work` with each input; write the documents that it returns, and return the highest status.
 
-    An input that fails is a line on standard error, and a document with its error beside those of others.
+    `work` is told whether the input is alone. An input that fails is a line on standard error, and a document
+    with its error beside those of others. `single` are the options that take one input.
     """
     status = 0
     inputs: list[Path] = []
@@ -104,11 +109,13 @@ def for_each(
             inputs += expand(path)
         except MsbError as error:
             status = fail(path, error)
+    for option in single if len(inputs) > 1 else ():
+        raise UsageError("USAGE", f"{option} takes one mesh; there are {len(inputs)}")
     for path in inputs:
         if status and output.fail_fast:
             break
         try:
-            document, own = work(path)
+            document, own = work(path, len(inputs) == 1)
         except MsbError as error:
             status = fail(path, error)
             continue

@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any
@@ -30,6 +30,10 @@ STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 _LEAST_WIDTH = 80
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
+
+
+Cell = str | tuple[str, str]
+"""A text of a table, or a text and its style."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,29 @@ class Output:
         console = WholeWordConsole(highlight=False, color_system=colors)
         console.width = max(console.width, _LEAST_WIDTH)
         return console
+
+    def table(
+        self,
+        headers: Sequence[str],
+        rows: Iterable[Sequence[Cell]],
+        *,
+        right: Iterable[int] = (),
+        whole: bool = False,
+    ) -> None:
+        """Print a table without a frame, `right` naming the columns that are aligned to the right.
+
+        With `whole` every row is one line in a pipe, where programs read lines.
+        """
+        from rich.text import Text
+
+        console = self.console()
+        if whole and not console.is_terminal:
+            console.width = 10_000  # no table is as wide
+        table = plain_table(*headers, right=tuple(right))
+        for row in rows:
+            cells = (cell if isinstance(cell, tuple) else (cell, "") for cell in row)
+            table.add_row(*(Text(text, style) for text, style in cells))
+        console.print(table)
 
     def note(self, text: str, *, level: int = 0) -> None:
         """Print a note on standard error, if the user wants this much; a log file gets it in any case.

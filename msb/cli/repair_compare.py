@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msb.cli.output import Output, plain_table
+from msb.cli.output import Output, echo, plain_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from msb.repair.plan import Options
+    from msb.cli.camera_options import Views
+    from msb.repair import Options
     from msb.trial.repairs import Look, Row
     from msb.trial.run import Trial
 
@@ -30,10 +32,9 @@ NO_TASK = "none"
 def compare_strategies(
     source: Path,
     folder: Path | None,
-    plan: tuple[str, ...] | None,
     options: Options,
-    cameras: str | None,
-    tasks: list[str] | None,
+    views: Views,
+    tasks: Sequence[str],
     device: str | None,
     output: Output,
 ) -> None:
@@ -41,92 +42,82 @@ def compare_strategies(
     from msb.base.atomic import new_folder
     from msb.cli.inputs import open_asset
     from msb.errors import about
-    from msb.scenes import read_cameras
-    from msb.trial.repairs import STRATEGIES, compare, document
+    from msb.trial.repairs import compare, document, strategies
     from msb.views import choose_views
 
     wanted = _tasks(tasks)
     output.check_free(folder, folder=True)
-    output.check_outputs()
     with output.progress(f"reading {source.name}"):
         asset = open_asset(source, output)
-    given = None if cameras is None else read_cameras(cameras)
+    given = None if views.cameras is None else views.read(output)
     with about(source):
-        views = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
-    which = views.said if cameras is None else views.said.replace("given", f"of {cameras}")
-    total = len(STRATEGIES) + 1 + (plan is not None and ",".join(plan) not in STRATEGIES)
+        seen = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
+    which = seen.said if given is None else seen.said.replace("given", f"of {views.cameras}")
     with (
-        output.counted("trying repairs", total) as step,
+        output.counted("trying repairs", len(strategies(options)) + 1) as step,
         nullcontext() if folder is None else new_folder(folder) as keep,
     ):
-        rows = compare(asset, views, options, plan=plan, tasks=wanted, device=device, keep=keep, step=step)
+        rows = compare(asset, seen, options, tasks=wanted, device=device, keep=keep, step=step)
     output.write_json(document(str(source), which, rows))
     if output.prints_text:
         _print(rows, which, output)
 
 
-def _tasks(given: list[str] | None) -> list[str]:
+def _tasks(given: Sequence[str]) -> list[str]:
     from msb.trial.registry import chosen_tasks
     from msb.trial.repairs import TASKS
 
-    if given == [NO_TASK]:
+    if given == (NO_TASK,):
         return []
     return [task.name for task in chosen_tasks(given or TASKS)]
 
 
 def _print(rows: list[Row], which: str, output: Output) -> None:
-    from rich.markup import escape
-
-    from msb.topology.shown import structure_text
-    from msb.topology.verdict import judge
-
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # no table is as wide
-    cells = []
-    for row in rows:
-        if row.before is None or row.after is None or row.looks is None:
-            cells.append([row.strategy, *[""] * (_NAMES.index("Verdict") - 1), "not done"])
-            continue
-        ratio = row.after.metrics.boundary_edge_ratio
-        cells.append(
-            [
-                row.strategy,
-                f"{100 * row.faces_kept / max(row.before.counts.faces, 1):.1f} %",
-                f"{row.faces_added:,}",
-                f"{row.edges_cut:,}",
-                f"{row.after.counts.components:,}",
-                "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
-                judge(row.after).word,
-                _passed_text(row.tried),
-                *(_look_text(look) for look in row.looks.values()),
-                f"{row.size / 1e6:.2f}",
-                f"{row.seconds:.1f}",
-            ]
-        )
-    print_table(cells, console)
+    print_table([_cells(row) for row in rows], console)
     if output.quiet:
         return
-    if rows[0].before is not None and rows[0].before.corners_coincide is False:
-        console.print(
-            "No two corners coincide: it is no surface, and no repair makes it one.", soft_wrap=True
-        )
+    stored = rows[0]
+    if stored.before is not None and stored.before.corners_coincide is False:
+        echo("No two corners coincide: it is no surface, and no repair makes it one.")
     for row in rows:
         if row.why is not None:
-            console.print(escape(f"{row.strategy}: {row.why}"), soft_wrap=True)
-    tried = [one.task for one in rows[0].tried if one.outcome != "not_run"]
+            echo(f"{row.strategy}: {row.why}")
+    tried = [one.task for one in stored.tried if one.outcome != "not_run"]
     if tried:
-        text = f"Tasks: how many of {', '.join(tried)} work, with care or without; msb trial says why."
-        console.print(text, soft_wrap=True)
-    for one in rows[0].tried:
+        echo(f"Tasks: how many of {', '.join(tried)} work, with care or without; msb trial says why.")
+    for one in stored.tried:
         if one.outcome == "not_run":
-            console.print(escape(f"{one.task}: not run: {one.why}"), soft_wrap=True)
+            echo(f"{one.task}: not run: {one.why}")
     looks = [(tier, look.why) for row in rows for tier, look in (row.looks or {}).items() if look.why]
     for tier, why in dict.fromkeys(looks):
-        console.print(escape(f"{tier.capitalize()}: not drawn: {why}"), soft_wrap=True)
-    if any(look.same or look.psnr is not None for look in (rows[0].looks or {}).values()):
-        text = f"PSNR in dB against the asset as stored, the mean over {escape(which)}."
-        console.print(text, soft_wrap=True)
+        echo(f"{tier.capitalize()}: not drawn: {why}")
+    if any(look.same or look.psnr is not None for look in (stored.looks or {}).values()):
+        echo(f"PSNR in dB against the asset as stored, the mean over {which}.")
+
+
+def _cells(row: Row) -> list[str]:
+    from msb.topology.shown import structure_text
+    from msb.topology.verdict import judge
+
+    if row.before is None or row.after is None or row.looks is None:
+        return [row.strategy, *[""] * (_NAMES.index("Verdict") - 1), "not done"]
+    ratio = row.after.metrics.boundary_edge_ratio
+    return [
+        row.strategy,
+        f"{100 * row.faces_kept / max(row.before.counts.faces, 1):.1f} %",
+        f"{row.faces_added:,}",
+        f"{row.edges_cut:,}",
+        f"{row.after.counts.components:,}",
+        "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
+        judge(row.after).word,
+        _passed_text(row.tried),
+        *(_look_text(look) for look in row.looks.values()),
+        f"{row.size / 1e6:.2f}",
+        f"{row.seconds:.1f}",
+    ]
 
 
 def print_table(rows: list[list[str]], console: Console) -> None:

@@ -9,7 +9,6 @@ import typer
 
 from msb.base.option import Argument, Option
 from msb.cli.command import Rule, command
-from msb.cli.inputs import for_each
 from msb.cli.output import LinesOutput, Output, echo, plain_table
 from msb.errors import CODES, EXIT_STATUS, UsageError
 
@@ -52,8 +51,9 @@ def validate(
         _explain(explain, output)
         return
     from msb.api.validating import validate as check
+    from msb.cli.inputs import for_each
 
-    def document(path: Path) -> tuple[dict[str, Any], int]:
+    def document(path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
         with output.progress(f"validating {path.name}"):
             validation = check(path)
         if output.prints_text:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msb.base.callable_packages import make_callable
 from msb.repair.assets import Repaired, repair
-from msb.repair.plan import STEPS
+from msb.repair.plan import STEPS, Options
 
-__all__ = ["STEPS", "Repaired", "repair"]
+__all__ = ["STEPS", "Options", "Repaired", "repair"]
 
 make_callable(__name__, repair)

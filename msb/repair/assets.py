@@ -17,14 +17,13 @@ from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported, about
 from msb.meshes import Mesh
 from msb.meshes.writing import check_indices
-from msb.repair.plan import DEFAULT, Options, check_peer, parse_plan
+from msb.repair.plan import Options, parse_plan
 from msb.repair.run import Outcome, Step, run_plan, what_is_left
 from msb.topology.steps.change import with_faces
 
 if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.topology.steps import Change
-    from msb.topology.weld import Weld
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,50 +66,29 @@ class Repaired:
 
 def repair(
     asset: Asset | str | os.PathLike[str],
-    plan: Sequence[str] | str = DEFAULT,
+    plan: Sequence[str] | str | None = None,
     *,
-    weld: Weld = "exact",
-    pair_color: float = 0.25,
-    debris_faces: int = 10,
-    debris_share: float = 0.0,
-    close_edges: int = 8,
-    close_share: float = 0.25,
-    peer: str | None = None,
-    seconds: float = 60.0,
-    memory_gib: float = 4.0,
     weights: NDArray[Any] | None = None,
+    **options: Any,
 ) -> Repaired:
     """Return a repaired copy of an asset, with all that its vertices and faces hold carried along.
 
-    The default plan changes nothing that is drawn: faces are turned to a consistent winding, and where more
-    than two meet at an edge those that continue each other stay together. docs/repair.md says what each step
-    does and guarantees.
+    The default plan, "orient,pair", changes nothing that is drawn: faces are turned to a consistent winding,
+    and where more than two meet at an edge those that continue each other stay together. docs/repair.md says
+    what each step does and guarantees.
 
     Parameters
     ----------
     asset : Asset or path-like
         The asset, or the path of anything that `msb.open` takes. It is not changed.
-    plan : sequence of str, or str
+    plan : sequence of str, or str, optional
         Steps in their order, or their names with commas between: "orient", "pair", "cut", "drop", "weld",
-        "debris", "close". They are repeated until none changes anything.
-    weld : "exact" or float
-        How `weld` merges vertices: equal float32 coordinates, or chains of vertices at most this far apart.
-    pair_color : float
-        What a difference of black and white counts to `pair`, beside a fold by 180 degrees, which counts 1.
-    debris_faces : int
-        `debris` removes components of fewer faces.
-    debris_share : float
-        `debris` also removes components that have a smaller share of the weight.
-    close_edges : int
-        `close` closes holes of at most so many edges.
-    close_share : float
-        `close` leaves rims open whose cap would have a larger share of the area of their component.
-    peer : {"igl", "pymeshlab"}, optional
-        The library that does `cut` (igl) or `drop` (pymeshlab) in our stead, in a child process.
-    seconds, memory_gib : float
-        The limits of that process.
+        "debris", "close". They are repeated until none changes anything. Numbers may stand after a step:
+        "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
         The weight of each face to `debris` and `drop`, such as pixels seen; the area if not given.
+    **options
+        The other fields of `msb.repair.Options` by their names, such as ``debris_faces=20``.
 
     Returns
     -------
@@ -137,26 +115,19 @@ def repair(
     >>> fixed.before.counts.nonmanifold_edges, fixed.after.counts.nonmanifold_edges, fixed.left
     (10069, 0, ('38,923 boundary edges: open stays open unless close fills holes',))
     """
-    whole = as_asset(asset)
-    steps = parse_plan(plan)
-    options = Options(
-        weld, pair_color, debris_faces, debris_share, close_edges, close_share, peer, seconds, memory_gib
-    ).check()
-    check_peer(steps, peer)
-    return repair_asset(whole, steps, options, weights)
+    return repair_asset(as_asset(asset), parse_plan(plan, **options), weights)
 
 
-def repair_asset(
-    asset: Asset, plan: tuple[str, ...], options: Options, weights: NDArray[Any] | None = None
-) -> Repaired:
-    """Return what `repair` does, for a plan and options that were checked."""
+def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = None) -> Repaired:
+    """Return what `repair` does, for options that were checked."""
+    plan = options.plan
     with about(asset.path):
         base, first = _as_mesh(asset) if _is_joined(asset, plan) else (asset, None)
         manifest = base.manifest
         domains = {name: spec.domain for name, spec in manifest.buffers.items()}
         level = manifest.appearance.get("level")
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
-        done = run_plan(base.buffers, domains, plan, options, level=level, weights=weights, first=first)
+        done = run_plan(base.buffers, domains, options, level=level, weights=weights, first=first)
         if not len(done.face_map):
             raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove every piece")
         if first is None and not any(step.changed for step in done.steps):
@@ -171,7 +142,7 @@ def repair_asset(
     return _repaired(made, plan, done)
 
 
-def repair_mesh(mesh: Mesh, plan: tuple[str, ...], options: Options) -> tuple[Mesh, Outcome]:
+def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return a repaired mesh in the precision of its file, and what was done."""
     check_indices(mesh)
     buffers: dict[str, NDArray[Any]] = {"positions": mesh.vertices, "indices": mesh.faces}
@@ -182,7 +153,7 @@ def repair_mesh(mesh: Mesh, plan: tuple[str, ...], options: Options) -> tuple[Me
                 "f_dc" if "color" in buffers else "color"
             )  # beside vertex colours, under a name that is known
             buffers[name], domains[name] = colors, domain
-    done = run_plan(buffers, domains, plan, options)
+    done = run_plan(buffers, domains, options)
     colors_by = {domain: done.buffers[name] for name, domain in domains.items()}
     made = Mesh(
         done.buffers["positions"],

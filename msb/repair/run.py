@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
-from msb.base.children import Limits
 from msb.errors import MeshError, UsageError
 from msb.repair.carry import carry
 from msb.repair.plan import BY_PEER
@@ -54,10 +53,15 @@ class Step:
     notes: tuple[str, ...] = ()
 
     @property
+    def counts(self) -> tuple[int, ...]:
+        """Faces removed, added and turned, vertices removed and added."""
+        faces = (self.faces_removed, self.faces_added, self.faces_turned)
+        return (*faces, self.vertices_removed, self.vertices_added)
+
+    @property
     def changed(self) -> bool:
         """Whether anything is different after it."""
-        counts = (self.faces_removed, self.faces_added, self.faces_turned, self.vertices_removed)
-        return any(counts) or self.vertices_added > 0
+        return any(self.counts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the step as JSON data."""
@@ -177,14 +181,13 @@ def _wrong_with(weights: NDArray[Any], count: int) -> str | None:
 def run_plan(
     buffers: Buffers,
     domains: Mapping[str, str],
-    plan: Sequence[str],
     options: Options,
     *,
     level: int | None = None,
     weights: NDArray[Any] | None = None,
     first: Change | None = None,
 ) -> Outcome:
-    """Repair a mesh: the steps of `plan` in turn, again and again until none changes anything (weld once).
+    """Repair a mesh: the steps of the plan in turn, again and again until none changes anything (weld once).
 
     Parameters
     ----------
@@ -192,10 +195,8 @@ def run_plan(
         `positions` (V, 3), `indices` (F, 3) and all others.
     domains : mapping of str to str
         Buffer -> "vertex", "face", "corner" or "global".
-    plan : sequence of str
-        Names of `STEPS`.
     options : Options
-        Options that `Options.check` has returned.
+        As `Options.check` has returned them.
     level : int, optional
         The level of DiffSoup's lattice.
     weights : (F,) non-negative numbers, optional
@@ -203,6 +204,7 @@ def run_plan(
     first : Change, optional
         A change that comes before the plan, such as leaving out hidden faces.
     """
+    plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
     refuse_nonfinite(points)
     if weights is not None and (wrong := _wrong_with(weights, len(faces))):
@@ -293,8 +295,7 @@ def _step(name: str, work: _Work, options: Options) -> Change:
     if options.peer is not None and name in BY_PEER[options.peer]:
         from msb.topology.crosscheck.repairs import repair_by_peer
 
-        limits = Limits(options.seconds, options.memory_gib)
-        return repair_by_peer(options.peer, name, points, faces, limits)
+        return repair_by_peer(options.peer, name, points, faces, options.limits)
     if name == "orient":
         return orient(faces, len(points))
     if name == "cut":

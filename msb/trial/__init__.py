@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from msb.base.callable_packages import make_callable
-from msb.base.children import Limits
+from msb.base.limits import Limits
 from msb.trial.run import Trial, trial
 
 __all__ = ["Limits", "Trial", "trial"]

@@ -15,7 +15,7 @@ from msb.trial.task import Attempted, Made
 from msb.trial.units import Unit
 
 if TYPE_CHECKING:
-    from msb.base.children import Limits
+    from msb.base.limits import Limits
     from msb.trial.task import Attempt, Task
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.tiers import why_not
-from msb.base.children import Limits
+from msb.base.limits import Limits
 from msb.errors import MsbError, OutputError
 from msb.render import Renderer
 from msb.render.backend import lean_options
@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
+    from msb.base.limits import Limits
     from msb.registry import Tier
-    from msb.repair.plan import Options
+    from msb.repair.plan import Options, Peer
     from msb.scenes import Camera
     from msb.topology import Audit
     from msb.trial.run import Trial
@@ -40,7 +41,7 @@ SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
 STORED = "as stored"
 """The row of the asset itself."""
-STRATEGIES: dict[str, tuple[tuple[str, ...], str | None]] = {
+STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
     "weld,orient,pair": (("weld", "orient", "pair"), None),
@@ -80,7 +81,7 @@ class Row:
 
     strategy: str
     plan: tuple[str, ...] = ()
-    peer: str | None = None
+    peer: Peer | None = None
     faces_kept: int = 0
     faces_added: int = 0
     edges_cut: int = 0
@@ -138,12 +139,17 @@ def passed(trials: Iterable[Trial]) -> int:
     return sum(one.outcome in ("works", "care") for one in trials)
 
 
+def strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
+    """Return `STRATEGIES`, and the plan of `options` if it is none of them."""
+    own = ",".join(options.plan)
+    return STRATEGIES if own in STRATEGIES else {**STRATEGIES, own: (options.plan, None)}
+
+
 def compare(
     asset: Asset,
     cameras: Views | Iterable[Camera],
     options: Options,
     *,
-    plan: tuple[str, ...] | None = None,
     tasks: Sequence[str] = TASKS,
     device: str | None = None,
     keep: Path | None = None,
@@ -157,9 +163,7 @@ def compare(
     cameras : Views or iterable of Camera
         The views over which looks are compared, as far as they see the asset.
     options : Options
-        Numbers of the steps, and limits of the peers and of the libraries that try tasks.
-    plan : tuple of str, optional
-        One more strategy.
+        Numbers of the steps, limits of the peers and of the libraries that try tasks, and one more plan.
     tasks : sequence of str
         Names of the tasks that are tried on the asset and on what each strategy makes; none is tried if there
         are none.
@@ -167,10 +171,10 @@ def compare(
     keep : Path, optional
         The folder that gets a picture of each strategy, from the first camera.
     step : callable
-        Called after each row; there is one for each strategy, one for `plan`, and one more.
+        Called after each row; there is one for each of `strategies`, and one more.
     """
     views = choose_views(asset, cameras).seeing(asset, device)
-    judge = _Judge(views, tasks, Limits(options.seconds, options.memory_gib), device)
+    judge = _Judge(views, tasks, options.limits, device)
     audit, _ = audit_arrays(asset.buffers["positions"], asset.buffers["indices"])
     looks, before = judge.result(asset)
     stored = Row(
@@ -184,14 +188,11 @@ def compare(
         size=_size(asset),
     )
     step()
-    strategies = dict(STRATEGIES)
-    if plan is not None:
-        strategies.setdefault(",".join(plan), (plan, None))
     rows = [stored]
-    for name, (steps, peer) in strategies.items():
+    for name, (steps, peer) in strategies(options).items():
         start = time.perf_counter()
         try:
-            done = repair_asset(asset, steps, replace(options, peer=peer))
+            done = repair_asset(asset, replace(options, plan=steps, peer=peer))
         except OutputError:  # of temporary files: no fault of the strategy
             raise
         except MsbError as error:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from msb.api.opening import as_asset
 from msb.asset.look import written_up
 from msb.base.atomic import new_file
-from msb.base.children import Limits
 from msb.base.extras import install
+from msb.base.limits import Limits
 from msb.errors import AssetError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import as_held
@@ -218,18 +218,18 @@ def try_asset(
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
         "weld": weld,
-        "repair": None if plan is None else list(plan),
+        "repair": None if plan is None else list(plan.plan),
         "sha256": mesh.sha256,
     }
     of = None if asset.path is None else str(asset.path)
     return Trials(of, tuple(found), tried, limits.to_dict(), seen_by)
 
 
-def _repaired(mesh: TriedMesh, plan: tuple[str, ...]) -> TriedMesh:
-    """Return the mesh repaired by the default options of the steps."""
-    made, _ = repair_mesh(mesh.to_mesh(), plan, Options())
+def _repaired(mesh: TriedMesh, options: Options) -> TriedMesh:
+    made, _ = repair_mesh(mesh.to_mesh(), options)
     if not len(made.faces):
-        raise AssetError("TRIASSET_EMPTY", f"the repair {','.join(plan)} left no face to try anything on")
+        text = f"the repair {','.join(options.plan)} left no face to try anything on"
+        raise AssetError("TRIASSET_EMPTY", text)
     assert made.vertex_colors is not None
     return TriedMesh(made.vertices, made.faces, made.vertex_colors)
 

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from msb.base import children
-from msb.base.children import Limits, Reply, run_apart, run_each
+from msb.base.children import Reply, run_apart, run_each
+from msb.base.limits import Limits
 from msb.errors import OutputError, UsageError
 from tests.base.children_work import describe, misbehave
 from tests.conftest import ROOT
@@ -132,7 +133,8 @@ def test_an_interrupt_leaves_no_child_behind(monkeypatch: pytest.MonkeyPatch) ->
 @LINUX
 def test_a_child_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     code = (
-        "from msb.base.children import Limits, run_apart\nfrom tests.base.children_work import misbehave\n"
+        "from msb.base.children import run_apart\nfrom msb.base.limits import Limits\n"
+        "from tests.base.children_work import misbehave\n"
         "run_apart(misbehave, 'hang with a child', {}, Limits())"
     )
     variables = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}

@@ -83,7 +83,7 @@ def test_what_is_tried_is_repaired_first_on_request(msb: Msb, tmp_path: Path) ->
     write_mesh(Mesh(pages().vertices, pages().faces), path, suffix=".ply")
     for options, vertices, plan in (
         ((), 5, None),
-        (("--repair",), 7, ["orient", "pair"]),
+        (("--plan", "orient,pair"), 7, ["orient", "pair"]),
         (("--plan", "drop"), 4, ["drop"]),
     ):
         result = msb("trial", "--task", "intersections", *options, "--json", "-", path)
@@ -128,7 +128,7 @@ def test_what_is_made_is_kept_with_its_uvs(msb: Msb, tmp_path: Path) -> None:
         ("trial --task uvs data_stubs/checkpoint", "there is no task"),
         ("trial --task uv --fail-on solid data_stubs/checkpoint", "--fail-on names solid"),
         ("trial --seconds 0 data_stubs/checkpoint", "the limit of seconds is 0"),
-        ("trial --camera 3 data_stubs/checkpoint", "--camera goes with --cameras"),
+        ("trial --camera 3 data_stubs/checkpoint", "--camera needs --cameras PATH"),
         ("trial --save no_such_folder/out tests/tiny/models", "--save takes one mesh"),
     ],
 )

@@ -37,7 +37,7 @@ def test_every_row_has_the_trials_before_and_after_and_equal_results_are_tried_o
     points, faces = BOOK
     asset = build_asset({"positions": points, "indices": faces.astype(np.uint32)}, {})
     camera = Camera.look_at((2, 3, -4), (0, 0, 0), up=(0, 1, 0), width=32, height=24, fov_y=0.8)
-    rows = {row.strategy: row for row in compare(asset, [camera], Options(), tasks=("solid",))}
+    rows = {row.strategy: row for row in compare(asset, [camera], Options(("weld",)), tasks=("solid",))}
     assert asked == [5, 9]
     assert rows[STORED].to_dict()["trials"] == rows["weld"].to_dict()["trials"] == {"solid": "fails"}
     after = rows["cut"].to_dict()

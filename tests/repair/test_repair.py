@@ -14,8 +14,9 @@ from msb.asset import Asset, Description, build_asset
 from msb.errors import MeshError, MsbError
 from msb.meshes import Mesh
 from msb.repair.assets import repair_asset, repair_mesh
-from msb.repair.plan import DEFAULT, Options
+from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
+from msb.trial import Limits
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
@@ -92,6 +93,13 @@ def test_maps_of_several_steps_are_put_together() -> None:
     assert done.after.counts.boundary_edges == 0
 
 
+def test_numbers_may_stand_after_the_steps_of_a_plan() -> None:
+    plan = parse_plan("weld:0.5,pair:1,debris:3:0.5,close:9", close_share=1)
+    assert plan == Options(("weld", "pair", "debris", "close"), 0.5, 1.0, 3, 0.5, 9, 1.0)
+    assert parse_plan(None, peer="igl").plan == ("cut",)
+    assert parse_plan(["weld"], weld="0.5").weld == 0.5
+
+
 def test_open_stays_open_unless_asked() -> None:
     opened = mesh_asset(TETRAHEDRON[0], TETRAHEDRON[1][1:])
     assert msb.repair(opened).after.counts.boundary_edges == 3
@@ -130,7 +138,7 @@ def hidden(about: Description) -> Description:
 def test_every_method_is_repaired_as_itself(method: str) -> None:
     original = msb.open(MODELS / method)
     # Turned over where it was not: whatever is at the corners must come along.
-    done = msb.repair(original, DEFAULT)
+    done = msb.repair(original)
     assert done.asset.manifest.method == method
     assert set(done.asset.buffers) == set(original.buffers)
 
@@ -167,7 +175,7 @@ def test_a_position_that_is_not_finite_is_refused_by_its_vertex() -> None:
         "indices": np.array([[0, 1, 2]]),
     }
     with pytest.raises(MeshError, match="vertex 1 is") as found:
-        run_plan(buffers, {}, DEFAULT, Options())
+        run_plan(buffers, {}, Options())
     assert found.value.code == "MESH_NONFINITE"
 
 
@@ -175,14 +183,14 @@ def test_a_position_that_is_not_finite_is_refused_by_its_vertex() -> None:
 def test_meshes_without_proper_faces_and_with_doubles_are_repaired_too(faces: np.ndarray) -> None:
     buffers = {"positions": np.eye(4, 3), "indices": faces}
     every = ("weld", "orient", "pair", "cut", "drop", "debris", "close")
-    done = run_plan(buffers, {}, every, Options(debris_faces=1))
+    done = run_plan(buffers, {}, Options(every, debris_faces=1))
     assert done.after.counts.nonmanifold_edges == 0
 
 
 def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
     points = BOOK[0].astype(np.float64) + 1e-12
     colors, shades = np.arange(15, dtype=np.uint8).reshape(5, 3), np.arange(9, dtype=np.uint8).reshape(3, 3)
-    made, done = repair_mesh(Mesh(points, BOOK[1], colors, shades), DEFAULT, Options())
+    made, done = repair_mesh(Mesh(points, BOOK[1], colors, shades), Options())
     assert made.vertices.dtype == np.float64
     assert np.array_equal(made.vertices, points[done.vertex_map])
     assert made.vertex_colors is not None
@@ -197,7 +205,11 @@ def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
         ({"plan": "orient,polish"}, "USAGE"),
         ({"plan": []}, "USAGE"),
         ({"peer": "meshfix"}, "USAGE"),
-        ({"peer": "igl"}, "USAGE"),  # which has none of the default's steps
+        ({"peer": "igl", "plan": "orient,pair"}, "USAGE"),
+        ({"plan": "weld:0.1:2"}, "USAGE"),
+        ({"plan": "orient:1"}, "USAGE"),
+        ({"plan": "debris:few"}, "USAGE"),
+        ({"plan": "close:8:-1"}, "USAGE"),
         ({"close_edges": -1}, "USAGE"),
         ({"weights": np.ones(3), "plan": "drop"}, "USAGE"),
         ({"weld": "near", "plan": "weld"}, "WELD_DISTANCE"),
@@ -215,7 +227,7 @@ def test_what_cannot_be_asked_is_refused(arguments: dict[str, Any], code: str) -
 @pytest.mark.parametrize(("peer", "step"), [("igl", "cut"), ("pymeshlab", "drop")])
 def test_a_peer_does_a_step_in_our_stead(splat: Asset, peer: str, step: str) -> None:
     pytest.importorskip(peer)
-    done = repair_asset(splat, (step,), Options(peer=peer))
+    done = repair_asset(splat, Options((step,), peer=peer))
     assert done.after.counts.nonmanifold_edges == 0
     assert peer in done.steps[0].notes[0]
     same = splat.buffers["f_dc"][done.vertex_map]
@@ -226,5 +238,5 @@ def test_a_peer_does_a_step_in_our_stead(splat: Asset, peer: str, step: str) -> 
 def test_a_peer_that_takes_too_long_is_ended_and_named() -> None:
     pytest.importorskip("igl")
     with pytest.raises(MsbError, match=r"cut by igl: it did not end within 0\.001 s") as found:
-        repair_asset(mesh_asset(*BOOK), ("cut",), Options(peer="igl", seconds=0.001))
+        repair_asset(mesh_asset(*BOOK), Options(("cut",), peer="igl", limits=Limits(0.001)))
     assert found.value.code == "PEER_FAILED"

@@ -10,7 +10,8 @@ import pytest
 
 import msb
 from msb.base import extras
-from msb.base.children import Limits, Reply
+from msb.base.children import Reply
+from msb.base.limits import Limits
 from msb.errors import MeshError, UsageError
 from msb.trial import attempts, registry
 from msb.trial.attempts import run_attempt

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb.base.children import Limits
+from msb.base.limits import Limits
 from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics.likeness import decibels

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb.base.children import Limits
+from msb.base.limits import Limits
 from msb.trial.attempts import run_attempt
 from msb.trial.registry import TASKS
 from msb.trial.task import Made

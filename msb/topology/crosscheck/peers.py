@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import Limits, run_each
+from msb.base.children import run_each
+from msb.base.limits import Limits
 
 AT_ONCE = 2
 """Peers that are asked at once: each uses one core and a multiple of the mesh's memory."""
