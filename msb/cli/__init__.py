@@ -32,7 +32,8 @@ def main() -> None:
 def main_audit() -> None:
     """Run `msb-audit`, which is `msb audit`."""
     warnings.showwarning = _plainly
-    from msb.cli.app import audit_app
+    from msb.cli import audit
+    from msb.cli.app import single
     from msb.cli.process import run
 
-    sys.exit(run(audit_app, "msb-audit"))
+    sys.exit(run(single(audit, "audit"), "msb-audit"))

@@ -9,6 +9,7 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, plain_table
 
 SCHEMA = "msb.config/1"
+HELP = "Show the values that files and the environment give to options."
 
 
 @command("msb config show", "msb config show --all", "msb config show --json -")

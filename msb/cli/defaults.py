@@ -92,7 +92,8 @@ def anything_set() -> bool:
 
 def single_commands(group: Any) -> Commands:
     """Return the commands of `group` that are not groups themselves."""
-    return {name: one for name, one in group.commands.items() if not hasattr(one, "commands")}
+    commands = {name: group.get_command(None, name) for name in group.commands}
+    return {name: each for name, each in commands.items() if not hasattr(each, "commands")}
 
 
 def read_defaults(commands: Commands) -> Defaults:

@@ -16,6 +16,7 @@ from typer.main import get_command
 import msb as library
 from msb.base.atomic import new_folder
 from msb.cli.app import app
+from msb.cli.defaults import single_commands
 from msb.errors import OutputError
 from tests.conftest import ROOT
 
@@ -154,8 +155,8 @@ def test_an_image_is_not_written_where_the_json_goes(tmp_path: Path, refused: Re
 # --- paths and options ---------------------------------------------------------------------------------
 
 GROUP: Any = get_command(app)
-COMMANDS = {name: one for name, one in GROUP.commands.items() if not hasattr(one, "commands")}
-COMMANDS["config show"] = GROUP.commands["config"].commands["show"]
+COMMANDS: dict[str, Any] = dict(single_commands(GROUP))
+COMMANDS["config show"] = GROUP.get_command(None, "config").commands["show"]
 WRITTEN = {
     "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
     "figure", "html", "maps", "save",
