@@ -1,4 +1,4 @@
-"""Every class of bad checkpoint has its own code, one clear line, and no result."""
+"""Every bad checkpoint has its code, its words in one clear line, and no result."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import msb.errors
 from msb.adapters.checkpoint import pickle_machine, read_checkpoint
 from msb.errors import CODES, CheckpointError, InputError
 from tests.adapters.assemble import GOOD, archive, legacy
 from tests.adapters.bad_checkpoints import CASES, write_case
+from tests.corpus.refusals import kept, own_words
 from tests.fuzz.corpora import LONGEST
 
-MSB = Path(msb.errors.__file__).parent
+WORDS = kept()
 _ALL = [code for code in CODES if CODES[code].kind is CheckpointError]
 CHECKPOINT_CODES = set(_ALL[: _ALL.index("CHECKPOINT_UNKNOWN")])
 """Those of `read_checkpoint`; the ones behind are about models, and test_bad_models.py has their cases."""
@@ -30,6 +30,8 @@ def test_a_bad_checkpoint_gives_its_code(case, tmp_path: Path, monkeypatch: pyte
         read_checkpoint(path)
     error = caught.value
     assert error.code == case.code
+    if case.name != LONGEST:
+        assert own_words(error.message) == WORDS[f"checkpoint/{case.name}"]
     line = str(error)
     assert line.isprintable()
     assert line.startswith(f"{case.code}: {path}: ")

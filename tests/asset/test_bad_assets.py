@@ -1,4 +1,4 @@
-"""Every class of bad asset has its own code, one clear line, and no partial result."""
+"""Every bad asset has its code, its words in one clear line, and no partial result."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from msb.asset import load, validate
 from msb.errors import CODES, AssetError, InputError
 from tests.corpus.bad_assets import CASES, write_case
 from tests.corpus.good import decoder, mesh, parts, soup
+from tests.corpus.refusals import kept, of_case, own_words
 
 if TYPE_CHECKING:
     from msb.errors import MsbError
@@ -26,8 +27,7 @@ if TYPE_CHECKING:
 TRIASSET_CODES = {code for code in CODES if code.startswith("TRIASSET_")}
 ROW = ["code", "severity", "message", "pointer", "file", "value", "limit"]
 NOBODY = 65534
-MSB = Path(msb.__file__).parent
-ROOT = MSB.parent
+WORDS = kept()
 
 
 @pytest.fixture
@@ -90,6 +90,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
         with permissions(case), pytest.raises(InputError) as caught:
             validate(path)
         assert caught.value.code == case.code
+        assert own_words(caught.value.message) == WORDS.get(f"asset/{case.name}", "it cannot be read")
         return
     with permissions(case):
         report = validate(path)
@@ -99,15 +100,14 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
             findings = msb.validate(path).findings
     errors = {item.code for item in findings if item.severity == "error"}
     assert (case.code, case.severity) in {(item.code, item.severity) for item in findings}
+    assert case.denied or of_case(findings, case.code) == WORDS[f"asset/{case.name}"]
     assert errors == {*case.also, *([case.code] if case.severity == "error" else [])}
     assert report.valid == (not errors)
     assert (report.asset is None) == (case.found_by == "load" and case.severity == "error")
     assert all(item.message.isprintable() and len(item.message) < 400 for item in findings)
     assert all((item.pointer or "").isprintable() for item in findings)
     rows = [item.to_dict() for item in findings]
-    assert all(
-        list(row) == ["code", "severity", "message", "pointer", "file", "value", "limit"] for row in rows
-    )
+    assert all(list(row) == ROW for row in rows)
     assert len(json.dumps(rows, allow_nan=False)) < 2500 * max(1, len(rows))
 
 
