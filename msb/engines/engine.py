@@ -121,13 +121,7 @@ class Engine(ABC):
 
 
 def device_kind(device: Any, name: str) -> str | None:
-    """Return "cpu", "gpu" or None (the engine's own choice).
-
-    Raises
-    ------
-    UsageError
-        `DEVICE_SELECTOR`: anything else.
-    """
+    """Return "cpu", "gpu" or None (the engine's own choice)."""
     if device is None or device in ("cpu", "gpu"):
         return device  # type: ignore[no-any-return]
     shown = shorten(str(device), 40)

@@ -49,21 +49,14 @@ From that frame on its memory depends on which cameras it has drawn, not on the 
 
 @dataclass(frozen=True)
 class Drawn:
-    """The time that a frame took on the device.
-
-    Attributes
-    ----------
-    stages : mapping of str to float
-        Stage -> milliseconds for which its commands ran. Their sum is the time for which the device was busy.
-    span : float
-        Milliseconds from the start of the first command to the end of the last one.
-    since_queued : float, optional
-        Milliseconds from when the first command was queued to the end of the last one; None if unknown.
-    """
+    """The time that a frame took on the device, in milliseconds."""
 
     stages: Mapping[str, float]
+    """Stage -> the time for which its commands ran. Their sum is the time for which the device was busy."""
     span: float
+    """From the start of the first command to the end of the last one."""
     since_queued: float | None = None
+    """From when the first command was queued to the end of the last one; None if unknown."""
 
 
 class Backend(Protocol):
@@ -111,15 +104,7 @@ def groups_of(backend: Backend) -> Mapping[str, str]:
 
 
 def find_renderer(name: str) -> Factory:
-    """Return the class of the renderer `name`, which is a tier or an entry point of group `msb.renderers`.
-
-    Raises
-    ------
-    UsageError
-        `NAME_UNKNOWN`; the message lists the renderers that exist.
-    DeviceError
-        `ENGINE_FAILED`: the renderer of a package cannot be loaded or is none.
-    """
+    """Return the class of the renderer `name`, which is a tier or an entry point of group `msb.renderers`."""
     with blaming(name):
         return _factory(name)
 
@@ -132,28 +117,22 @@ def _factory(name: str) -> Factory:
     if is_ours(name):
         module, _, attribute = place.partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
-    found: Any = load(place)
-    if not callable(found):
-        raise PackageError(f"it is no class of a renderer, but of type {type(found).__name__}")
-    if isinstance(found, type):
-        _check_contract(found, ("render", "memory", "close"))
-    return found  # type: ignore[no-any-return]
+    make: Any = load(place)
+    if not callable(make):
+        raise PackageError(f"it is no class of a renderer, but of type {type(make).__name__}")
+    if isinstance(make, type):
+        _check_contract(make, ("render", "memory", "close"))
+    return make  # type: ignore[no-any-return]
 
 
-def _check_contract(found: Any, members: tuple[str, ...]) -> None:
+def _check_contract(renderer: Any, members: tuple[str, ...]) -> None:
     """Refuse what lacks a member of `Backend`."""
-    if lacking := [member for member in members if not hasattr(found, member)]:
+    if lacking := [member for member in members if not hasattr(renderer, member)]:
         raise PackageError(f"it is no renderer: it has no {', '.join(lacking)}")
 
 
 def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> Backend:
-    """Return the renderer `name` with an asset, the work of `factory`.
-
-    Raises
-    ------
-    DeviceError
-        `ENGINE_FAILED`: what a package made is no renderer.
-    """
+    """Return the renderer `name` with an asset, the work of `factory`."""
     with blaming(name):
         made = factory(asset, **options)
         _check_contract(made, ("name", "version", "render", "memory", "close"))
@@ -188,33 +167,19 @@ def renderers() -> dict[str, str]:
 
 
 def what_is_missing(name: str) -> str | None:
-    """Return what is missing before the renderer `name` can draw, or what is wrong with it; else None.
-
-    Raises
-    ------
-    UsageError
-        `NAME_UNKNOWN`.
-    """
+    """Return what is missing before the renderer `name` can draw, or what is wrong with it; else None."""
     try:
         with contained():
             factory = _factory(name)
             missing: Callable[[], str | None] | None = getattr(factory, "missing", None)
-            found = None if missing is None else missing()
-            return str(found) if found else None
+            reason = None if missing is None else missing()
+            return str(reason) if reason else None
     except PackageError as error:
         return str(error)
 
 
 def check_supported(asset: Asset, tier: str) -> None:
-    """Refuse a tier that the asset's method does not support.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: no such tier.
-    Unsupported
-        `UNSUPPORTED_TIER` or `UNSUPPORTED_TIER`, naming method, tier and reason.
-    """
+    """Refuse a tier that the asset's method does not support."""
     if tier not in TIERS:
         text = f'there is no tier "{shorten(str(tier), 40)}"; there are {", ".join(TIERS)}'
         raise UsageError("USAGE", text)

@@ -23,21 +23,9 @@ class DeviceScope:
     """The buffers and commands of one renderer on a device that other renderers use, too.
 
     Commands go into blocks of `turn`, or methods that are `in_turn`: other threads wait meanwhile, and what
-    is allocated there is the renderer's own.
-
-    Parameters
-    ----------
-    device : str or Device, optional
-        A selector as for `msb.cl.shared_device`, by which everything in a process draws on one device; or a
-        device that the caller has opened.
-    name : str
-        The first word of the names of scratch buffers.
-
-    Attributes
-    ----------
-    device : Device
-    kept : dict of str to Buffer
-        Use -> the buffer that stays from frame to frame.
+    is allocated there is the renderer's own. `device` is a selector as for `msb.cl.shared_device`, by which
+    everything in a process draws on one device, or a device that the caller has opened; the names of scratch
+    buffers begin with `name`. `kept` has the buffers that stay from frame to frame, by use.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:

@@ -18,13 +18,7 @@ EXTRAS = ("normal", "depth_median", "face_id", "raw")
 
 
 def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
-    """Return the extras that `outputs` names: some of `EXTRAS`, "all", or "auto", which is all, too.
-
-    Raises
-    ------
-    UsageError
-        `USAGE`: an unknown name.
-    """
+    """Return the extras that `outputs` names: some of `EXTRAS`, "all", or "auto", which is all, too."""
     names = EXTRAS if outputs in ("all", "auto") else tuple(outputs)
     for name in names:
         if name not in EXTRAS:

@@ -30,12 +30,9 @@ _QUEUE = 4
 def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return floor(255 clamp(v, 0, 1) + 0.5), as the official evaluations of the 3DGS family save images.
 
-    Parameters
-    ----------
-    image : (H, W, 3) float
-        The image. NaN, which no renderer should give, becomes 0.
+    NaN, which no renderer should give, becomes 0.
     """
-    # Said aloud: NumPy 1 keeps a half a half, whatever float32 it is multiplied by.
+    # Explicit, because NumPy 1 keeps float16 whatever float32 it is multiplied by.
     wide = image.astype(np.result_type(image.dtype, np.float32), copy=False)
     scaled = np.nan_to_num(np.clip(wide, 0, 1), nan=0.0) * np.float32(255)
     return np.asarray(np.floor(scaled + np.float32(0.5))).astype(np.uint8)
@@ -44,13 +41,8 @@ def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
     """Write an image, depth or face-id plane to `path`, whole or not at all.
 
-    Parameters
-    ----------
-    path : Path
-        The file; its suffix should be that of `form`.
-    array : (H, W, 3) or (H, W) float32, or (H, W) int32
-        A PNG holds colours as 8 bits and refuses a plane, since 8 or 16 bits would not hold it. An EXR holds
-        32-bit floats.
+    A PNG holds colours as 8 bits and refuses a plane, since 8 or 16 bits would not hold it. An EXR holds
+    32-bit floats.
     """
     check_format(form)
     with new_file(path) as file:

@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from msb.render.splat import order as splat_order
-from msb.render.splat.bins import Projected
-from msb.render.splat.depth import DepthSort
+from msb.render.splat.bins import DepthSort, Projected
 from msb.render.splat.pipeline import SplattingPipeline
 from tests.reference.soups import SPLATTING, front_camera, soup
 from tests.render.frames import assert_same
@@ -185,7 +184,7 @@ def test_a_model_stays_as_it_is_where_there_is_no_room_for_a_copy(
 
         monkeypatch.setattr(np, "take", full)
     else:
-        monkeypatch.setattr(splat_order, "_MOST", device.record.global_memory)
+        monkeypatch.setattr(splat_order, "_MODEL_SHARE", 0)
     try:
         frames = [pipeline.render(front_camera(), (0, 0, 0)) for _ in range(3)]
         assert pipeline._sort.by_rows

@@ -98,15 +98,7 @@ def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -
 
 
 def make_model(asset: Asset, settings: Settings) -> Model:
-    """Return `asset` as the kernels take it, as its method's module `look` makes it (``splat_model``).
-
-    Raises
-    ------
-    AssetError
-        `TRIASSET_FIELD`: coverage, opacity or appearance are of another kind than the method's.
-        `TRIASSET_BUFFER`, `TRIASSET_BUFFER`: a buffer that the method needs is missing or
-        wrong.
-    """
+    """Return `asset` as the kernels take it, as its method's module `look` makes it (``splat_model``)."""
     method = asset.manifest.method
     look: Any = role(method, "look")
     require(asset, "compositing", "kind", "front_to_back")

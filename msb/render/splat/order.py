@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
-from msb.render.splat.launch import LANES, WORK_GROUP
+from msb.render.splat.bins import LANES, WORK_GROUP
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device, Program
@@ -33,8 +33,8 @@ _PIECE = 1 << 14
 """Rows that are put in order at a time; this few stay in the processor's cache."""
 _NOTHING = np.zeros(1, np.float32)
 """Stands for an array that a method's kernels do not read."""
-_MOST = 4
-"""Faces are reordered only if the model takes at most 1 / _MOST of the device's memory."""
+_MODEL_SHARE = 1 / 4
+"""Faces are reordered only if the model takes at most this share of the device's memory."""
 
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
 """Name -> an array of the model that kernels read; "positions" and "indices" are always there."""
@@ -70,7 +70,7 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
     """
     kept, device = scope.kept, scope.device
     given = {name: array for name, array in arrays.items() if array is not None}
-    if _MOST * sum(array.nbytes for array in given.values()) > device.record.global_memory:
+    if sum(array.nbytes for array in given.values()) > _MODEL_SHARE * device.record.global_memory:
         return False
     indices = given.pop("indices", None)
     try:
@@ -119,8 +119,8 @@ def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -
 
     The first three rows of `points`, (4, n), are x, y and z.
     """
-    with points.mapped() as found:
-        low, high = found[:3, :count].min(axis=1), found[:3, :count].max(axis=1)
+    with points.mapped() as rows:
+        low, high = rows[:3, :count].min(axis=1), rows[:3, :count].max(axis=1)
     span = np.max(high.astype(np.float64) - low)
     scale = np.float32(((1 << _AXIS_BITS) - 1) / span if 0 < span < np.inf else 0)
     keys = device.scratch("splat order keys", count, np.uint64)
@@ -142,14 +142,14 @@ def _renumbered(indices: NDArray[np.generic], order: NDArray[np.uint32]) -> NDAr
     """Return `indices` with each vertex number replaced by its row in `order`."""
     places = np.zeros_like(order)
     places[order] = np.arange(len(order), dtype=np.uint32)
-    found: NDArray[np.uint32] = places[indices]
-    return found
+    renumbered: NDArray[np.uint32] = places[indices]
+    return renumbered
 
 
 def _in_order(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
     # Unlike zeros, empty uses huge pages.
-    found = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below
+    ordered = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below
     for start in range(0, len(order), _PIECE):
         here = slice(start, start + _PIECE)
-        np.take(array, order[here], axis=0, out=found[here], mode="clip")
-    return found
+        np.take(array, order[here], axis=0, out=ordered[here], mode="clip")
+    return ordered

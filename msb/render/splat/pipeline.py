@@ -19,9 +19,7 @@ from msb.asset.settings import check_modes, effective_settings
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
-from msb.render.splat.bins import Projected, bin_faces
-from msb.render.splat.depth import DepthSort
-from msb.render.splat.launch import LANES, WORK_GROUP
+from msb.render.splat.bins import LANES, WORK_GROUP, DepthSort, Projected, bin_faces
 from msb.render.splat.model import make_model, sh_buffers
 from msb.render.splat.order import Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
@@ -39,9 +37,6 @@ times as many work-items as threads."""
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 """Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
 samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB."""
-_ORDERED_AT = SETTLED_AT
-"""The number of the frame from which faces lie in drawing order: a caller that draws so many frames is likely
-to draw many. Ordering the faces takes as long as some hundred frames gain."""
 _TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
 """Values of `tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
@@ -53,11 +48,6 @@ class SplattingPipeline(OnDevice):
 
     Parameters
     ----------
-    asset : Asset
-    device : str or Device, optional
-        A selector as for `msb.cl.shared_device`, or an open device, which is used and left open.
-    settings : mapping, optional
-        Overrides of the asset's settings.
     outputs : "auto", "all" or iterable of str
         The parts that a frame should hold besides image, alpha, depth and visible: "normal", "depth_median",
         "face_id" (None where the method has none) and "raw". Fewer parts are faster. "auto" is all, but raw
@@ -159,8 +149,11 @@ class SplattingPipeline(OnDevice):
             self._run(camera, background)
         return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
 
-    def _order_faces(self, at_frame: int = _ORDERED_AT) -> None:
-        """Put faces in drawing order before that frame."""
+    def _order_faces(self, at_frame: int = SETTLED_AT) -> None:
+        """Put faces in drawing order before that frame.
+
+        That takes as long as some hundred frames gain; who draws three is likely to draw many.
+        """
         self._frames += 1
         if self._unordered is not None and self._frames >= at_frame:
             ordered = order_model(self._scope, self._program, self._count, self._unordered)
@@ -176,9 +169,9 @@ class SplattingPipeline(OnDevice):
         with device.stage("project"):
             view = self._scratch("view", record.nbytes, np.uint8)
             view.write(np.frombuffer(record.tobytes(), np.uint8))
-            found = self._project(view)
+            projected = self._project(view)
         columns, rows = int(record["columns"]), int(record["rows"])
-        lists = bin_faces(device, found, self._chunk, columns, rows, self._sort)
+        lists = bin_faces(device, projected, self._chunk, columns, rows, self._sort)
         planes = _EXTRA_PLANES if self._outputs else _PLANES
         band_rows = self._band_rows(columns, rows, len(planes))
         width, height = camera.width, camera.height
@@ -195,16 +188,16 @@ class SplattingPipeline(OnDevice):
         for first in range(0, rows, band_rows):
             here = min(band_rows, rows - first)
             with device.stage("blend"):
-                self._blend(view, lists.starts, lists.list, found.faces, samples, columns, first, here)
+                self._blend(view, lists.starts, lists.list, projected.faces, samples, columns, first, here)
             with device.stage("resolve"):
                 self._resolve(samples, pixels, camera, (first, here, columns), background)
-        self._pixels, self._samples, self._visible = pixels, samples, found.visible
+        self._pixels, self._samples, self._visible = pixels, samples, projected.visible
         self.counts = {"listed": lists.listed, "pairs": lists.pairs}
 
     def _project(self, view: Buffer) -> Projected:
         count, static, device = self._count, self._static, self._device
         chunk, chunks = self._chunk, -(-count // self._chunk)
-        found = Projected(
+        projected = Projected(
             faces=self._scratch("faces", (count, self.record_words), np.uint32),
             keys=self._scratch("keys", count, np.uint32),
             tiles=self._scratch("tiles", (count, 4), np.uint16),
@@ -226,8 +219,8 @@ class SplattingPipeline(OnDevice):
             values[1:1] = chunk, static["groups"].shape[1]
         sizes = map(np.uint32, values)
         sources = (*(static[name] for name in names), first_color, static["f_rest"])
-        self._program.project(chunks, 1 if cpu else WORK_GROUP, view, *sources, *found, *sizes)
-        return found
+        self._program.project(chunks, 1 if cpu else WORK_GROUP, view, *sources, *projected, *sizes)
+        return projected
 
     def _band_rows(self, columns: int, rows: int, planes: int) -> int:
         """Return how many rows of tiles are blended before they are resolved: all, or of whole pixels."""
@@ -288,10 +281,10 @@ class SplattingPipeline(OnDevice):
 
     def _read_visible(self) -> NDArray[np.bool_]:
         """Return which faces the official culling keeps, in the order of the asset."""
-        found = self._scratch("visible by number", self._count, np.uint8)
-        arguments = self._visible, self._static["numbers"], found, np.uint32(self._count)
+        visible = self._scratch("visible by number", self._count, np.uint8)
+        arguments = self._visible, self._static["numbers"], visible, np.uint32(self._count)
         self._program.visible_by_number(self._count, WORK_GROUP, *arguments)
-        return found.read().view(np.bool_)
+        return visible.read().view(np.bool_)
 
     def _read_raw(self, camera: Camera, background: tuple[float, float, float]) -> dict[str, NDArray[Any]]:
         """Return the official kernel's buffers, from the planes of the whole raster."""

@@ -61,24 +61,16 @@ def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Culling:
-    """The bounds outside which a method draws no face.
-
-    Attributes
-    ----------
-    nearest : float
-        A face whose camera z is at most `nearest` is dropped.
-    clipped : bool
-        If true, the largest z of the face is compared with `nearest`; otherwise the z of its centroid is.
-    dilation : float
-        A face reaches at most this multiple of its corners' distances from the centroid.
-    margin : float
-        It also reaches this number of samples beyond that.
-    """
+    """The bounds outside which a method draws no face."""
 
     nearest: float
+    """A face whose camera z is at most this is dropped."""
     dilation: float
+    """A face reaches at most this multiple of its corners' distances from the centroid."""
     margin: float = 2.0
+    """It also reaches this number of samples beyond that."""
     clipped: bool = False
+    """If true, the largest z of the face is compared with `nearest`; otherwise the z of its centroid is."""
 
 
 def make_view(
@@ -93,20 +85,10 @@ def make_view(
 ) -> NDArray[Any]:
     """Return the `View` record of a camera. Along each axis the raster has `scale` samples per pixel.
 
-    Parameters
-    ----------
-    near, far : float
-        The planes of the projection. They change only its z row.
-    fields : mapping
-        Values of those common members that do not depend on the camera.
-    own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
-        Values of the method's own members.
-    culling : Culling
-    extent : (3,) float32
-        The largest magnitude of a coordinate along each axis of the world.
+    The planes `near` and `far` change only the z row of the projection. `fields` are the common members that
+    do not depend on the camera, `own` those of the method; `extent` (3,) is the largest magnitude of a
+    coordinate along each axis of the world.
 
-    Notes
-    -----
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
     to last. The camera centre is computed from the float32 W in double precision and then rounded, because
     the last bits of upstream's float32 inverse depend on the linear algebra library. Upstream ignores the

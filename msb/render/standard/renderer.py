@@ -17,13 +17,14 @@ from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, make_triangles
-from msb.render.standard.view import standard_view
 
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
+_UNITS = 4096
+"""Steps per pixel of the grid that corners are snapped to; equals UNIT in zbuffer_math.cl."""
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
 """Widths and heights of tiles in pixels, the largest first; zbuffer_cpu.cl keeps coarse depths for at most
 256 x 128 pixels."""
@@ -44,15 +45,8 @@ class StandardRenderer(OnDevice):
     no far plane. Colours are interpolated in perspective. Of two faces that share an edge exactly one covers
     each sample; at equal depths the face with the lowest number wins.
 
-    Parameters
-    ----------
-    asset : Asset
-    device : str or Device, optional
-        A selector as for `msb.cl.shared_device`, or an open device, which is used and left open.
-    settings : mapping, optional
-        Overrides of the asset's settings, of which only `ste_threshold`, which hides faces, has an effect.
-    supersample : int
-        The image is drawn so many times as large, 1 to 16, and averaged.
+    Of the asset's settings only `ste_threshold`, which hides faces, has an effect. The image is drawn
+    `supersample` times as large, 1 to 16, and averaged.
     """
 
     name = "msb-standard"
@@ -136,7 +130,7 @@ class StandardRenderer(OnDevice):
         """Queue all commands of a frame; return what `Frame` calls its arrays."""
         scale = samples or self._supersample
         width, height = camera.width * scale, camera.height * scale
-        record = standard_view(enlarged(camera, scale))
+        record = _view_record(enlarged(camera, scale))
         view = self._scratch("view", record.shape)
         view.write(record)
         size = (height, width) if everything else (1, 1)
@@ -229,3 +223,28 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
         if -(-width // size[0]) * -(-height // size[1]) >= _TILES_PER_PROCESSOR * processors:
             return size
     return _TILES[-1]
+
+
+def _view_record(camera: Camera) -> NDArray[np.float32]:
+    """Return the record of a camera as zbuffer_math.cl has it, (51,) float32, computed in float64.
+
+    The centre of the camera is split into its nearest float32 and a rest, so that a camera far from the
+    world's origin loses no precision. The kernels subtract the first part before they rotate a point; the
+    rest is rotated here, and the kernels add it afterwards.
+    """
+    rotation = camera.world_to_camera[:3, :3]
+    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are orthonormal to 1e-4 only
+    rounded = camera.center.astype(np.float32).astype(np.float64)
+    rest = camera.center - rounded
+    scale = np.array([camera.fx * _UNITS, camera.fy * _UNITS])
+    rows = rotation * np.append(scale, 1.0)[:, None]
+    # A ray's direction in the world, for a camera x, y, z of (u - cx) / fx, (v - cy) / fy, 1.
+    ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
+    principal = np.array([camera.cx, camera.cy])
+    with np.errstate(over="ignore"):
+        low, ray_low = (
+            part - part.astype(np.float32) for part in (rows, ray)
+        )  # for what is computed in double
+    parts = (rows, rounded, -rows @ rest, principal * _UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
+    with np.errstate(over="ignore"):  # a camera 1e39 away sees nothing
+        return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)

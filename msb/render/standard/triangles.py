@@ -33,25 +33,17 @@ _COLOR_TYPES = {0: "__global const uchar *", 1: "__global const float *", 2: "__
 
 @dataclass(frozen=True)
 class Triangles:
-    """The buffers that stay on the device between frames.
-
-    Attributes
-    ----------
-    records : Buffer
-        (slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
-        slots are near in space, on a GPU slots are in the order of faces.
-    colors : Buffer
-        (slots, 9) float32 where corners have colours in floats, else one word that no kernel reads.
-    boxes : Buffer
-        (6, stride) float32: centre and half extent of the clusters of triangles.
-    kind : int
-        The value of COLORS in zbuffer_math.cl, which says where colours are.
-    """
+    """The buffers that stay on the device between frames."""
 
     records: Buffer
+    """(slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
+    slots are near in space, on a GPU slots are in the order of faces."""
     colors: Buffer
+    """(slots, 9) float32 where corners have colours in floats, else one word that no kernel reads."""
     boxes: Buffer
+    """(6, stride) float32: centre and half extent of the clusters of triangles."""
     kind: int
+    """The value of COLORS in zbuffer_math.cl, which says where colours are."""
     slots: int
     clusters: int
     stride: int
