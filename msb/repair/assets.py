@@ -18,16 +18,15 @@ from msb.errors import AssetError, Unsupported, about
 from msb.meshes import Mesh
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
-from msb.repair.run import Outcome, Step, run_plan, what_is_left
+from msb.repair.run import Outcome, run_plan, what_is_left
 from msb.topology.steps.change import with_faces
 
 if TYPE_CHECKING:
-    from msb.topology import Audit
     from msb.topology.steps import Change
 
 
-@dataclass(frozen=True, eq=False)
-class Repaired:
+@dataclass(frozen=True, eq=False, repr=False)
+class Repaired(Outcome):
     """A repaired asset. Its original is as it was.
 
     Attributes
@@ -49,15 +48,12 @@ class Repaired:
     """
 
     asset: Asset
-    vertex_map: NDArray[np.int64]
-    face_map: NDArray[np.int64]
-    turned: NDArray[np.bool_]
-    cut_edges: NDArray[np.int64]
     plan: tuple[str, ...]
-    steps: tuple[Step, ...]
-    before: Audit
-    after: Audit
-    left: tuple[str, ...]
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """What still is not manifold, consistently wound, free of doubles, or closed."""
+        return tuple(what_is_left(self.after))
 
     def __repr__(self) -> str:
         before, after = (f"{a.verdict} ({a.counts.faces:,} faces)" for a in (self.before, self.after))
@@ -139,7 +135,11 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
             made = replace(
                 made, manifest=kept_manifest, warnings=asset.warnings, opened_from=asset.opened_from
             )
-    return _repaired(made, plan, done)
+    path = None if made.path is None else str(made.path)
+    before, after = (replace(one, path=path, method=manifest.method) for one in (done.before, done.after))
+    return Repaired(
+        made.buffers, done.vertex_map, done.face_map, done.turned, done.steps, before, after, made, plan
+    )
 
 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
@@ -147,11 +147,9 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     check_indices(mesh)
     buffers: dict[str, NDArray[Any]] = {"positions": mesh.vertices, "indices": mesh.faces}
     domains = {}
-    for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
+    # Two names that `carry` knows to be those of colours.
+    for name, colors, domain in (("color", mesh.vertex_colors, "vertex"), ("f_dc", mesh.face_colors, "face")):
         if colors is not None:
-            name = (
-                "f_dc" if "color" in buffers else "color"
-            )  # beside vertex colours, under a name that is known
             buffers[name], domains[name] = colors, domain
     done = run_plan(buffers, domains, options)
     colors_by = {domain: done.buffers[name] for name, domain in domains.items()}
@@ -163,25 +161,6 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
         up=mesh.up,
     )
     return made, done
-
-
-def _repaired(asset: Asset, plan: tuple[str, ...], done: Outcome) -> Repaired:
-    path = None if asset.path is None else str(asset.path)
-    before, after = (
-        replace(one, path=path, method=asset.manifest.method) for one in (done.before, done.after)
-    )
-    return Repaired(
-        asset=asset,
-        vertex_map=done.vertex_map,
-        face_map=done.face_map,
-        turned=done.turned,
-        cut_edges=done.cut_edges,
-        plan=plan,
-        steps=done.steps,
-        before=before,
-        after=after,
-        left=tuple(what_is_left(done.after)),
-    )
 
 
 def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:

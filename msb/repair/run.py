@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,18 +71,16 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A repaired mesh.
+    """A repaired mesh: its buffers, and where they are from.
 
     Attributes
     ----------
-    buffers : mapping of arrays
-        The buffers of the new mesh.
     vertex_map, face_map : (V',), (F',) int64
         The row of the original that each new vertex and face is; -1 for what is new.
     turned : (F',) bool
         Whether the second and the third corner of a face changed places.
     steps : tuple of Step
-    before, after : Audit
+        What was done, in order; a plan is repeated until nothing changes.
     """
 
     buffers: Buffers
@@ -92,7 +91,7 @@ class Outcome:
     before: Audit
     after: Audit
 
-    @property
+    @cached_property
     def cut_edges(self) -> NDArray[Any]:
         """(n, 2) vertices of the original whose edge became several."""
         return cut_edges(mesh_arrays(self.buffers["positions"], self.buffers["indices"])[1], self.vertex_map)
@@ -168,16 +167,6 @@ class _Work:
         return {f"{shown.domain}_colors": values / 255 if values.dtype == np.uint8 else values}
 
 
-def _wrong_with(weights: NDArray[Any], count: int) -> str | None:
-    try:
-        found = np.asarray(weights)
-    except Exception:  # rows of different lengths; an array of another library that refuses
-        return "are no array"
-    if found.shape != (count,) or found.dtype.kind not in "biuf":
-        return f"have shape {found.shape} and are {found.dtype}"
-    return None if (np.isfinite(found) & (found >= 0)).all() else "are negative, or not finite"
-
-
 def run_plan(
     buffers: Buffers,
     domains: Mapping[str, str],
@@ -191,12 +180,8 @@ def run_plan(
 
     Parameters
     ----------
-    buffers : mapping of arrays
-        `positions` (V, 3), `indices` (F, 3) and all others.
-    domains : mapping of str to str
-        Buffer -> "vertex", "face", "corner" or "global".
-    options : Options
-        As `Options.check` has returned them.
+    buffers, domains : mappings
+        `positions`, `indices` and all others; buffer -> "vertex", "face", "corner" or "global".
     level : int, optional
         The level of DiffSoup's lattice.
     weights : (F,) non-negative numbers, optional
@@ -207,9 +192,11 @@ def run_plan(
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
     refuse_nonfinite(points)
-    if weights is not None and (wrong := _wrong_with(weights, len(faces))):
-        text = f"weights {wrong}; there must be a number, 0 or more, for each of {len(faces)} faces"
-        raise UsageError("USAGE", text)
+    if weights is not None:
+        weights = np.asarray(weights)
+        if weights.shape != (len(faces),) or not (np.isfinite(weights) & (weights >= 0)).all():
+            text = f"weights must be a finite number, 0 or more, for each of {len(faces)} faces"
+            raise UsageError("USAGE", text)
     before, _ = audit_arrays(points, faces)
     start = first or unchanged(faces, len(points))
     work = _Work(
@@ -296,17 +283,16 @@ def _step(name: str, work: _Work, options: Options) -> Change:
         from msb.topology.crosscheck.repairs import repair_by_peer
 
         return repair_by_peer(options.peer, name, points, faces, options.limits)
-    if name == "orient":
-        return orient(faces, len(points))
-    if name == "cut":
-        return cut(faces, len(points))
-    if name == "pair":
-        return pair(points, faces, color_weight=options.pair_color, **work.colors())
-    if name == "drop":
-        return drop(points, faces, weights=work.weights)
-    if name == "weld":
-        return weld(points, faces, options.weld)
-    if name == "debris":
-        least, share = int(options.debris_faces), options.debris_share
-        return debris(points, faces, least_faces=least, least_share=share, weights=work.weights)
-    return close(points, faces, most_edges=int(options.close_edges), most_share=options.close_share)
+    least, most = int(options.debris_faces), int(options.close_edges)
+    steps: dict[str, Callable[[], Change]] = {
+        "orient": lambda: orient(faces, len(points)),
+        "cut": lambda: cut(faces, len(points)),
+        "pair": lambda: pair(points, faces, color_weight=options.pair_color, **work.colors()),
+        "drop": lambda: drop(points, faces, weights=work.weights),
+        "weld": lambda: weld(points, faces, options.weld),
+        "debris": lambda: debris(
+            points, faces, least_faces=least, least_share=options.debris_share, weights=work.weights
+        ),
+        "close": lambda: close(points, faces, most_edges=most, most_share=options.close_share),
+    }
+    return steps[name]()
