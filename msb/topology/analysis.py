@@ -24,14 +24,8 @@ T = TypeVar("T")
 class Components:
     """Edge-connected components over the faces without a repeated index.
 
-    Attributes
-    ----------
-    face_component : (F,) integers
-        The component of each face; NONE for repeated-index rows.
-    sizes : (n,) integers
-        The number of faces in each component.
-    areas : (n,) float64
-        The area of each component, in squared length units.
+    `face_component` (F,) is NONE for repeated-index rows; `sizes` (n,) are numbers of faces, `areas` (n,)
+    float64 in squared length units.
     """
 
     face_component: NDArray[Any]
@@ -66,12 +60,8 @@ class Offending:
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and per-face properties.
 
-    NumPy and SciPy make each part when it is first asked for; `timings_ms` then says how long that took.
-
-    Parameters
-    ----------
-    vertices, faces : (V, 3) floating, (F, 3) integers
-        The arrays that `mesh_arrays` returns.
+    It takes arrays that `mesh_arrays` has checked. NumPy and SciPy make each part when it is first asked for;
+    `timings_ms` then says how long that took.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:

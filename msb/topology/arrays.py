@@ -16,19 +16,10 @@ MAX_FACES = (2**31 - 1) // 3
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return `vertices` and `faces` as arrays, every face index known to be a vertex.
+    """Return (V, 3) floating `vertices` and (F, 3) `faces` as arrays, every face index known to be a vertex.
 
-    Parameters
-    ----------
-    vertices : (V, 3) real numbers
-        Coordinates, which keep their precision; NaN and infinity are allowed.
-    faces : (F, 3) integers
-        0-based vertex indices.
-
-    Returns
-    -------
-    vertices : (V, 3) floating
-    faces : (F, 3) int32, or int64 where vertex indices need it
+    Coordinates keep their precision, and may be NaN or infinite. Faces are int32, or int64 where vertex
+    indices need it.
     """
     points = _numbers(vertices, "vertices", "fiu")
     triangles = _numbers(faces, "faces", "iu")

@@ -9,22 +9,9 @@ from numpy.typing import NDArray
 
 
 def label_components(count: int, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[np.int32]]:
-    """Group `count` nodes so that the ends of every pair are in one group.
+    """Group `count` nodes so that the two ends of every pair are in one group.
 
-    Parameters
-    ----------
-    count : int
-    first, second : (n,) integers
-        Ends of the pairs, each in 0 .. count - 1.
-
-    Returns
-    -------
-    groups : int
-    labels : (count,) int32
-        Group of each node; groups are numbered by their smallest node.
-
-    Notes
-    -----
+    Return how many groups there are and the group (count,) of each node, numbered by their smallest node.
     O(count + n) time and memory.
     """
     from scipy.sparse import coo_array

@@ -16,14 +16,8 @@ from msb.topology.weld import merged_vertices
 class Difference:
     """What is different between a mesh before and after.
 
-    Attributes
-    ----------
-    deleted : (n,) int64
-        Faces before that are no longer there.
-    added : (m,) int64
-        Faces after that were not there.
-    cut : (k,) int64
-        Edges before, in the order of `HalfEdgeMesh.edge_vertices`, that are more edges in one place now.
+    `deleted` faces and `cut` edges are numbers of before, `added` faces of after. A cut edge, by its place in
+    `HalfEdgeMesh.edge_vertices`, is more edges in one place now.
     """
 
     deleted: NDArray[np.int64]
@@ -34,20 +28,11 @@ class Difference:
 def find_difference(
     before: tuple[NDArray[Any], NDArray[Any]], after: tuple[NDArray[Any], NDArray[Any]]
 ) -> Difference:
-    """Return what was deleted, added and cut.
+    """Return what was deleted, added and cut, of meshes as `mesh_arrays` returns them.
 
     Two corners are the same if their float32 coordinates are equal, so numbers of vertices, their order and
     their copies do not matter, nor does the winding of faces. Of faces in one place the last ones count as
-    deleted or added.
-
-    Parameters
-    ----------
-    before, after : (V, 3) floating and (F, 3) integers
-        The meshes as `mesh_arrays` returns them.
-
-    Notes
-    -----
-    O((V + F) log (V + F)) time.
+    deleted or added. O((V + F) log (V + F)) time.
     """
     counts = [len(points) for points, _ in (before, after)]
     _, place = merged_vertices(

@@ -25,17 +25,9 @@ class Group:
 class Elements:
     """A mesh with its offending elements and its components.
 
-    Attributes
-    ----------
-    vertices : (V, 3) floating
-        All vertices of the mesh.
-    faces : (F, 3) integers
-        All faces.
-    groups : tuple of Group
-        Vertices, then edges, then faces; kinds are keys of the audit's counts. An edge's number is its place
-        in the order of vertex pairs.
-    face_component : (F,) integers
-        Edge-connected component of each face, numbered by size, largest first; -1 in repeated-index rows.
+    `groups` are vertices, then edges, then faces; kinds are keys of the audit's counts, and an edge's number
+    is its place in the order of vertex pairs. `face_component` (F,) is numbered by size, largest first; -1 in
+    repeated-index rows.
     """
 
     vertices: NDArray[Any]

@@ -12,18 +12,9 @@ _CHUNK = 1 << 18
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the area of each face and whether it is finite.
+    """Return the area (F,) of each face, in squared length units, and whether it is finite.
 
-    Parameters
-    ----------
-    vertices : (V, 3) floating, any length unit
-    faces : (F, 3) integers
-
-    Returns
-    -------
-    area : (F,) float64, squared length units
-        Half the norm of the cross product, in double precision; 0 where that is not finite.
-    finite : (F,) bool
+    It is half the norm of the cross product, in double precision; 0 where that is not finite.
     """
     area = np.zeros(len(faces))
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
@@ -41,14 +32,8 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the (groups,) area of each group of faces, each added in the order of the faces.
 
-    Rounding is monotone. If areas are added in one order, the sum over some of the faces is never larger than
-    the sum over all of them, and is equal to it if the others have no area.
-
-    Parameters
-    ----------
-    area : (n,) float64, not negative
-    group : (n,) integers in 0 .. groups - 1
-    groups : int
+    Rounding is monotone. If areas, which are not negative, are added in one order, the sum over some of the
+    faces is never larger than the sum over all of them, and is equal to it if the others have no area.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 

@@ -51,12 +51,8 @@ def corners_at_ends(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArra
 def group_corners(mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any]) -> tuple[int, NDArray[Any]]:
     """Join corners at a vertex by walking across the given pairs of half-edges, each pair at one edge.
 
-    Returns
-    -------
-    count : int
-        The number of groups.
-    corner_group : (3F,) integers
-        The group of each corner, groups numbered by their first corner; NONE in repeated-index rows.
+    Return how many groups there are and the group (3F,) of each corner, numbered by their first corner; NONE
+    in repeated-index rows.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
     # Compact numbers for the corners of proper faces, so that no label is spent on the others.
@@ -99,19 +95,11 @@ def _join(
 
 @dataclass(frozen=True)
 class Boundary:
-    """Boundary edges linked where one boundary fan has both of them as its sides.
+    """Boundary edges (B,), ascending, and the `chain` (B,) that each is in.
 
-    A chain that closes is a loop (a hole's rim, or the outline of an open sheet). A chain ends where the
-    fan's other side is a non-manifold edge.
-
-    Attributes
-    ----------
-    edges : (B,) integers
-        Edges with one face, ascending.
-    chain : (B,) integers
-        Loop or open chain of each of them.
-    closed : (n,) bool
-        Whether each chain is a loop.
+    Two are linked where one boundary fan has both of them as its sides. A chain that is `closed` is a loop (a
+    hole's rim, or the outline of an open sheet); others end where the fan's other side is a non-manifold
+    edge.
     """
 
     edges: NDArray[Any]
@@ -132,11 +120,9 @@ class Boundary:
 def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
-    Notes
-    -----
     An open fan is a path with two sides. Where both are boundary edges, these follow each other along the
-    boundary; so every boundary edge has at most one follower at each end, and the groups they form are
-    cycles (as many links as edges) or paths. At a vertex with several fans the loops touch but stay apart.
+    boundary; so every boundary edge has at most one follower at each end, and the groups they form are cycles
+    (as many links as edges) or paths. At a vertex with several fans the loops touch but stay apart.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]

@@ -50,22 +50,10 @@ class Counts:
 class Findings:
     """The counts of a mesh, and what else the report needs.
 
-    Attributes
-    ----------
-    counts : Counts
-    shares_vertices : bool
-        Whether some vertex is used by two faces.
-    total_area, largest_component_area : float
-        Areas in squared length units, added in the order of the faces, so that both implementations give the
-        same sums.
-    valence_histogram : dict of int to int
-        Number of edges at a vertex -> number of such vertices, ascending.
-    first : dict
-        The first edges, vertices and faces behind the counts. An edge's number is its place among the vertex
-        pairs.
-    timings_ms : dict of str to float
-        Stage -> milliseconds. Comparisons of findings ignore this field and `computed_by`.
-    computed_by : str
+    Areas, in squared length units, are added in the order of the faces, so that both implementations give the
+    same sums. `shares_vertices` says whether some vertex is used by two faces; `first` has the first edges,
+    vertices and faces behind the counts, an edge's number being its place among the vertex pairs. Comparisons
+    ignore the times and `computed_by`.
     """
 
     counts: Counts

@@ -130,14 +130,6 @@ def next_in_face(halfedge: NDArray[Any]) -> NDArray[Any]:
 def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     """Return the half-edge structure of `faces`, which `mesh_arrays` has checked.
 
-    Parameters
-    ----------
-    faces : (F, 3) int32 or int64
-    vertex_count : int
-        The number V of vertices, at most 2^32 - 1, so that a vertex pair fits into 64 bits.
-
-    Notes
-    -----
     One sort of 3F 64-bit keys: O(F log F) time, about 60 bytes a face of working memory.
     """
     dtype = faces.dtype

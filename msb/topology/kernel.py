@@ -69,22 +69,11 @@ def find_by_kernels(
     workers: int | None = None,
     sizes: Sizes | None = None,
 ) -> Findings:
-    """Return what the audit of arrays that `mesh_arrays` has checked finds.
+    """Return what the audit of (V, 3) floating `points` and (F, 3) int32 `faces` finds.
 
-    Parameters
-    ----------
-    points : (V, 3) floating
-    faces : (F, 3) int32
-    device : Device
-        A device with double precision. All memory taken on it is given back.
-    workers : int, optional
-        Number of work-items at a time; by default the number of the device's compute units.
-    sizes : Sizes, optional
-
-    Notes
-    -----
-    Time is O(V + F) for meshes whose vertices have few faces and O(V + F log F) for any mesh. Memory is about
-    45 bytes a face.
+    The device has double precision; all memory taken on it is given back. `workers` work-items run at a time,
+    by default as many as it has compute units. Time is O(V + F) for meshes whose vertices have few faces and
+    O(V + F log F) for any mesh. Memory is about 45 bytes a face.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:

@@ -30,12 +30,7 @@ def is_closed(counts: Counts) -> bool:
 def closes_at_seams(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether the exact weld closes an open mesh of at most `MOST_FACES` faces; else False.
 
-    Parameters
-    ----------
-    findings : Findings
-        Those of the mesh as stored.
-    points : (V, 3) floating
-    faces : (F, 3) integers
+    `findings` are those of the mesh as stored.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:

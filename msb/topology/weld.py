@@ -34,22 +34,11 @@ def parse_weld(text: str | float) -> Weld:
 def weld_vertices(
     vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the mesh with coincident vertices merged; all face rows are kept.
+    """Return the mesh (V, 3), (F, 3) with coincident vertices merged; all face rows are kept.
 
-    Parameters
-    ----------
-    vertices : (V, 3) floating
-    faces : (F, 3) integers
-    weld : "exact" or float
-        "exact" merges rows whose three float32 coordinates are equal (-0 equals +0, NaN equals nothing); a
-        length merges the transitive closure of pairs at most that far apart, so the order does not matter.
-
-    Returns
-    -------
-    vertices : (W, 3)
-        The first of each set of merged vertices, in the old order.
-    faces : (F, 3)
-        Rows that collapse become repeated-index rows.
+    "exact" merges rows whose three float32 coordinates are equal (-0 equals +0, NaN equals nothing); a length
+    merges the transitive closure of pairs at most that far apart, so the order does not matter. The first of
+    each set of merged vertices stays, in the old order. Rows that collapse become repeated-index rows.
     """
     first, number = merged_vertices(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]

@@ -57,14 +57,7 @@ class Row:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """All comparisons.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-    skipped : dict
-        Peer, or "PEER QUANTITY", that was not asked or did not answer -> the reason.
-    """
+    """All comparisons; `skipped` says why a peer, or "PEER QUANTITY", was not asked or did not answer."""
 
     rows: tuple[Row, ...]
     skipped: dict[str, str]
@@ -84,20 +77,8 @@ def cross_check(
 ) -> CrossCheck:
     """Ask every installed peer about a mesh and compare with our audit of it.
 
-    Parameters
-    ----------
-    vertices : (V, 3) real numbers
-    faces : (F, 3) integers
-        The mesh exactly as it was audited.
-    report, analysis : Audit, Analysis
-        What `audit_arrays` made of it.
-    timeout : float, optional
-        Seconds each peer is given (default: a minute, and one more for each million faces); two work at a
-        time.
-
-    Returns
-    -------
-    CrossCheck
+    `report` and `analysis` are what `audit_arrays` made of the same arrays. Each peer is given `timeout`
+    seconds; by default a minute, and one more for each million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
     found = [peer for peer in PEERS if is_installed(PEERS[peer].module)]

@@ -31,10 +31,8 @@ class Expected:
     ----------
     quantity : str
         Key of the audit's JSON.
-    call : str
-        How the peer's number is obtained.
-    answer : str
-        Name of the peer's answer (`peers.py`).
+    call, answer : str
+        How the peer's number is obtained, and its name among the peer's answers.
     ours, theirs : number, flag or None
         Our value, and the one that the peer's definition gives on this mesh.
     why : str

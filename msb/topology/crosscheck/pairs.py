@@ -14,18 +14,11 @@ from msb.topology.halfedge import next_in_face
 def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
     """Return counts over the unordered vertex pairs of all rows, loops {v, v} included.
 
-    Parameters
-    ----------
-    faces : (F, 3) integers
-        The faces; on rows without a repeated index the numbers are those of our own definitions.
-
-    Returns
-    -------
-    numbers : dict
-        `pairs`; `single`, `double` and `crowded` pairs with one, two and more members, `most` members;
-        `crowded_by_rows`, the crowded ones that more than one row has; `igl_edges`, see below; `endpoints`
-        of crowded pairs, `multifan` and `strict` vertices, vertices `used` and `unused` (its negative);
-        `components`, the `largest` of them, `two_face_components`; `inconsistent` double pairs.
+    On rows without a repeated index the numbers are those of our own definitions: `pairs`; `single`, `double`
+    and `crowded` pairs with one, two and more members, `most` members; `crowded_by_rows`, the crowded ones
+    that more than one row has; `igl_edges`, see below; `endpoints` of crowded pairs, `multifan` and `strict`
+    vertices, vertices `used` and `unused` (its negative); `components`, the `largest` of them,
+    `two_face_components`; `inconsistent` double pairs.
     """
     start = faces.reshape(-1).astype(np.uint64)
     end = faces[:, (1, 2, 0)].reshape(-1).astype(np.uint64)

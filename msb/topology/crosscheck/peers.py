@@ -28,18 +28,9 @@ Answers = dict[str, Answer]
 
 @dataclass(frozen=True)
 class Peer:
-    """A library that is asked about a mesh.
+    """A library that is asked about a mesh: (V, 3) float64 vertices and (F, 3) int64 faces.
 
-    Attributes
-    ----------
-    name : str
-        The name in reports.
-    module, distribution : str
-        The module that is imported, and the distribution that is installed.
-    ask : callable
-        A function from (V, 3) float64 vertices and (F, 3) int64 faces to the peer's answers.
-    max_faces : int or None
-        The most faces; for a larger mesh the peer would take too long or too much memory.
+    For a mesh of more than `max_faces` it would take too long or too much memory.
     """
 
     name: str

@@ -15,12 +15,7 @@ from msb.topology.halfedge import NONE
 class Rims:
     """The vertices around each new vertex: its values are their mean.
 
-    Attributes
-    ----------
-    offsets : (n + 1,) integers
-        New vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]``.
-    vertices : (m,) integers
-        Numbers of old vertices.
+    New vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]`` of old ones.
     """
 
     offsets: NDArray[Any] = field(default_factory=lambda: np.zeros(1, np.int64))

@@ -25,27 +25,14 @@ def close(
     most_edges: int = MOST_EDGES,
     most_share: float = MOST_SHARE,
 ) -> Change:
-    """Close the holes of at most `most_edges` edges.
+    """Close the holes of at most `most_edges` edges; added faces and vertices come last.
 
     A rim of three edges gets a face, one of four gets two faces along its shorter diagonal that is no edge
-    yet, and a longer one a vertex in its middle.
-
-    Parameters
-    ----------
-    points : (V, 3) floating
-    faces : (F, 3) integers
-    most_edges : int
-        Longer rims stay open.
-    most_share : float
-        Rims whose cap has a larger share of the area of their component stay open: they are the outline of a
-        piece. The cap of a lone triangle has the share 1, that of a hemisphere 1/2.
-
-    Returns
-    -------
-    Change
-        With the added faces and vertices at the end. Rims that meet themselves in a vertex, along which the
-        winding flips, or which end at an edge of more than two faces stay open. Edges keep at most two faces,
-        and vertices their number of fans. O(F log F) time.
+    yet, and a longer one a vertex in its middle. Rims whose cap has a larger share than `most_share` of the
+    area of their component stay open: they are the outline of a piece (the cap of a lone triangle has the
+    share 1, that of a hemisphere 1/2). So do rims that meet themselves in a vertex, along which the winding
+    flips, or which end at an edge of more than two faces. Edges keep at most two faces, and vertices their
+    number of fans. O(F log F) time.
     """
     analysis = Analysis(points, faces)
     rim = _find_rims(analysis)

@@ -13,24 +13,12 @@ from msb.topology.steps.change import Change, with_vertices
 
 
 def cut(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Give every fan a vertex of its own; edges of more than two faces come apart.
+    """Give every fan a vertex of its own, by copies at the end; edges of more than two faces come apart.
 
-    Parameters
-    ----------
-    faces : (F, 3) integers
-    vertex_count : int
-
-    Returns
-    -------
-    Change
-        With copies of vertices at the end. A manifold mesh is not changed.
-
-    Notes
-    -----
     Edges of two faces are kept, so the walk around a vertex that `find_fans` makes is the walk across what
-    remains. Two fans of a vertex share no edge afterwards. At an edge of more than two faces at most two
-    stay together, namely where one fan begins and ends at it at both of its vertices: a fan that is a path
-    has two ends. So the result is manifold. O(F log F) time.
+    remains. Two fans of a vertex share no edge afterwards. At an edge of more than two faces at most two stay
+    together, namely where one fan begins and ends at it at both of its vertices: a fan that is a path has two
+    ends. So the result is manifold, and a manifold mesh is not changed. O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)
     return split_vertices(mesh, *mesh.two_face_halfedges)
@@ -63,11 +51,7 @@ def split_vertices(mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any]) -
 def cut_edges(faces: NDArray[Any], vertex_map: NDArray[Any]) -> NDArray[Any]:
     """Return the (n, 2) old vertices of the edges that became several, for faces by new vertices.
 
-    Parameters
-    ----------
-    faces : (F', 3) integers
-    vertex_map : (V',) integers
-        The old vertex of each new one; edges with an added vertex (NONE) are left out.
+    `vertex_map` has the old vertex of each new one; edges with an added vertex (NONE) are left out.
     """
     mesh = build_half_edges(faces, len(vertex_map))
     ends = np.sort(vertex_map[mesh.edge_vertices], axis=1)

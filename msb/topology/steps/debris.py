@@ -26,23 +26,9 @@ def debris(
 ) -> Change:
     """Remove the components of fewer than `least_faces` faces, or of less than `least_share` of the weight.
 
-    Parameters
-    ----------
-    points : (V, 3) floating
-    faces : (F, 3) integers
-    least_faces : int
-        Components of fewer faces are removed; 0 switches this off.
-    least_share : float
-        Components of a smaller share of all weight are removed; 0 switches this off.
-    weights : (F,) non-negative numbers, optional
-        The weight of each face, such as the number of pixels it covers; the area if not given.
-
-    Returns
-    -------
-    Change
-        Without the faces of these components and the vertices that only they used. Faces that name a vertex
-        twice belong to no component and stay. A second run removes nothing, because the shares of what stays
-        grow. O(F log F) time.
+    The weight (F,) of each face is not negative, such as the number of pixels it covers; the area if not
+    given. Faces that name a vertex twice belong to no component and stay. A second run removes nothing,
+    because the shares of what stays grow. O(F log F) time.
     """
     mesh = build_half_edges(faces, len(points))
     pairs = zip(mesh.two_face_halfedges, mesh.chained_halfedges, strict=True)

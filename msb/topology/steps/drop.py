@@ -17,26 +17,13 @@ _ROUNDS = 64
 
 
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
-    """Remove faces at edges of more than two, then give vertices where surfaces only touch a copy.
+    """Remove faces at edges of more than two, then give vertices where surfaces only touch a copy at the end.
 
-    Parameters
-    ----------
-    points : (V, 3) floating
-    faces : (F, 3) integers
-    weights : (F,) non-negative numbers, optional
-        Of faces that stand in the way alike those of less weight go first; the area if not given.
-
-    Returns
-    -------
-    Change
-        Without the removed faces and the vertices that only they used, with copies of vertices at the end.
-
-    Notes
-    -----
-    Fewest faces in all is a hard problem (it contains matching in hypergraphs). This is a greedy choice,
-    followed by putting back whatever fits, so no removed face could return. Faces go first that have most
-    edges of more than two faces; those are chosen side by side wherever they share no such edge. O(F log F)
-    time for each round, of which there are few.
+    Of faces that stand in the way alike those of less weight (F,) go first; of less area if that is not
+    given. Fewest faces in all is a hard problem (it contains matching in hypergraphs). This is a greedy
+    choice, followed by putting back whatever fits, so no removed face could return. Faces go first that have
+    most edges of more than two faces; those are chosen side by side wherever they share no such edge. O(F log
+    F) time for each round, of which there are few.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)

@@ -17,14 +17,8 @@ from msb.topology.steps.change import Change
 class Sides:
     """Which nodes of a graph lie on the same side, if every pair says "same side" or "other side".
 
-    Attributes
-    ----------
-    label : (n,) integers
-        The connected component of each node.
-    other : (n,) bool
-        Whether a node is on the other side than the first node of its component.
-    one_sided : (n,) bool
-        Whether no choice of sides fits all pairs of its component.
+    `label` (n,) is the connected component of each node, `other` (n,) whether it is on the other side than
+    the first node of that, `one_sided` (n,) whether no choice of sides fits all its pairs.
     """
 
     label: NDArray[Any]
@@ -36,18 +30,9 @@ def orient(faces: NDArray[Any], vertex_count: int) -> Change:
     """Turn faces so that the two faces of every ordinary edge run along it in opposite directions.
 
     Faces are joined across edges of exactly two faces. In each component the side of fewer faces is turned;
-    of equal ones the first face stays. On a one-sided component (a Moebius strip) some edges must disagree:
-    those are kept few by preferring edges that agree already, so a second run turns nothing.
-
-    Parameters
-    ----------
-    faces : (F, 3) integers
-    vertex_count : int
-
-    Returns
-    -------
-    Change
-        With faces turned, and a note where there are one-sided components. O(F log F) time.
+    of equal ones the first face stays. On a one-sided component (a Moebius strip) some edges must disagree,
+    and a note says so: those are kept few by preferring edges that agree already, so a second run turns
+    nothing. O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)
     sides = sides_of_faces(mesh)
@@ -73,11 +58,9 @@ def sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
 def find_sides(count: int, one: NDArray[Any], other: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
     """Return the sides of `count` nodes from pairs whose ends must lie on the same side, or must `differ`.
 
-    Notes
-    -----
-    Each node stands for two, itself on either side, and pairs join these (the double cover). A component
-    that falls into two halves has its sides; one that does not is one-sided, and there the pairs of a
-    spanning tree decide, after those that agree. O(n log n) time, O(n) where nothing is one-sided.
+    Each node stands for two, itself on either side, and pairs join these (the double cover). A component that
+    falls into two halves has its sides; one that does not is one-sided, and there the pairs of a spanning
+    tree decide, after those that agree. O(n log n) time, O(n) where nothing is one-sided.
     """
     # What must agree is one node.
     nodes, part = label_components(count, one[~differ], other[~differ])

@@ -32,26 +32,12 @@ def pair(
     face_colors: NDArray[Any] | None = None,
     color_weight: float = COLOR_WEIGHT,
 ) -> Change:
-    """Make a mesh manifold by copies of vertices, so that faces which continue each other stay together.
+    """Make a mesh manifold by copies of vertices at the end, so that faces which continue each other stay
+    together.
 
-    Parameters
-    ----------
-    points : (V, 3) floating
-        Finite positions.
-    faces : (F, 3) integers
-    vertex_colors : (V, c) floating in [0, 1], optional
-        Faces are compared by the colours opposite to the edge.
-    face_colors : (F, c) floating in [0, 1], optional
-        Faces are compared by their colours.
-    color_weight : float
+    Colours in [0, 1] are those of vertices (V, c), of which the ones opposite to an edge are compared, or of
+    faces (F, c).
 
-    Returns
-    -------
-    Change
-        With copies of vertices at the end. A manifold mesh is not changed.
-
-    Notes
-    -----
     1. Two faces at an edge cost (1 + cos a) / 2, a the angle between them (0 if flat, 1 if folded), plus
        `color_weight` times the distance of their colours over that of black and white. At each edge of more
        than two faces the cheapest two are joined, then the cheapest two of the rest, and so on.
@@ -60,7 +46,7 @@ def pair(
     3. Where walks around both ends of an edge lead from one pair to another, four faces would still share
        the edge: these pairs are cut. Cutting makes fans smaller, never larger, so no new such place arises.
 
-    Steps 1 to 3 take O(F log F) time.
+    These take O(F log F) time. A manifold mesh is not changed.
     """
     mesh = build_half_edges(faces, len(points))
     one, other = mesh.two_face_halfedges

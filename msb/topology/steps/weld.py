@@ -17,17 +17,7 @@ if TYPE_CHECKING:
 def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:
     """Merge vertices in one place, as the audit's weld does, and remove the faces that collapse by it.
 
-    Parameters
-    ----------
-    points : (V, 3) floating
-    faces : (F, 3) integers
-    distance : "exact" or float
-        Equal float32 coordinates, or chains of vertices at most this far apart.
-
-    Returns
-    -------
-    Change
-        Each set of merged vertices is its first one, with that one's values.
+    Each set of merged vertices is its first one, with that one's values.
     """
     kept, number = merged_vertices(points, distance)
     new = number.astype(faces.dtype)[faces]
