@@ -20,16 +20,8 @@ def install(extra: str) -> str:
 def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
     """Raise an error if one of `modules`, which `extra` installs, is missing.
 
-    Parameters
-    ----------
-    extra : str
-        A key of optional-dependencies in pyproject.toml.
-    *modules : str
-        Top-level modules.
-    what : str
-        What needs them, the subject of the sentence: "an MP4 film".
-    instead : str
-        What works without them, as a sentence that begins in lower case.
+    `what` needs them, the subject of the sentence ("an MP4 film"); `instead` says what works without them, as
+    a sentence that begins in lower case.
     """
     absent = [module for module in modules if not is_installed(module)]
     if absent:

@@ -39,9 +39,8 @@ class Repaired(Outcome):
         Whether the second and the third corner of a face changed places.
     cut_edges : (n, 2) int64
         The vertices of the original whose edge became several.
-    plan : tuple of str
-    steps : tuple of Step
-        What was done, in order; a plan is repeated until nothing changes.
+    plan, steps : tuple of str, tuple of Step
+        What was to be done, and what was, in order; a plan is repeated until nothing changes.
     before, after : Audit
     left : tuple of str
         What still is not manifold, consistently wound, free of doubles, or closed.

@@ -28,16 +28,8 @@ def carry(
     """Return the buffers of the changed mesh.
 
     Values are copied, bit for bit. A new vertex has the mean of its rim; an added face has the values of the
-    face beside it.
-
-    Parameters
-    ----------
-    buffers : mapping of arrays
-        `positions`, `indices` and all others.
-    domains : mapping of str to {"vertex", "face", "corner", "global"}
-    change : Change
-    level : int, optional
-        The level of DiffSoup's lattice.
+    face beside it. `domains` are "vertex", "face", "corner" or "global"; `level` is that of DiffSoup's
+    lattice.
     """
     known = {**domains, "positions": "vertex", "indices": "face"}
     return {

@@ -71,16 +71,10 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A repaired mesh: its buffers, and where they are from.
+    """A repaired mesh: its buffers, what was done, and where rows are from.
 
-    Attributes
-    ----------
-    vertex_map, face_map : (V',), (F',) int64
-        The row of the original that each new vertex and face is; -1 for what is new.
-    turned : (F',) bool
-        Whether the second and the third corner of a face changed places.
-    steps : tuple of Step
-        What was done, in order; a plan is repeated until nothing changes.
+    Maps have the row of the original that each new vertex (V',) and face (F',) is, -1 for what is new;
+    `turned` (F',) says whether the second and the third corner of a face changed places.
     """
 
     buffers: Buffers
@@ -178,16 +172,9 @@ def run_plan(
 ) -> Outcome:
     """Repair a mesh: the steps of the plan in turn, again and again until none changes anything (weld once).
 
-    Parameters
-    ----------
-    buffers, domains : mappings
-        `positions`, `indices` and all others; buffer -> "vertex", "face", "corner" or "global".
-    level : int, optional
-        The level of DiffSoup's lattice.
-    weights : (F,) non-negative numbers, optional
-        The weight of each face to `debris` and `drop`; the area if not given.
-    first : Change, optional
-        A change that comes before the plan, such as leaving out hidden faces.
+    `buffers` are `positions`, `indices` and all others, `domains` "vertex", "face", "corner" or "global";
+    `level` is that of DiffSoup's lattice. `weights` (F,) are what each face counts to `debris` and `drop`;
+    the area if not given. The change `first` comes before the plan, such as leaving out hidden faces.
     """
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])

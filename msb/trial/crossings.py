@@ -35,10 +35,7 @@ def slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 def crossing_pairs(corners: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the pairs (n, 2) of faces that cross, each once with the lower number first, sorted.
 
-    Parameters
-    ----------
-    corners : (F, 3, 3) float64
-        Finite coordinates.
+    `corners` (F, 3, 3) are finite.
     """
     found = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in _near(corners)]
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *found])

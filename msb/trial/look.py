@@ -32,23 +32,10 @@ _DARKEST = 0.4
 
 
 class Look:
-    """What cameras see of a mesh, and of what tasks made of it.
+    """What cameras see of a mesh as it was, and of what tasks made of it.
 
-    Parameters
-    ----------
-    mesh : TriedMesh
-        The mesh as it was.
-    views : Views
-    device : str, optional
-        The OpenCL device, as `msb.Renderer` takes it.
-
-    Attributes
-    ----------
-    why_not : str or None
-        Why there are no pictures to judge by: no OpenCL device, or no camera that sees the mesh. All methods
-        then return None or nothing.
-    unseeing : int
-        How many of the cameras saw none of the mesh, and are left out.
+    `why_not` says why there are no pictures to judge by: no OpenCL device, or no camera that sees the mesh.
+    All methods then return None or nothing. `unseeing` cameras saw none of the mesh, and are left out.
     """
 
     def __init__(self, mesh: TriedMesh, views: Views, device: str | None = None) -> None:
@@ -59,12 +46,8 @@ class Look:
     def psnr(self, mesh: TriedMesh) -> dict[str, Any]:
         """Return how much `mesh` looks like the mesh as it was.
 
-        Returns
-        -------
-        dict
-            "psnr": the mean over the cameras that see the mesh in dB, where equal pictures count 100; None
-            without pictures.
-            "same_pictures": whether all are equal.
+        "psnr" is the mean over the cameras that see the mesh in dB, where equal pictures count 100, None
+        without pictures; "same_pictures" says whether all are equal.
         """
         before = [image for image, _ in self._before]
         if not before:

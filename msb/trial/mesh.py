@@ -27,17 +27,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TriedMesh:
-    """A triangle mesh with a colour at every vertex.
+    """A triangle mesh with a colour (V, 3) in [0, 1] at every vertex.
 
-    Attributes
-    ----------
-    vertices : (V, 3) float32
-        float64 between us and a library.
-    faces : (F, 3) int64
-        Vertex numbers, all in range.
-    colors : (V, 3) float32
-        Red, green and blue in [0, 1].
-    uv : (V, 2) float32, optional
+    Vertices are float32, and float64 between us and a library; vertex numbers of faces are all in range.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -108,13 +100,8 @@ def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
     """Return the mesh of `asset` as it is stored, less the faces that its STE threshold hides.
 
     Colours of faces and corners become the means of the faces at each vertex, so that the mesh keeps its
-    vertices as they are; without any colours it is white.
-
-    Parameters
-    ----------
-    asset : Asset
-    weld : "exact" or float, optional
-        Merge coincident vertices first (`weld_vertices`); the merged one has their mean colour.
+    vertices as they are; without any colours it is white. A vertex that `weld` merges first has the mean
+    colour, too.
     """
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)

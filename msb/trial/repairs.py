@@ -60,14 +60,8 @@ TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 class Look:
     """How a repaired asset looks on one tier, beside the original.
 
-    Attributes
-    ----------
-    psnr : float or None
-        dB, the mean over the views, as trials are judged (`msb.trial.look`); None where `same`, or not drawn.
-    same : bool
-        Whether every pixel of every view is the same.
-    why : str or None
-        Why there is no picture.
+    `psnr` is the mean over the views in dB, as trials are judged (`msb.trial.look`), None where every pixel
+    is the `same` or nothing is drawn; `why` then says why there is no picture.
     """
 
     psnr: float | None = None
@@ -159,15 +153,12 @@ def compare(
 
     Parameters
     ----------
-    asset : Asset
     cameras : Views or iterable of Camera
         The views over which looks are compared, as far as they see the asset.
     options : Options
         Numbers of the steps, limits of the peers and of the libraries that try tasks, and one more plan.
     tasks : sequence of str
-        Names of the tasks that are tried on the asset and on what each strategy makes; none is tried if there
-        are none.
-    device : str, optional
+        Names of the tasks that are tried on the asset and on what each strategy makes.
     keep : Path, optional
         The folder that gets a picture of each strategy, from the first camera.
     step : callable

@@ -46,7 +46,6 @@ class Trial:
 
     Attributes
     ----------
-    task, title : str
     outcome : {"works", "care", "fails", "not_run"}
         "care" works with something to watch; "not_run" lacks a library.
     why : str or None
@@ -59,10 +58,8 @@ class Trial:
         Library -> version, of those that answered.
     says : str
         The numbers in a few words.
-    files : tuple of str
-        The names of the files that were kept.
-    picture : str or None
-        The name of the picture among them.
+    files, picture : tuple of str, str or None
+        The names of the files that were kept, and of the picture among them.
     """
 
     task: str
@@ -85,17 +82,10 @@ class Trial:
 class Trials:
     """What became of all tasks on one mesh.
 
-    Attributes
-    ----------
-    path : str or None
-    trials : tuple of Trial
-    mesh : dict
-        Numbers of vertices and faces, the weld, the plan of the repair, and the SHA-256 of what was tried.
-    limits : dict
-        `Limits.to_dict`.
-    cameras : dict
-        How many there were, where they are "from" ("given", "training", "turntable", "inside"), and the same
-        in words; how many "see_nothing" of the mesh, and why there are "no_pictures", where that is so.
+    `mesh` has the numbers of vertices and faces, the weld, the plan of the repair, and the SHA-256 of what
+    was tried. `cameras` says how many there were, where they are "from" ("given", "training", "turntable",
+    "inside"), and the same in words; how many "see_nothing" of the mesh, and why there are "no_pictures",
+    where that is so.
     """
 
     path: str | None
@@ -149,9 +139,9 @@ def trial(
     Raises
     ------
     UsageError
-        `USAGE`: there is no such task, no such step of a repair, or no camera, or the limits are none.
+        There is no such task, no such step of a repair, or no camera, or the limits are none.
     AssetError
-        A coordinate is not finite, or an index is out of range; `TRIASSET_EMPTY`: the repair left no face.
+        A coordinate is not finite, an index is out of range, or the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
         The path cannot be read, or the weld is none.
 
@@ -189,13 +179,8 @@ def try_asset(
 ) -> Trials:
     """Return what became of the tasks, and what they were tried on; parameters as for `trial`.
 
-    Parameters
-    ----------
-    keep : Path, optional
-        The folder that gets a picture of each task and, with `meshes`, what was made, as GLB.
-    meshes : bool
-    watch : callable
-        Called with each task's outcome.
+    The folder `keep` gets a picture of each task and, with `meshes`, what was made, as GLB. `watch` is called
+    with each task's outcome.
     """
     chosen = chosen_tasks(tasks)
     limits = Limits() if limits is None else limits

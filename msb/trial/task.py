@@ -36,10 +36,8 @@ class Attempt:
 
     Attributes
     ----------
-    library : str
-        The distribution, whose version is reported.
-    modules : tuple of str
-        What has to be installed for it.
+    library, modules : str, tuple of str
+        The distribution, whose version is reported, and what has to be installed for it.
     work : callable
         A function of the mesh, the task's parameters and the arrays that `Task.prepare` made. What it raises
         is reported as the library's words.
@@ -86,10 +84,8 @@ class Task:
     ----------
     name, title : str
         The name in JSON and on the command line, and what tables and pages print.
-    attempts : tuple of Attempt
-        What they make is one mesh each, if any.
-    instead : tuple of Attempt
-        What is tried where none of these gives anything.
+    attempts, instead : tuple of Attempt
+        What is tried, which makes one mesh each, if any; what is tried where none of these gives anything.
     judge : callable
         A function of the mesh, library -> what it made, and the pictures. It sees successes only, of one
         library or several; where there is none, the task has failed. Of several its number "best" names the

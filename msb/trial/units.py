@@ -48,11 +48,7 @@ class Unit:
     def leave(self, made: Made, powers: Mapping[str, int]) -> Made:
         """Return what was made in this unit in that of the asset.
 
-        Parameters
-        ----------
-        made : Made
-        powers : mapping of str to int
-            Of numbers that are lengths, areas or volumes: 1, 2 or 3.
+        `powers` are 1, 2 or 3 for numbers that are lengths, areas or volumes.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

@@ -100,17 +100,9 @@ def gap_area(
     """Return the area between edges that lay on each other before one subdivision and do not after it.
 
     Edges lie on each other if their ends have the same coordinates, whether faces share them or not. Of
-    several, each is held against the first: four triangles between the halves of both.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-    cut : (F, 3) int64
-        As they were, cut apart.
-    points : (W, 3) float64
-        The vertices after; the first ones are those of `cut`.
-    fine : (4F, 3) int64
-        The faces after.
+    several, each is held against the first: four triangles between the halves of both. `vertices` (V, 3) and
+    the faces `cut` (F, 3) are before, cut apart; `points` (W, 3), which begin with the same vertices, and
+    `fine` (4F, 3) after.
     """
     _, place = merged_vertices(vertices, "exact")
     # Each edge of the cut mesh once, from the end with the lower place to the other.

@@ -53,17 +53,12 @@ _NONE = np.uint32(0xFFFFFFFF)
 
 
 def l2_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
-    """Return the L2 stretch of a map, 1 where it is isometric up to one scale; None if it has no area.
+    """Return the L2 stretch of a map `uv` (V, 2), 1 where it is isometric up to one scale; None if it has no
+    area.
 
     Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3: the root mean square, over the
     surface, of the singular values of the map from the texture to the surface; here times the scale at which
     both have one area. Faces whose area is 0 on either side are left out.
-
-    Parameters
-    ----------
-    vertices : (V, 3) floating
-    faces : (F, 3) int64
-    uv : (V, 2) floating
     """
     one, two = corner_vectors(vertices, faces)
     a, b = corner_vectors(uv, faces)
