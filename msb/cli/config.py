@@ -37,7 +37,7 @@ def show(
             default = found[name].get(option.name)
             if default is not None:
                 rows.append({"key": f"{name}.{key}", "value": default.value, "from": default.source})
-            elif all and defaults.in_files(key, option):
+            elif all and defaults.in_files(each, option):
                 rows.append({"key": f"{name}.{key}", "value": _plain(option.default), "from": "default"})
     project, user = defaults.project_file(), defaults.user_file()
     output.write_json(

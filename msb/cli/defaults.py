@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 import os
-import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.files import is_file, read_file
 from msb.errors import InputError, UsageError, shorten
 
-if TYPE_CHECKING:
-    Commands = Mapping[str, Any]
-    """Name -> command of the command-line library."""
-
 FILE = "msb.toml"
 PYPROJECT = "pyproject.toml"
-PREFIX = "MSB_"
-_OURS = re.compile(rb"""(?<![\w-])["']?msb["']?\s*[]=.]""")
 _MAX_BYTES = 1 << 20
-_PATHS = {"FILE", "FOLDER", "DIR"}
-_NEVER = {"help", "version", "debug", "explain", "force"}
-_WORDS = {
-    "1": True,
-    "true": True,
-    "yes": True,
-    "on": True,
-    "0": False,
-    "false": False,
-    "no": False,
-    "off": False,
-}
 _DEVICE_VARIABLES = ("MSB_DEVICE", "PYOPENCL_CTX")
+"""What `msb.cl` reads itself, and says which it was."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +27,8 @@ class Default:
     source: str
 
 
+Commands = Mapping[str, Any]
+"""Name -> command of the command-line library."""
 Defaults = dict[str, dict[str, Default]]
 """Command -> parameter -> its default."""
 
@@ -72,21 +56,21 @@ def project_file() -> Path | None:
 
 def _has_our_table(path: Path) -> bool:
     """Return whether a pyproject.toml has the key tool.msb, in whatever way it is written, or tries to."""
-    text = _read(path)
-    if not _OURS.search(text):  # most often not, and then nothing is parsed
+    data = _read(path)
+    if b"msb" not in data:  # most often not, and then nothing is parsed
         return False
     from msb.base.bounded_parsing import parse_toml
 
     try:
-        tool = parse_toml(text.decode()).get("tool")
+        tool = parse_toml(data.decode()).get("tool")
     except ValueError:
-        return b"tool.msb" in text  # then it is said what is wrong
-    return "msb" in tool if isinstance(tool, dict) else tool is not None
+        return b"tool.msb" in data  # then it is said what is wrong
+    return "msb" in tool if isinstance(tool, dict) else False
 
 
 def anything_set() -> bool:
     """Return whether there is a file or variable to read. Mostly there is none; then nothing is loaded."""
-    variables = any(name.startswith(PREFIX) for name in os.environ)
+    variables = any(name.startswith("MSB_") for name in os.environ)
     return variables or project_file() is not None or is_file(user_file())
 
 
@@ -104,38 +88,41 @@ def read_defaults(commands: Commands) -> Defaults:
     or, for every command, ``MSB_OPTION``. MSB_DEVICE and PYOPENCL_CTX, which `msb.cl` reads, count as
     variables.
     """
-    found: Defaults = {name: {} for name in commands}
+    defaults: Defaults = {name: {} for name in commands}
     for path in (user_file(), project_file()):
         if path is not None and is_file(path):
-            _add_file(found, commands, path)
+            _add_file(defaults, commands, path)
     if any(os.environ.get(name) for name in _DEVICE_VARIABLES):
-        for defaults in found.values():
-            defaults.pop("device", None)
+        for of_command in defaults.values():
+            of_command.pop("device", None)
     for name, command in commands.items():
         for key, option in options(command):
-            upper = key.upper().replace("-", "_")
-            own = f"{PREFIX}{name.upper()}_{upper}"
-            for variable in (f"{PREFIX}{upper}", own):
+            for variable in (f"msb_{key}", f"msb_{name}_{key}"):
+                variable = variable.upper().replace("-", "_")
                 text = os.environ.get(variable)
-                if text and key not in _NEVER - {"force"} and variable not in _DEVICE_VARIABLES:
-                    found[name][option.name] = Default(_from_text(variable, option, text), variable)
-    return found
+                if text and variable not in _DEVICE_VARIABLES:
+                    defaults[name][option.name] = Default(_from_text(variable, option, text), variable)
+    return defaults
 
 
 def options(command: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the long name without its dashes, and the parameter, of every option of `command`."""
+    """Yield the long name without its dashes, and the parameter, of every option that need not be typed."""
+    declared = getattr(command.callback, "declared", None)
     for option in command.params:
-        for flag in option.opts:
-            if option.param_type_name == "option" and flag.startswith("--"):
-                yield flag[2:], option
+        if declared is None or (option.name in declared and not declared[option.name].option.only_typed):
+            for flag in option.opts:
+                if option.param_type_name == "option" and flag.startswith("--"):
+                    yield flag[2:], option
 
 
-def in_files(key: str, option: Any) -> bool:
-    """Return whether a file may set the option: it may not name files, nor allow to replace one."""
-    return key not in _NEVER and not _PATHS & set((option.metavar or "").split("|"))
+def in_files(command: Any, option: Any) -> bool:
+    """Return whether a file may set the option: it may name no files, nor allow to replace one."""
+    if not hasattr(command.callback, "declared"):
+        return option.name not in {"force", "debug", "explain", "version"} | set(command.callback.paths)
+    return option.name != "force" and not command.callback.declared[option.name].is_path
 
 
-def _add_file(found: Defaults, commands: Commands, path: Path) -> None:
+def _add_file(defaults: Defaults, commands: Commands, path: Path) -> None:
     from msb.base.bounded_parsing import parse_toml
 
     try:
@@ -146,28 +133,29 @@ def _add_file(found: Defaults, commands: Commands, path: Path) -> None:
         data = data.get(keys.rpartition(".")[2], {})
         if not isinstance(data, dict):
             raise UsageError("CONFIG_INVALID", f'"{keys}" is {_shown(data)}; it must be a table', file=path)
-    # What is said for one command is stronger than what is said for all.
+    # A command's table overrides the top level.
     for name, value in sorted(data.items(), key=lambda item: isinstance(item[1], dict)):
-        if isinstance(value, dict):
-            if name not in commands:
-                raise _unknown(path, name, commands, "command")
-            for key, item in value.items():
-                _add(found, {name: commands[name]}, key, item, path, f"{name}.{key}")
+        if not isinstance(value, dict):
+            _add(defaults, commands, name, value, path, name)
+        elif name not in commands:
+            raise _unknown(path, name, commands, "command")
         else:
-            _add(found, commands, name, value, path, name)
+            for key, item in value.items():
+                _add(defaults, {name: commands[name]}, key, item, path, f"{name}.{key}")
 
 
-def _add(found: Defaults, commands: Commands, key: str, value: Any, path: Path, shown: str) -> None:
-    known: dict[str, None] = {}
-    used = False
-    for name, command in commands.items():
-        for flag, option in options(command):
-            known |= {flag: None} if in_files(flag, option) else {}
-            if flag == key and in_files(flag, option):
-                used = True
-                found[name][option.name] = Default(_from_toml(path, shown, option, value), str(path))
-    if not used:
-        raise _unknown(path, shown, known, "option")
+def _add(defaults: Defaults, commands: Commands, key: str, value: Any, path: Path, shown: str) -> None:
+    known = {
+        (name, flag): option
+        for name, command in commands.items()
+        for flag, option in options(command)
+        if in_files(command, option)
+    }
+    wanted = {name: option for (name, flag), option in known.items() if flag == key}
+    if not wanted:
+        raise _unknown(path, shown, {flag: None for _, flag in known}, "option")
+    for name, option in wanted.items():
+        defaults[name][option.name] = Default(_from_toml(path, shown, option, value), str(path))
 
 
 def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> UsageError:
@@ -179,28 +167,32 @@ def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> Usag
     return UsageError("CONFIG_INVALID", text, file=path)
 
 
-def _from_toml(path: Path, key: str, option: Any, value: Any) -> Any:
-    """Return `value` as if it were typed: a list if the option may be given again, a bool if it is a flag."""
-    if option.count:
-        right, wanted = _is_scalar(value) and type(value) is int, "a whole number"
-    elif option.is_flag:
-        right, wanted = isinstance(value, bool), "true or false"
-    elif option.multiple:
-        right, wanted = isinstance(value, list) and all(map(_is_scalar, value)), "a list of texts or numbers"
-    else:
-        right, wanted = _is_scalar(value), "a text or number"
-    if not right:
-        text = f'"{shorten(key)}" is {_shown(value)}; it must be {wanted}'
-        raise UsageError("CONFIG_INVALID", text, file=path)
-    if option.count or option.is_flag:
-        return value
-    return [str(item) for item in value] if option.multiple else str(value)
-
-
 def _is_scalar(value: Any) -> bool:
     if type(value) is int:  # the parser takes more than TOML's 64 bits, and Python may not print them
         return value.bit_length() < 64
     return isinstance(value, str | float)
+
+
+_KINDS: tuple[tuple[str, str, Callable[[Any], bool], Callable[[Any], Any]], ...] = (
+    ("count", "a whole number", lambda value: type(value) is int and _is_scalar(value), int),
+    ("is_flag", "true or false", lambda value: isinstance(value, bool), bool),
+    (
+        "multiple",
+        "a list of texts or numbers",
+        lambda value: isinstance(value, list) and all(map(_is_scalar, value)),
+        lambda value: [*map(str, value)],
+    ),
+    ("name", "a text or number", _is_scalar, str),
+)
+"""An attribute that options of a kind have, their value in a file, whether it is one, and as it is typed."""
+
+
+def _from_toml(path: Path, key: str, option: Any, value: Any) -> Any:
+    _, wanted, is_right, typed = next(kind for kind in _KINDS if getattr(option, kind[0]))
+    if not is_right(value):
+        text = f'"{shorten(key)}" is {_shown(value)}; it must be {wanted}'
+        raise UsageError("CONFIG_INVALID", text, file=path)
+    return typed(value)
 
 
 def _shown(value: Any) -> str:
@@ -210,21 +202,14 @@ def _shown(value: Any) -> str:
         return "too long to be shown"
 
 
-def _from_text(variable: str, option: Any, text: str) -> Any:
-    """Return the value of a variable: 1 or 0 for flags, words as a shell splits them for lists."""
-    if option.is_flag and not option.count:
-        if text.lower() not in _WORDS:
-            wanted = ", ".join(_WORDS)
-            raise UsageError(
-                "CONFIG_INVALID", f'{variable} is "{shorten(text, 40)}"; it must be one of {wanted}'
-            )
-        return _WORDS[text.lower()]
-    if option.multiple:
-        try:
-            return shlex.split(text)
-        except ValueError as error:
-            raise UsageError("CONFIG_INVALID", f"{variable}: {error}") from error
-    return text
+def _from_text(variable: str, option: Any, text: str) -> str | list[str]:
+    """Return the value of a variable as it is typed; a list is split as a shell splits words."""
+    if not option.multiple:
+        return text
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise UsageError("CONFIG_INVALID", f"{variable}: {error}") from error
 
 
 def _read(path: Path) -> bytes:
