@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from msb._version import __version__
+from msb.base.version import __version__
 
 if TYPE_CHECKING:
     from msb import metrics

@@ -17,7 +17,7 @@ import pytest
 pytestmark = pytest.mark.slow  # `make lint` runs them
 
 ROOT = Path(__file__).parent.parent
-GROUND = {"errors", "base", "registry", "asset", "scenes", "_version"}
+GROUND = {"errors", "base", "registry", "asset", "scenes"}
 """NumPy and the standard library only; scenes reads the headers of photographs with Pillow."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
@@ -31,14 +31,13 @@ ALLOWED: dict[str, set[str]] = {
     "registry": {"errors", "base", "scenes"},
     "methods": {"registry", "scenes"},
     "base": {"errors"},
-    "_version": set(),
     "asset": GROUND,
     # The verbs, as methods of an asset: they import `msb` when they are called, and name what it returns.
     "asset.asset": GROUND | {"msb", "topology", "repair", "render"},
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
-    "cl": {"errors", "base", "_version"},
+    "cl": {"errors", "base"},
     "topology": {"errors", "base", "cl"},
     "metrics": {"errors", "base", "meshes"},
     "render": GROUND | {"cl", "api"},
@@ -50,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
     "methods.reference": GROUND | {"reference"},
     "methods.look": GROUND | {"render", "cl"},
     # Of bench, the records and what follows from them; of metrics and topology, how numbers are printed.
-    "report": {"errors", "base", "registry", "bench", "metrics", "topology", "_version"},
+    "report": {"errors", "base", "registry", "bench", "metrics", "topology"},
     "bench": GROUND
     | {
         "api",

@@ -20,12 +20,9 @@ from msb.errors import Finding, one_line
 from msb.registry import lookup
 
 if TYPE_CHECKING:
+    import msb
     from msb.asset.manifest import Manifest
     from msb.registry import Tier
-    from msb.render import Frame
-    from msb.repair import Repaired
-    from msb.scenes import Camera
-    from msb.topology import Audit
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -73,19 +70,19 @@ class Asset:
     _known: dict[str, str] = field(default_factory=dict, init=False)
     """What a verb found out, which is shown: the verdict of an audit."""
 
-    def audit(self, **options: Any) -> Audit:
+    def audit(self, **options: Any) -> msb.Audit:
         """Audit the mesh exactly as it is stored: `msb.audit`, which describes the options."""
         import msb
 
         return msb.audit(self, **options)
 
-    def repair(self, plan: Sequence[str] | str | None = None, **options: Any) -> Repaired:
+    def repair(self, plan: Sequence[str] | str | None = None, **options: Any) -> msb.Repaired:
         """Return a repaired copy, and what was done: `msb.repair`, which describes plan and options."""
         import msb
 
         return msb.repair(self, plan, **options)
 
-    def render(self, camera: Camera, tier: Tier = "standard", **options: Any) -> Frame:
+    def render(self, camera: msb.Camera, tier: Tier = "standard", **options: Any) -> msb.Frame:
         """Draw it once, as one camera sees it: `msb.render`, which describes tiers and options."""
         import msb
 

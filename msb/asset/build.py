@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb._version import __version__
 from msb.asset.asset import Asset
 from msb.asset.check import check_manifest
 from msb.asset.manifest import (
@@ -28,6 +27,7 @@ from msb.asset.manifest import (
     Topology,
 )
 from msb.asset.progress import Meter
+from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 

@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb._version import __version__
 from msb.base.files import file_sha256
+from msb.base.version import __version__
 from msb.bench.digest import digest
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, views_of

@@ -7,7 +7,7 @@ import platform
 from collections.abc import Mapping
 from typing import Any
 
-from msb._version import __version__
+from msb.base.version import __version__
 from msb.registry import METHODS, package_of
 
 OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from msb._version import __version__
+from msb.base.version import __version__
 from msb.bench.checked import Amount, Count, Name, Record, Sha256, checked, read_json
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.errors import InputError, shorten

@@ -17,8 +17,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from msb._version import __version__
 from msb.base.extras import need_extra
+from msb.base.version import __version__
 from msb.bench.checked import Amount, Count, Record, checked, read_json
 from msb.bench.nvml import Gpu, Gpus
 from msb.bench.records import RendererTiming

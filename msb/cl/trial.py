@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb._version import __version__
 from msb.base.atomic import new_file
 from msb.base.children import Arrays, run_apart
 from msb.base.limits import Limits
+from msb.base.version import __version__
 from msb.cl import mend
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import opencl, user_cache

@@ -237,8 +237,8 @@ def _print_version(wanted: bool) -> None:
         return
     from importlib.metadata import PackageNotFoundError, version
 
-    from msb._version import __version__
     from msb.asset.manifest import FORMAT, VERSION
+    from msb.base.version import __version__
     from msb.cli.output import echo
 
     parts = [f"{FORMAT} {VERSION}"]

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any
 
-from msb._version import __version__
 from msb.base.atomic import check_place, is_stream, new_file
 from msb.base.option import Option
+from msb.base.version import __version__
 from msb.errors import OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from msb._version import __version__
 from msb.asset.settings import check_modes
+from msb.base.version import __version__
 from msb.reference import ReferenceFrame, precision, render_reference
 
 if TYPE_CHECKING:

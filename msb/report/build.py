@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from msb._version import __version__
+from msb.base.version import __version__
 from msb.bench.aggregate import SCENES
 from msb.errors import UsageError, shorten
 from msb.report import tables

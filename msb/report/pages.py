@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb._version import __version__
 from msb.base.extras import need_extra
+from msb.base.version import __version__
 from msb.bench.folder import Results
 from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from msb._version import __version__
+from msb.base.version import __version__
 from msb.report.results import Place
 from msb.report.verdict import judge
 

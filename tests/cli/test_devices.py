@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from msb._version import __version__
+from msb.base.version import __version__
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Here, Msb

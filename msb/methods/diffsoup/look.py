@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msb._version import __version__
 from msb.asset.settings import check_modes, effective_settings
+from msb.base.version import __version__
 from msb.methods.diffsoup.look_camera import diffsoup_matrices, pixel_centers
 from msb.methods.diffsoup.look_model import FEATURES, diffsoup_model
 from msb.methods.diffsoup.look_surface import surface_model

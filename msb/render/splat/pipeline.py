@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
+from msb.base.version import __version__
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb._version import __version__
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
+from msb.base.version import __version__
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
