@@ -8,13 +8,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from msb.adapters.checkpoint import read_checkpoint
 from msb.errors import CheckpointError
 from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from msb.adapters.locate import Place
     from msb.asset import Description
     from msb.asset.manifest import Domain
@@ -94,3 +95,33 @@ class Model:
     files: tuple[Path, ...]
     warnings: tuple[Finding, ...] = ()
     opened_from: Path | None = None
+
+
+def soup_buffers(
+    triangles: NDArray[np.float32], **by_face: NDArray[np.float32] | None
+) -> dict[str, NDArray[Any]]:
+    """Return the buffers of free triangles (N, 3, 3) and of what each has: (N, ...), or None for nothing."""
+    count = len(triangles)
+    buffers: dict[str, NDArray[Any]] = {
+        "positions": triangles.reshape(3 * count, 3),
+        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
+    }
+    for name, values in by_face.items():
+        if values is not None:
+            buffers[name] = values.reshape(count if values.size == count else (count, -1))
+    return buffers
+
+
+def domains_of(buffers: Mapping[str, NDArray[Any]], domain: Domain) -> dict[str, Domain]:
+    """Return the same domain for all buffers but positions and indices, whose domains are fixed."""
+    return dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
+
+
+def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
+    """Return what a manifest says of SH colours, and of the background if `white` is true or false."""
+    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
+    if degree:
+        appearance["f_rest_order"] = "coefficient_major"
+    if isinstance(white, bool):
+        appearance["background"] = "#ffffff" if white else "#000000"
+    return appearance

@@ -58,8 +58,3 @@ class Settings:
             if name in self._flags:
                 settings[name] = StoredSetting(self._flags[name], "flag")
         return settings
-
-
-def background(white: bool) -> str:
-    """Return the background colour of the official evaluation as the manifest names it."""
-    return "#ffffff" if white else "#000000"

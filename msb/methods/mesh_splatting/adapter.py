@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.adapters.model import Content, Model, Options
-from msb.adapters.setting_sources import Settings, background
+from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance
+from msb.adapters.setting_sources import Settings
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
@@ -70,9 +70,10 @@ def read(place: Place, content: Content, options: Options) -> Model:
         settings.add("opacity_floor", _OLDER_FLOOR, "default")
     arguments, files, warnings = read_cfg_args(place.root)
     description = _description(settings, degree, arguments, trained_up(arguments))
-    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "vertex")
     files = (place.file, *files)
-    return Model(buffers, domains, description, place.root, files, (*tensors.warnings, *warnings))
+    return Model(
+        buffers, domains_of(buffers, "vertex"), description, place.root, files, (*tensors.warnings, *warnings)
+    )
 
 
 def _read_mesh(place: Place, options: Options) -> Model:
@@ -95,22 +96,17 @@ def _read_mesh(place: Place, options: Options) -> Model:
     buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
     settings.add("opacity_floor", _OLDER_FLOOR, "default")
     description = _description(settings, 0, {}, mesh.up or "unknown")
-    return Model(buffers, {"f_dc": "vertex", "opacity": "vertex"}, description, place.root, (place.file,))
+    return Model(buffers, domains_of(buffers, "vertex"), description, place.root, (place.file,))
 
 
 def _description(settings: Settings, degree: int, arguments: Mapping[str, Any], up: str) -> Description:
     stored = settings.finish(degree)
-    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
-    if degree:
-        appearance["f_rest_order"] = "coefficient_major"
-    if isinstance(white := arguments.get("white_background"), bool):
-        appearance["background"] = background(white)
     return Description(
         method="mesh_splatting",
         sh_degree=degree,
         coverage={"kernel": "edge_window", "sigma": stored["sigma"].value},
         opacity={"encoding": "logit", "floor": stored["opacity_floor"].value, "of_face": "minimum"},
-        appearance=appearance,
+        appearance=sh_appearance(degree, arguments.get("white_background")),
         compositing={"kind": "front_to_back"},
         settings=stored,
         training=training_of(arguments),

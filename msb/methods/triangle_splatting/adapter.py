@@ -6,12 +6,10 @@ triangle with one opacity logit, one sigma and one set of SH coefficients.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from msb.adapters.model import Content, Model, Options
-from msb.adapters.setting_sources import Settings, background
+from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance, soup_buffers
+from msb.adapters.setting_sources import Settings
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
@@ -38,34 +36,28 @@ def read(place: Place, content: Content, options: Options) -> Model:
     settings = Settings("triangle_splatting", options.settings)
     tensors = Tensors(content.mapping(place.file), place.file, options.check_values)
     points = tensors.floats("triangles_points", "N", 3, 3)
-    count = len(points)
     degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
-    buffers: dict[str, Any] = {
-        "positions": points.reshape(3 * count, 3),
-        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
-        "f_dc": tensors.floats("features_dc", "N", 1, 3).reshape(count, 3),
-        "opacity": tensors.floats("opacity", "N", 1, infinite=True).reshape(count),
-        "sigma": tensors.floats("sigma", "N", 1).reshape(count),
-    }
-    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
-    if degree:
-        buffers["f_rest"] = tensors.floats("features_rest", "N", "K", 3).reshape(count, -1)
-        appearance["f_rest_order"] = "coefficient_major"
+    buffers = soup_buffers(
+        points,
+        f_dc=tensors.floats("features_dc", "N", 1, 3),
+        opacity=tensors.floats("opacity", "N", 1, infinite=True),
+        sigma=tensors.floats("sigma", "N", 1),
+        f_rest=tensors.floats("features_rest", "N", "K", 3) if degree else None,
+    )
     settings.add("sh_degree", tensors.integer("active_sh_degree", 0, degree), "checkpoint", place.file)
     arguments, files, warnings = read_cfg_args(place.root)
-    if isinstance(white := arguments.get("white_background"), bool):
-        appearance["background"] = background(white)
     description = Description(
         method="triangle_splatting",
         sh_degree=degree,
         coverage={"kernel": "incentre_window", "sigma_encoding": "exp", "sigma_offset": 0.01},
         opacity={"encoding": "logit"},
-        appearance=appearance,
+        appearance=sh_appearance(degree, arguments.get("white_background")),
         compositing={"kind": "front_to_back"},
         settings=settings.finish(degree),
         training=training_of(arguments),
         coordinate_frame=CoordinateFrame(up=trained_up(arguments)),
     )
-    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
     files = (place.file, *files)
-    return Model(buffers, domains, description, place.root, files, (*tensors.warnings, *warnings))
+    return Model(
+        buffers, domains_of(buffers, "face"), description, place.root, files, (*tensors.warnings, *warnings)
+    )

@@ -6,14 +6,14 @@ A primitive is one free triangle with one opacity logit and one set of SH coeffi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from msb.adapters.model import Content, Model, Options
-from msb.adapters.setting_sources import Settings, background
+from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance, soup_buffers
+from msb.adapters.setting_sources import Settings
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import named_up
 from msb.asset import Description
@@ -65,14 +65,15 @@ def read(place: Place, content: Content, options: Options) -> Model:
     box: list[float] | None = None
     warnings: list[Finding] = []
     if place.kind == "ply":
-        buffers, degree = _from_ply(content.table(), place.file, options.check_values)
+        tensors, prefix = _table_tensors(content.table(), place.file, options.check_values), ""
         text = "a PLY does not hold gamma: it is 1, as for the official loader; --set gamma=G gives it"
         warnings.append(finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(place.file)))
     else:
         tensors, gamma, box = _parts(content.value, place.file, options.check_values)
-        buffers, degree = _from_tensors(tensors)
-        warnings += tensors.warnings
+        prefix = "_"
         settings.add("gamma", gamma, "checkpoint", place.file, "gamma")
+    buffers, degree = _buffers(tensors, prefix)
+    warnings += tensors.warnings
     config, files, found = read_config(place.root, options.config)
     warnings += found
     if config:
@@ -80,13 +81,9 @@ def read(place: Place, content: Content, options: Options) -> Model:
     else:
         settings.add("sh_degree", degree, "checkpoint")
     stored = settings.finish(degree)
-    appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
-    if degree:
-        appearance["f_rest_order"] = "coefficient_major"
     trainer = config.get("trainer")
     trainer = trainer if isinstance(trainer, dict) else {}
-    if trainer.get("eval_background") in ("white", "black"):
-        appearance["background"] = background(trainer["eval_background"] == "white")
+    white = {"white": True, "black": False}.get(str(trainer.get("eval_background")))
     up = named_up(trainer.get("output_dir"))  # outputs/MipNerf360/VanillaTS
     bounds = dict(zip(_box_names(box), box or (), strict=True))
     description = Description(
@@ -94,13 +91,13 @@ def read(place: Place, content: Content, options: Options) -> Model:
         sh_degree=degree,
         coverage={"kernel": "gaussian_power", "gamma": stored["gamma"].value},
         opacity={"encoding": "logit"},
-        appearance=appearance,
+        appearance=sh_appearance(degree, white),
         compositing={"kind": "front_to_back", **bounds},
         settings=stored,
         coordinate_frame=CoordinateFrame(up=up),
     )
-    domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, "face")
-    return Model(buffers, domains, description, place.root, (place.file, *files), tuple(warnings))
+    domains, files = domains_of(buffers, "face"), (place.file, *files)
+    return Model(buffers, domains, description, place.root, files, tuple(warnings))
 
 
 def _box_names(box: list[float] | None) -> tuple[str, ...]:
@@ -125,17 +122,11 @@ def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, 
     return Tensors(value[0], file, check_values), gamma, box
 
 
-def _from_tensors(tensors: Tensors) -> tuple[dict[str, NDArray[Any]], int]:
-    vertices = tensors.floats("_vertex", "N", 3, 3)
-    opacity = tensors.floats("_opacity", "N", 1, infinite=True)
-    f_dc = tensors.floats("_f_dc", "N", 1, 3)
-    degree = tensors.degree("_f_rest", tensors.axis("_f_rest", 1))
-    f_rest = tensors.floats("_f_rest", "N", "K", 3) if degree else None
-    return _buffers(vertices, opacity, f_dc, f_rest), degree
+def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
+    """Return the columns of a PLY, whose rows are triangles, in the shapes that a checkpoint has.
 
-
-def _from_ply(table: PlyTable, file: Path, check_values: bool) -> tuple[dict[str, NDArray[Any]], int]:
-    """Rows are triangles; `f_rest` is coefficient-major, unlike in 3DGS."""
+    `f_rest` is coefficient-major, unlike in 3DGS.
+    """
     missing = [name for name in _PLY_NAMES if name not in table.names]
     if missing:
         text = f'element vertex has no property "{missing[0]}"; a 2DTS PLY has {", ".join(_PLY_NAMES)}'
@@ -143,37 +134,28 @@ def _from_ply(table: PlyTable, file: Path, check_values: bool) -> tuple[dict[str
     width = sum(name.startswith("f_rest_") for name in table.names)
     rest = [f"f_rest_{i}" for i in range(width)]
     if set(rest) - set(table.names) or width % 3:
-        text = (
-            f"there are {width} properties f_rest_*; degree 0 to 3 has f_rest_0 up to 0, 9, 24 or 45 of them"
-        )
+        text = f"there are {width} properties f_rest_*; "
+        text += "degree 0 to 3 has f_rest_0 up to 0, 9, 24 or 45 of them"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer="f_rest")
-    groups = {"x1": _CORNERS, "opacity": ("opacity",), "f_dc": _PLY_NAMES[-3:], "f_rest": rest}
-    tensors = Tensors({key: table.columns(names) for key, names in groups.items()}, file, check_values)
-    degree = tensors.degree("f_rest", width // 3)
-    return _buffers(
-        tensors.floats("x1", "N", 9),
-        tensors.floats("opacity", "N", 1, infinite=True),
-        tensors.floats("f_dc", "N", 3),
-        tensors.floats("f_rest", "N", width) if degree else None,
-    ), degree
-
-
-def _buffers(
-    vertices: NDArray[np.float32],
-    opacity: NDArray[np.float32],
-    f_dc: NDArray[np.float32],
-    f_rest: NDArray[np.float32] | None,
-) -> dict[str, NDArray[Any]]:
-    count = len(vertices)
-    buffers: dict[str, NDArray[Any]] = {
-        "positions": vertices.reshape(3 * count, 3),
-        "indices": np.arange(3 * count, dtype=np.uint32).reshape(count, 3),
-        "f_dc": f_dc.reshape(count, 3),
-        "opacity": opacity.reshape(count),
+    columns: dict[str, tuple[Sequence[str], tuple[int, ...]]] = {
+        "vertex": (_CORNERS, (3, 3)),
+        "opacity": (("opacity",), (1,)),
+        "f_dc": (_PLY_NAMES[-3:], (1, 3)),
+        "f_rest": (rest, (width // 3, 3)),
     }
-    if f_rest is not None:
-        buffers["f_rest"] = f_rest.reshape(count, -1)
-    return buffers
+    values = {key: table.columns(each).reshape(table.count, *shape) for key, (each, shape) in columns.items()}
+    return Tensors(values, file, check_values)
+
+
+def _buffers(tensors: Tensors, prefix: str) -> tuple[dict[str, NDArray[Any]], int]:
+    """Return the buffers and the SH degree; keys of a checkpoint begin with an underscore."""
+    vertices = tensors.floats(f"{prefix}vertex", "N", 3, 3)
+    opacity = tensors.floats(f"{prefix}opacity", "N", 1, infinite=True)
+    f_dc = tensors.floats(f"{prefix}f_dc", "N", 1, 3)
+    rest = f"{prefix}f_rest"
+    degree = tensors.degree(rest, tensors.axis(rest, 1))
+    f_rest = tensors.floats(rest, "N", "K", 3) if degree else None
+    return soup_buffers(vertices, opacity=opacity, f_dc=f_dc, f_rest=f_rest), degree
 
 
 def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Path) -> list[Finding]:
