@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 _ANY = "needed before any cell"
-"""What that is for without which no run starts; it is told first, and a cell's own lack as its reason."""
+"""What those things are for without which no run starts; they come first."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Missing:
 
 
 class _Need(NamedTuple):
-    """What one cell needs in vain: the error, what it is about, and whether the cell cannot do without."""
+    """A missing input of one cell: the error, what it is about, and whether the cell cannot do without."""
 
     code: str
     error: str
@@ -67,7 +67,7 @@ def find_missing(
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
     found: list[Planned] = []
     for one in planned:
-        needs = list(search.needs(one)) if one.status in ("pending", "failed") else []
+        needs = search.needs(one) if one.status in ("pending", "failed") else []
         for need in needs:
             scenes[need][one.cell.scene] += 1
         blocking = next((need for need in needs if need.blocks), None)
@@ -76,8 +76,8 @@ def find_missing(
         else:
             reason = Reason(code=blocking.code, message=blocking.error)
             found.append(replace(one, job=None, status="failed", reason=reason))
-    told = sorted(scenes.items(), key=lambda one: one[0].what != _ANY)
-    return found, [_told(need, there) for need, there in told]
+    missing = sorted(scenes.items(), key=lambda item: item[0].what != _ANY)
+    return found, [_missing(need, where) for need, where in missing]
 
 
 def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
@@ -117,11 +117,15 @@ def start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[Ms
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
     if place is not None:  # without its extra, loading does not come to look for the file
         checks += [load, lambda: regular_file(place)]
-    for check in checks:
-        try:
-            check()
-        except MsbError as error:
-            yield error
+    yield from filter(None, map(_error_of, checks))
+
+
+def _error_of(check: Callable[..., object], *arguments: object) -> MsbError | None:
+    try:
+        check(*arguments)
+    except MsbError as error:
+        return error
+    return None
 
 
 class _Search:
@@ -129,71 +133,64 @@ class _Search:
 
     def __init__(self, planner: Planner, wrong: Sequence[MsbError]) -> None:
         self.planner, self.file, self.wrong = planner, planner.file, wrong
-        self.scene = cache(self._wrong_with_scene)
-        self.model = cache(_wrong_with_model)
-        self.renders = cache(self._wrong_with_renders)
-        self.renderer = cache(_wrong_with_renderer)
+        self.error_of = cache(_error_of)
 
-    def needs(self, planned: Planned) -> Iterator[_Need]:
-        """Yield what the cell needs in vain."""
-        cell, protocol = planned.cell, self.file.protocol
-        pair = self.planner.pairs[cell.names]
-        method, names = pair.method, {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
-        at = self.planner.scene_at(pair, None, cell.method)
-        no_scene = _absent(pair.path, self.file.resolve(pair.dataset.path)) or self.scene(at)
-        looked: list[tuple[MsbError | None, str, bool]] = [
-            (no_scene, f"photographs and cameras of {cell.dataset}", True),
+    def needs(self, planned: Planned) -> list[_Need]:
+        """Return what the cell needs and lacks."""
+        found = [
+            _Need(error.code, _text(error), what, blocks)
+            for error, what, blocks in self.looked_for(planned)
+            if error is not None
         ]
+        if planned.reason is not None and not any(need.blocks for need in found):  # only the planner knows it
+            reason = planned.reason
+            found.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
+        return found
 
-        def look(template: str | None, what: str, *, blocks: bool) -> None:
-            if template is not None:
-                looked.append((_absent_template(self.file, template, names), what, blocks))
+    def looked_for(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
+        """Yield what is wrong with each thing that the cell needs, what it is, and whether it is blocked."""
+        cell, chamfer = planned.cell, self.file.protocol.chamfer
+        pair = self.planner.pairs[cell.names]
+        method, model = pair.method, cell.model_name
+        names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
+        at = self.planner.scene_at(pair, None, cell.method)
 
+        def absent(template: str | None) -> MsbError | None:
+            return None if template is None else _error_of(_check_template, self.file, template, names)
+
+        no_scene = _error_of(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
+        no_scene = no_scene or self.error_of(self.planner.known.scene, at)
+        yield no_scene, f"photographs and cameras of {cell.dataset}", True
         if cell.condition == "non_engine" and method.non_engine != REFERENCE:
-            look(method.non_engine, what := f"renderings of {cell.model_name}", blocks=True)
-            if no_scene is None and method.non_engine is not None and looked[-1][0] is None:
-                looked.append((self.renders(self.file.resolve(method.non_engine, **names), at), what, True))
+            error = absent(method.non_engine)
+            if error is None and no_scene is None and method.non_engine is not None:
+                folder = self.file.resolve(method.non_engine, **names)
+                error = self.error_of(self.check_renders, folder, at)
+            yield error, f"renderings of {model}", True
         elif method.model is not None and pair.model is not None:
-            absent = _absent_template(self.file, method.model, names)
-            looked.append((absent or self.model(pair.model), f"models of {cell.model_name}", True))
+            error = absent(method.model) or self.error_of(_check_model, pair.model)
+            yield error, f"models of {model}", True
         if cell.renderer is not None:
-            looked.append((self.renderer(cell.renderer), f"pictures of {cell.condition_key}", True))
+            yield self.error_of(_check_renderer, cell.renderer), f"pictures of {cell.condition_key}", True
         if cell.condition == "non_engine":
-            look(method.non_engine_timing, f"timings of {cell.model_name}'s own renderer", blocks=False)
+            yield absent(method.non_engine_timing), f"timings of {model}'s own renderer", False
         if cell.condition_key == cell.condition:
-            look(method.training, f"training records of {cell.model_name}", blocks=False)
-        if cell.condition == "exported_mesh" and cell.dataset == "dtu" and protocol.chamfer is not None:
-            look(method.mesh, f"meshes of {cell.model_name} for the Chamfer distance", blocks=False)
-            data = self.file.resolve(protocol.chamfer.data)
-            looked.append((_wrong_with_scan(data, cell.scene), "data of the Chamfer distance", False))
-        looked += [(error, _ANY, True) for error in self.wrong]
-        said = False
-        for error, what, blocks in looked:
-            if error is not None:
-                said = said or blocks
-                yield _Need(error.code, _text(error), what, blocks)
-        if not said and planned.reason is not None:  # what only the planner knows
-            yield _Need(planned.reason.code, planned.reason.message, cell.model_name, True)
+            yield absent(method.training), f"training records of {model}", False
+        if cell.condition == "exported_mesh" and cell.dataset == "dtu" and chamfer is not None:
+            yield absent(method.mesh), f"meshes of {model} for the Chamfer distance", False
+            error = _error_of(_check_scan, self.file.resolve(chamfer.data), cell.scene)
+            yield error, "data of the Chamfer distance", False
+        for error in self.wrong:
+            yield error, _ANY, True
 
-    def _wrong_with_scene(self, at: SceneAt) -> MsbError | None:
-        try:
-            self.planner.known.scene(at)
-        except MsbError as error:
-            return error
-        return None
-
-    def _wrong_with_renders(self, folder: Path, at: SceneAt) -> MsbError | None:
-        """Return what a comparison with the photographs would refuse; pixels are not decoded for it."""
-        try:
-            found = self.planner.known.renders(folder, at)
-            for path, camera in zip(found.files, at.read().test, strict=True):
-                check_size(path, stored_size(path), camera)
-        except MsbError as error:
-            return error
-        return None
+    def check_renders(self, folder: Path, at: SceneAt) -> None:
+        """Refuse what a comparison with the photographs would refuse; pixels are not decoded for it."""
+        found = self.planner.known.renders(folder, at)
+        for path, camera in zip(found.files, at.read().test, strict=True):
+            check_size(path, stored_size(path), camera)
 
 
-def _told(need: _Need, scenes: Mapping[str, int]) -> Missing:
+def _missing(need: _Need, scenes: Mapping[str, int]) -> Missing:
     cells = sum(scenes.values())
     where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"
     count = "1 cell" if cells == 1 else f"{cells} cells"
@@ -205,40 +202,32 @@ def _text(error: MsbError) -> str:
     return str(error).removeprefix(f"{error.code}: ")
 
 
-def _absent_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> MsbError | None:
-    """Return that the path does not exist, where {dataset} and {scene} begin or below."""
-    places = (found for found in PLACE.finditer(template) if found[1] in ("dataset", "scene"))
+def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> None:
+    """Refuse a path that does not exist, where {dataset} and {scene} begin or below."""
+    places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))
     place = next(places, None)
     fixed = template if place is None else template[: place.start()].rpartition("/")[0]
-    return _absent(file.resolve(template, **names), file.resolve(fixed or ".", **names))
+    _check_exists(file.resolve(template, **names), file.resolve(fixed or ".", **names))
 
 
-def _absent(path: Path, above: Path) -> MsbError | None:
-    """Return that `path` does not exist, said of the first folder from `above` on that does not."""
-    if path.exists():
-        return None
-    below = [place for place in path.parents if place.is_relative_to(above)]
-    first = next((place for place in reversed(below) if not place.exists()), path)
-    return InputError("FILE_NOT_FOUND", "there is no such file or folder", file=first)
+def _check_exists(path: Path, above: Path) -> None:
+    """Refuse a path that does not exist by the first folder from `above` on that does not."""
+    if not path.exists():
+        below = [place for place in path.parents if place.is_relative_to(above)]
+        first = next((place for place in reversed(below) if not place.exists()), path)
+        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=first)
 
 
-def _wrong_with_model(path: Path) -> MsbError | None:
-    try:
-        if not is_asset(path):
-            locate(path)
-    except MsbError as error:
-        return error
-    return None
+def _check_model(path: Path) -> None:
+    if not is_asset(path):
+        locate(path)
 
 
-def _wrong_with_renderer(name: str) -> MsbError | None:
-    missing = what_is_missing(name)
-    return None if missing is None else UsageError("ENGINE_MISSING", f"renderer {name}: {missing}")
+def _check_renderer(name: str) -> None:
+    if missing := what_is_missing(name):
+        raise UsageError("ENGINE_MISSING", f"renderer {name}: {missing}")
 
 
-def _wrong_with_scan(data: Path, scene: str) -> MsbError | None:
-    try:
-        absent = (_absent(path, data) for path in scan_files(data, scene))
-        return next((error for error in absent if error is not None), None)
-    except MsbError as error:  # the scene's name is none of DTU's
-        return error
+def _check_scan(data: Path, scene: str) -> None:
+    for path in scan_files(data, scene):
+        _check_exists(path, data)
