@@ -186,12 +186,6 @@ def vgg_archives() -> list[bytes]:
     return [stream.getvalue()]
 
 
-def vgg_tensors() -> list[bytes]:
-    entry = {"dtype": "F32", "shape": [64], "data_offsets": [0, 256]}
-    header = json.dumps({"features.0.bias": entry}).encode()
-    return [struct.pack("<Q", len(header)) + header + bytes(256)]
-
-
 def protocols() -> list[bytes]:
     from tests.bench.test_protocol import MINIMAL, WRONG
 

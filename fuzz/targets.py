@@ -98,7 +98,6 @@ TARGETS: dict[str, Target] = {
     "dtu_plane": dtu_target("ObsMask/Plane1.mat"),
     "dtu_cloud": dtu_target("Points/stl/stl001_total.ply"),
     "vgg_npz": Target(readers.vgg, seeds.vgg_archives, "a.npz"),
-    "vgg_safetensors": Target(readers.vgg, seeds.vgg_tensors, "a.safetensors"),
     "protocol": Target(readers.protocol, seeds.protocols, "protocol.toml"),
     "msb_toml": Target(readers.settings, seeds.settings, "msb.toml"),
     "pyproject": Target(readers.settings, seeds.pyproject, "pyproject.toml"),

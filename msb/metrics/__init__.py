@@ -11,7 +11,7 @@ from msb.metrics.culling import CulledMesh, cull_dtu
 from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.image_files import IMAGE_SUFFIXES, read_image
-from msb.metrics.images import mean_psnr, psnr, ssim
+from msb.metrics.images import psnr, ssim
 from msb.metrics.pairs import ImagePair, pair_images
 from msb.metrics.perceptual import LpipsVgg, MetricWarning, lpips_vgg
 from msb.metrics.registry import IMAGE_METRICS, METRICS, Measures, identity
@@ -34,7 +34,6 @@ __all__ = [
     "cull_dtu",
     "identity",
     "lpips_vgg",
-    "mean_psnr",
     "pair_images",
     "psnr",
     "read_dtu_scan",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msb.errors import MetricError, MsbError, shorten
+from msb.errors import about
 from msb.meshes import read_mesh
 from msb.metrics.dtu_data import read_dtu_scan
 from msb.metrics.identity import Definition
@@ -66,7 +66,7 @@ def chamfer_dtu(
     MeshFileError
         A file is no valid mesh of its format.
     MetricError
-        METRIC_MESH, METRIC_MESH, METRIC_DTU or METRIC_ARGUMENT.
+        METRIC_MESH or METRIC_DTU.
 
     Notes
     -----
@@ -75,30 +75,19 @@ def chamfer_dtu(
     """
     data = read_dtu_scan(dataset_dir, scan)
     mesh = read_mesh(mesh_path)
-    try:
+    with about(mesh_path):
         result = chamfer_surface(mesh.vertices, mesh.faces, data, seed, max_distance=max_distance)
-    except MetricError as error:
-        if error.file is not None or error.code == "METRIC_ARGUMENT":
-            raise
-        raise _about(error, mesh_path) from error
     return {**result, "scan": int(scan)}
 
 
 def chamfer_surface(
     vertices: ArrayLike, faces: ArrayLike, data: DtuScan, seed: int = 0, *, max_distance: float = MAX_DISTANCE
 ) -> dict[str, Any]:
-    """Return what `chamfer_dtu` returns, for a mesh given as arrays.
+    """Return what `chamfer_dtu` returns, for a mesh given as arrays (V, 3), in mm, and (F, 3).
 
-    Parameters
-    ----------
-    vertices : (V, 3) array_like
-        Vertices in mm. Each is a sample, whether a face uses it or not.
-    faces : (F, 3) array_like of int
-        Faces without area give no samples.
-    data : DtuScan
-        The scan to compare with.  seed, max_distance As for `chamfer_dtu`.
+    Each vertex is a sample, whether a face uses it or not. Faces without area give no samples.
     """
-    generator = _generator(seed)
+    generator = np.random.default_rng(seed)
     points, corners = mesh_arrays(vertices, faces)
     samples, proper = sample_surface(points, corners, DENSITY)
     cloud = np.concatenate([points, samples])
@@ -106,30 +95,15 @@ def chamfer_surface(
     del samples
     generator.shuffle(cloud, axis=0)
     result = chamfer_points(thin(cloud, DENSITY), data, max_distance=max_distance)
-    about = CHAMFER.identity(seed=int(seed), max_distance_mm=float(max_distance))
-    return {**result, **counts, "seed": int(seed), "identity": about.to_dict()}
+    identity = CHAMFER.identity(seed=int(seed), max_distance_mm=float(max_distance))
+    return {**result, **counts, "seed": int(seed), "identity": identity.to_dict()}
 
 
 def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MAX_DISTANCE) -> dict[str, Any]:
-    """Return the distances between points already thinned and a scan: the steps after the thinning.
+    """Return the distances in mm between points (N, 3) already thinned and a scan: the steps after thinning.
 
-    Parameters
-    ----------
-    points : (N, 3) array_like
-        In mm.
-    data : DtuScan
-        What to compare with.
-    max_distance : float
-        In mm.
-
-    Returns
-    -------
-    dict
-        The result of `chamfer_dtu`, without the entries that only a mesh has.
+    The result is that of `chamfer_dtu`, without the entries that only a mesh has.
     """
-    if not 0 < max_distance < np.inf:
-        text = f"max_distance is {max_distance}; it must be a positive number of millimetres"
-        raise MetricError("METRIC_ARGUMENT", text)
     cloud, _ = mesh_arrays(points, ())
     low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
     inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
@@ -188,17 +162,6 @@ def _reason(seen: int, above: int, inside: int, limit: float) -> str:
     if not above:
         return "no point of the scan lies above the table"
     return f"no point of the mesh lies within {limit:g} mm of the scan"
-
-
-def _generator(seed: int) -> np.random.Generator:
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        text = f"the seed is {shorten(str(seed), 20)}; it must be a whole number from 0 on"
-        raise MetricError("METRIC_ARGUMENT", text)
-    return np.random.default_rng(int(seed))
-
-
-def _about(error: MsbError, path: object) -> MetricError:
-    return MetricError(error.code, error.message, file=path, pointer=error.pointer)
 
 
 CHAMFER = Definition(

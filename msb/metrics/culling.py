@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
-from msb.metrics.images import unmasked
 from msb.metrics.sampling import mesh_arrays
 
 DILATION = 24
@@ -18,21 +17,14 @@ DILATION = 24
 
 @dataclass(frozen=True, eq=False)
 class CulledMesh:
-    """The part of a mesh that culling leaves.
-
-    Attributes
-    ----------
-    vertices : (V', 3) float64
-        Vertices in DTU's millimetres. Kept vertices that no face uses stay, because they are samples.
-    faces : (F', 3) int64
-        Faces whose three vertices were kept, in the old order.
-    kept : (V,) bool
-        Whether each of the old vertices was kept.
-    """
+    """The part of a mesh that culling leaves."""
 
     vertices: NDArray[np.float64]
+    """(V', 3), in DTU's millimetres. Kept vertices that no face uses stay, because they are samples."""
     faces: NDArray[np.int64]
+    """(F', 3), those whose three vertices were kept, in the old order."""
     kept: NDArray[np.bool_]
+    """(V,), whether each of the old vertices was kept."""
 
 
 def cull_dtu(
@@ -50,28 +42,13 @@ def cull_dtu(
     if it projects outside the image; it stays if all views keep it. There is no test of depth: a vertex
     behind a camera is judged by its mirrored projection, as in upstream.
 
-    Parameters
-    ----------
-    vertices : (V, 3) array_like
-        Vertices in the normalised frame of cameras.npz, which is that of COLMAP's model and of the trained
-        asset.
-    faces : (F, 3) array_like of int
-    world_mats, scale_mats : iterables of (4, 4) array_like
-        world_mat_i and scale_mat_i of cameras.npz, one of each per view; world @ scale projects to pixels.
-    masks : iterable of (H, W) or (H, W, C) array_like
-        Masks at full size, 1600 x 1200. Of several channels the first counts, and any value above 0 is
-        object. A generator that reads one file at a time keeps the memory small.
-    dilation : float
-        The number of pixels by which masks are widened.
+    The vertices (V, 3) are in the normalised frame of cameras.npz, which is that of COLMAP's model and of the
+    trained asset; those returned are scale_mat_0[0, 0] x + scale_mat_0[:3, 3]. `world_mats` and `scale_mats`
+    are world_mat_i and scale_mat_i (4, 4) of cameras.npz, one of each per view; world @ scale projects to
+    pixels. Masks (H, W) or (H, W, C) are of full size, 1600 x 1200; of several channels the first counts, and
+    any value above 0 is object. A generator that reads one file at a time keeps the memory small.
 
-    Returns
-    -------
-    CulledMesh
-        Its vertices are scale_mat_0[0, 0] x + scale_mat_0[:3, 3].
-
-    Notes
-    -----
-    `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).
+    Source: `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).
     """
     points, corners = mesh_arrays(vertices, faces)
     kept = np.ones(len(points), bool)
@@ -125,7 +102,7 @@ def _matrix(matrix: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def _mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
-    found = unmasked(mask, f"mask {view}", "METRIC_DTU")
+    found = np.asarray(mask)
     if found.ndim == 3 and found.shape[2]:
         found = found[..., 0]
     if found.ndim != 2 or min(found.shape) < 2:

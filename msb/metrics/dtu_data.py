@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from msb.base.files import is_folder, library_reason, regular_file
 from msb.base.paths import given_path
-from msb.errors import InputError, MetricError, shorten
+from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-MAX_SCAN = 999
 _MAX_VOXELS = 1 << 29
 """Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for."""
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
@@ -24,44 +23,27 @@ _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 @dataclass(frozen=True, eq=False)
 class DtuScan:
-    """The data that one scan is evaluated against; lengths are in millimetres.
-
-    Attributes
-    ----------
-    points : (N, 3) float64
-        The points of the laser scan.
-    observed : (X, Y, Z) bool
-        Voxels in which a surface could be seen.
-    box : (2, 3) float32
-        Two opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
-    resolution : float
-        The side of a voxel.
-    plane : (4,) float64
-        Points with plane . (x, y, z, 1) > 0 are above the table.
-    """
+    """The data that one scan is evaluated against; lengths are in millimetres."""
 
     points: NDArray[np.float64]
+    """(N, 3), of the laser scan."""
     observed: NDArray[np.bool_]
+    """(X, Y, Z), voxels in which a surface could be seen."""
     box: NDArray[np.float32]
+    """(2, 3), opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k)."""
     resolution: float
+    """The side of a voxel."""
     plane: NDArray[np.float64]
+    """(4,), points with plane . (x, y, z, 1) > 0 are above the table."""
 
 
 def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     """Return the evaluation data of one scan.
 
-    Parameters
-    ----------
-    dataset_dir : path-like
-        The folder that holds Points/stl/stl{scan:03}_total.ply, ObsMask/ObsMask{scan}_10.mat and
-        ObsMask/Plane{scan}.mat, as in SampleSet.zip and Points.zip of the DTU MVS data set (Aanaes et al.,
-        Large-Scale Data for Multiple-View Stereopsis, 2016).
-    scan : int
-        The number of the scan, 1 to 999.
+    The folder holds Points/stl/stl{scan:03}_total.ply, ObsMask/ObsMask{scan}_10.mat and
+    ObsMask/Plane{scan}.mat, as in SampleSet.zip and Points.zip of the DTU MVS data set (Aanaes et al.,
+    Large-Scale Data for Multiple-View Stereopsis, 2016).
     """
-    if isinstance(scan, bool) or not isinstance(scan, int | np.integer) or not 1 <= scan <= MAX_SCAN:
-        text = f"the scan is {shorten(str(scan), 20)}; it must be a whole number from 1 to {MAX_SCAN}"
-        raise MetricError("METRIC_ARGUMENT", text)
     folder = given_path(dataset_dir)
     if not is_folder(folder):
         text = "there is no such folder; it must hold Points/stl and ObsMask"

@@ -25,22 +25,7 @@ INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 class Identity:
     """The facts that must be stored beside a number so that it can be compared with another.
 
-    Attributes
-    ----------
-    name : str
-        A key of `METRICS`.
-    version : int
-        The version of our definition. It is raised when the same input would give another number.
-    better : {"higher", "lower"}
-        Which way is better.
-    unit : str
-        "dB", "mm" or "1".
-    parameters : mapping
-        Everything the definition leaves open.
-    libraries : mapping
-        Package -> version, for the packages whose arithmetic decides the number.
-    weights : mapping, optional
-        The hashes of the network's files.
+    They are those of the metric's `Definition`, with the versions of its libraries and the hashes of weights.
     """
 
     name: str
@@ -53,41 +38,26 @@ class Identity:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record as plain JSON data."""
-        plain = {"name": self.name, "version": self.version, "better": self.better, "unit": self.unit}
-        weights = None if self.weights is None else dict(self.weights)
         return {
-            **plain,
-            "parameters": dict(self.parameters),
-            "libraries": dict(self.libraries),
-            "weights": weights,
+            key: dict(value) if isinstance(value, Mapping) else value for key, value in vars(self).items()
         }
 
 
 @dataclass(frozen=True)
 class Definition:
-    """The definition of a metric, whatever it is computed from.
-
-    Attributes
-    ----------
-    name : str
-        The name in identities.
-    better : {"higher", "lower"}
-    unit : str
-        "dB", "mm" or "1".
-    parameters : mapping
-        Everything the definition leaves open.
-    libraries : tuple of str
-        The packages whose arithmetic decides the number.
-    version : int
-        The version of the definition, which is raised when the same input would give another number.
-    """
+    """The definition of a metric, whatever it is computed from."""
 
     name: str
+    """The name in identities."""
     better: Literal["higher", "lower"]
     unit: str
+    """"dB", "mm" or "1"."""
     parameters: Mapping[str, Any]
+    """Everything the definition leaves open."""
     libraries: tuple[str, ...]
+    """The packages whose arithmetic decides the number."""
     version: int = 1
+    """Raised when the same input would give another number."""
 
     def identity(
         self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None

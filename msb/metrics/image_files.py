@@ -31,15 +31,10 @@ _PNG_HEAD = 26
 def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:
     """Return the image in a file as (H, W, 3): bytes of a PNG or JPEG, floats of .npy or .exr, as stored.
 
-    Parameters
-    ----------
-    path : path-like
-        The file; its suffix says the format. A PNG or JPEG has 8-bit RGB, a PNG also with alpha. NPY holds
-        (H, W, 3) uint8 or float. EXR has the channels R, G, B. An orientation, gamma or colour profile in the
-        metadata is not applied.
-    background : (float, float, float), optional
-        The colour in [0, 1] over which partly transparent pixels are laid, in float64 and without rounding:
-        rgb a + background (1 - a). An image whose alpha is 255 everywhere needs none.
+    The suffix says the format. A PNG or JPEG has 8-bit RGB, a PNG also with alpha; NPY holds (H, W, 3) uint8
+    or float; EXR has the channels R, G, B. An orientation, gamma or colour profile is not applied. Partly
+    transparent pixels are laid over `background`, in [0, 1], in float64 and without rounding:
+    rgb a + background (1 - a). An image whose alpha is 255 everywhere needs none.
     """
     place = regular_file(path)
     suffix = place.suffix.lower()
@@ -78,11 +73,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
     """Return the pixels of a PNG or JPEG as stored, (H, W, 3), or with alpha (H, W, 4).
 
-    Parameters
-    ----------
-    path : Path
-    modes : tuple of str
-        Pillow's names of the kinds of pixels that are accepted; "L", grey, gives (H, W).
+    `modes` are Pillow's names of the kinds of pixels that are accepted; "L", grey, gives (H, W).
     """
     place = regular_file(path)
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msb.base.extras import need_extra
-from msb.errors import MetricError, shorten
+from msb.errors import MetricError
 from msb.metrics.identity import ImageMetric
 
 PSNR_CAP = 100.0
@@ -61,15 +60,6 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     mse = float(np.mean(np.square(a - b)))
     return math.inf if mse == 0 else -10 * math.log10(mse)
-
-
-def mean_psnr(values: Iterable[float]) -> tuple[float, int]:
-    """Return the mean of PSNRs in dB and how many of them were infinite; those count `PSNR_CAP`."""
-    found = list(values)
-    if not found or any(math.isnan(value) for value in found):
-        raise MetricError("METRIC_ARGUMENT", "a mean needs at least one PSNR, and none that is NaN")
-    infinite = sum(value == math.inf for value in found)
-    return math.fsum(PSNR_CAP if value == math.inf else value for value in found) / len(found), infinite
 
 
 def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
@@ -138,18 +128,6 @@ def is_plain(image: NDArray[Any]) -> bool:
     return bool((image == image[:1, :1]).all())
 
 
-def unmasked(values: ArrayLike, name: str, code: str) -> NDArray[Any]:
-    """Return `values` as an array, unless some are masked: a metric would read what lies under the mask."""
-    if np.ma.is_masked(values):
-        text = f"{name} is a masked array, and a masked value is neither kept nor left out; decide first"
-        raise MetricError(code, text)
-    try:
-        return np.asarray(values)
-    except Exception as error:  # rows of different lengths; an array of another library that refuses
-        text = f"{name} cannot be made a NumPy array: {type(error).__name__}: {shorten(str(error), 200)}"
-        raise MetricError(code, text) from error
-
-
 def image_pair(
     pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -163,7 +141,7 @@ def image_pair(
 
 
 def _checked(image: ArrayLike, name: str) -> NDArray[Any]:
-    array = unmasked(image, name, "METRIC_IMAGE")
+    array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"
         text = f"{name} is {shape}; it must be height x width x 3"

@@ -1,7 +1,7 @@
 """Read arrays of numbers from untrusted MATLAB 5 files.
 
-`scipy.io.loadmat` is not used: a type number that does not exist kills the process with a segmentation fault,
-and for a length that a few bytes declare it takes gigabytes.
+`scipy.io.loadmat` is not used: in SciPy 1.17 a type number that does not exist still kills the process with a
+segmentation fault.
 
 Source: The MathWorks, MAT-File Format, chapter 1, "Level 5 MAT-Files".
 """
@@ -30,17 +30,11 @@ _ENDS = "it ends within a variable"
 
 @dataclass(frozen=True)
 class Variable:
-    """An array that was found but not read.
-
-    Attributes
-    ----------
-    name : str
-    shape : tuple of int
-        The stored shape, which has not been checked.
-    """
+    """An array that was found but not read."""
 
     name: str
     shape: tuple[int, ...]
+    """As stored, not checked."""
     _body: memoryview
     _compressed: bool
     _order: str

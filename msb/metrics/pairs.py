@@ -18,16 +18,10 @@ _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (
 
 
 class ImagePair(NamedTuple):
-    """Two files to compare.
-
-    Attributes
-    ----------
-    name : str
-        The path below the folder, with forward slashes and without suffix, in Unicode's composed form.
-    pred, gt : Path
-    """
+    """Two files to compare."""
 
     name: str
+    """The path below the folder, with forward slashes and without suffix, in Unicode's composed form."""
     pred: Path
     gt: Path
 
@@ -35,17 +29,11 @@ class ImagePair(NamedTuple):
 def pair_images(
     pred: str | os.PathLike[str], gt: str | os.PathLike[str], *, subset: bool = False
 ) -> list[ImagePair]:
-    """Return the pairs of two folders, or of two files, sorted by name.
+    """Return the pairs of two folders with all below them, or of two files, sorted by name.
 
-    Parameters
-    ----------
-    pred, gt : path-like
-        Two folders, searched with all below them, or two files, which need not have the same name. Names are
-        compared without their suffix, which is one of `IMAGE_SUFFIXES`, and in Unicode's composed form
-        (NFC); hidden files do not count, nor do the depths and face ids that `msb render` writes beside an
-        image.
-    subset : bool
-        Whether `gt` may hold more images, such as the training views.
+    Names are compared without their suffix, which is one of `IMAGE_SUFFIXES`, and in Unicode's composed form
+    (NFC); hidden files do not count, nor do the depths and face ids that `msb render` writes beside an
+    image. With `subset`, `gt` may hold more images, such as the training views.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(each) for each in (pred, gt)]

@@ -91,17 +91,8 @@ def _cached(path: str, _changed: int, _size: int) -> LpipsVgg:
 class LpipsVgg:
     """LPIPS with one set of weights, loaded once: ``LpipsVgg(path)(pred, gt)``.
 
-    Parameters
-    ----------
-    vgg_weights : path-like
-        As for `lpips_vgg`.
-
-    Attributes
-    ----------
-    weights : dict
-        "vgg" (see `read_vgg`) and "heads": file names and hashes, for the identity.
-    warnings : tuple of Finding
-        METRIC_VGG_UNKNOWN if the weights are not the published ones.
+    Its `weights` hold the names and hashes of the files, its `warnings` METRIC_VGG_UNKNOWN if the weights are
+    not the published ones.
     """
 
     def __init__(self, vgg_weights: str | os.PathLike[str]) -> None:

@@ -147,19 +147,7 @@ def identity(
 class Measures:
     """All image metrics of two images at once: ``Measures(vgg_weights)(pred, gt)``.
 
-    Parameters
-    ----------
-    vgg_weights : Path, optional
-        The file of weights, as for `lpips_vgg`; without it metrics that need weights are None.
-
-    Attributes
-    ----------
-    identities : tuple of Identity
-        The identities of the metrics that are computed.
-    warnings : tuple of Finding
-        Warnings about the weights.
-    failed : dict
-        Key of a package's metric that has failed -> what was wrong the first time, with its code.
+    Without weights the metrics that need them are None.
     """
 
     def __init__(self, vgg_weights: Path | None = None) -> None:
@@ -175,8 +163,11 @@ class Measures:
                 identities.append(metric.identity(weights=network.weights))
                 warnings += [one for one in network.warnings if one not in warnings]
         self.identities: tuple[Identity, ...] = tuple(identities)
+        """Of the metrics that are computed."""
         self.warnings: tuple[Finding, ...] = tuple(warnings)
+        """About the weights."""
         self.failed: dict[str, str] = {}
+        """Key of a package's metric that has failed -> what was wrong the first time, with its code."""
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike) -> dict[str, float | None]:
         """Return key -> value of two images as `psnr` takes them.

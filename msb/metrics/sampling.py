@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
-from msb.metrics.images import unmasked
 
 MAX_SAMPLES = 1 << 28
 """Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""
@@ -27,9 +26,7 @@ _NEIGHBORS = 1 << 22
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return both arrays as a mesh of finite vertices (V, 3) and valid faces (F, 3)."""
-    points, corners = (
-        unmasked(values, name, "METRIC_MESH") for values, name in ((vertices, "vertices"), (faces, "faces"))
-    )
+    points, corners = np.asarray(vertices), np.asarray(faces)
     if corners.size == 0:
         corners = np.zeros((0, 3), np.int64)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
@@ -42,14 +39,12 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise MetricError(
-            "METRIC_MESH", f"vertex {row} has a coordinate that is not a finite number", pointer=f"{row}"
-        )
+        raise MetricError("METRIC_MESH", f"vertex {row} has a coordinate that is not a finite number")
     outside = (corners < 0) | (corners >= len(points))
     if outside.any():
         row, corner = (int(i) for i in np.argwhere(outside)[0])
         text = f"faces[{row}, {corner}] is {corners[row, corner]}; there are {len(points)} vertices"
-        raise MetricError("METRIC_MESH", text, pointer=f"faces[{row}, {corner}]")
+        raise MetricError("METRIC_MESH", text)
     return points, corners.astype(np.int64)
 
 
@@ -58,16 +53,9 @@ def sample_surface(
 ) -> tuple[NDArray[np.float64], int]:
     """Return points on the faces about `spacing` apart, in face order, and the number of faces with an area.
 
-    Face by face, with edges e1 = v1 - v0 and e2 = v2 - v0 of lengths l1, l2:
-    step = spacing sqrt(l1 l2 / |e1 x e2|), n = floor(l / step), and v0 + c1 e1 + c2 e2 for c = (i + 0.5) / n
-    wherever c1 + c2 < 1. A face shorter than a step along an edge gets none.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-    faces : (F, 3) int64
-    spacing : float
-        The distance between samples, in the units of the vertices.
+    `spacing` is in the units of the vertices. Face by face, with edges e1 = v1 - v0 and e2 = v2 - v0 of
+    lengths l1 and l2: step = spacing sqrt(l1 l2 / |e1 x e2|), n = floor(l / step), and v0 + c1 e1 + c2 e2 for
+    c = (i + 0.5) / n wherever c1 + c2 < 1. A face shorter than a step along an edge gets none.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
@@ -120,17 +108,9 @@ def _grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Return the points that remain when each, in order, removes all others within `spacing` of it.
+    """Return the points (N, 3) that remain when each, in order, removes all others within `spacing` of it.
 
-    Parameters
-    ----------
-    points : (N, 3) float64
-        The points. Their order decides which remain, so shuffle them first.
-    spacing : float
-        A point at exactly this distance is removed too.
-
-    Notes
-    -----
+    Their order decides which remain, so shuffle them first. A point at exactly this distance is removed too.
     Neighbours are looked up for a window of points at a time, only for those not yet removed and for no more
     than fit into memory. Windows start small and grow: where points lie dense, the first few remove most.
     """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -14,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.bounded_parsing import json_nesting
 from msb.base.extras import need_extra
 from msb.base.files import file_sha256, library_reason, regular_file
-from msb.errors import MetricError, shorten
+from msb.errors import MetricError
 
 LAYERS = (
     (0, 3, 64),
@@ -44,8 +42,6 @@ HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868
 """The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4."""
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
 """The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
-_MAX_JSON = 1 << 20
-_MAX_DEPTH = 16
 _MAX_HEAD = 1 << 10
 """Most bytes before the numbers of a .npy."""
 
@@ -54,12 +50,9 @@ Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
-    """Return in a line where the weights come from, and whether they are the published ones.
+    """Return in a line where `LpipsVgg.weights` come from, and whether they are the published ones.
 
-    Parameters
-    ----------
-    weights : mapping, optional
-        `LpipsVgg.weights`, as records hold it; without it the line says which file to get.
+    Without weights the line says which file to get.
     """
     if weights is None:
         return f"it takes {VGG_FILE} of download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
@@ -80,26 +73,17 @@ def check_extra() -> None:
 def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     """Return the convolutions of a VGG16 and the record of where they come from.
 
-    Parameters
-    ----------
-    path : path-like
-        A state dict of torchvision's VGG16 as torch.save writes it, or the same keys as .npz or .safetensors.
-        Others (classifier.*) are ignored. Nothing in a file is executed.
-
-    Returns
-    -------
-    weights : dict
-        features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32.
-    record : dict
-        "file" (its name), "sha256" of the file, "tensors_sha256" of the values (the same whatever file
-        they are in), "known" (what the file is, or None).
+    The file is a state dict of torchvision's VGG16 as torch.save writes it, or the same keys as .npz. Other
+    keys (classifier.*) are ignored. Nothing in a file is executed. Weights are features.N.weight
+    (out, in, 3, 3) and features.N.bias (out,), float32. The record holds the file's name, "sha256" of the
+    file, "tensors_sha256" of the values (the same whatever file they are in), and what is "known" of it.
     """
     place = regular_file(path)
-    readers = {".npz": _read_npz, ".safetensors": _read_safetensors}
     wanted: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
     wanted |= {f"features.{n}.bias": (o,) for n, _, o in LAYERS}
     try:
-        found = readers.get(place.suffix.lower(), _read_torch)(place, wanted)
+        read = _read_npz if place.suffix.lower() == ".npz" else _read_torch
+        found = read(place, wanted)
         weights = {key: _tensor(place, found, key, shape) for key, shape in wanted.items()}
     except MetricError:
         raise
@@ -178,29 +162,3 @@ def _read_npz(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
                 text = f"{key} is too long; it must be floats of shape {shape}"
                 raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
         return {key: archive[key] for key in wanted if key in archive}
-
-
-def _read_safetensors(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
-    """Read a 64-bit length, a JSON header of that length, and the tensors at the offsets it gives.
-
-    Source: `huggingface/safetensors`: README.md, Format.
-    """
-    data = np.memmap(path, np.uint8, mode="r")
-    length = int(data[:8].view("<u8")[0])
-    if length > min(_MAX_JSON, len(data) - 8):
-        raise MetricError("METRIC_WEIGHTS", "its header is longer than the file or 1 MiB", file=path)
-    text = data[8 : 8 + length].tobytes().decode()
-    if json_nesting(text) > _MAX_DEPTH:
-        raise MetricError("METRIC_WEIGHTS", f"its header nests deeper than {_MAX_DEPTH}", file=path)
-    header = json.loads(text)
-    body, found = data[8 + length :], {}
-    for key, shape in wanted.items():
-        if key not in header:
-            continue
-        entry = header[key]
-        begin, end = entry["data_offsets"]
-        if entry["dtype"] != "F32" or end - begin != 4 * np.prod(shape) or not 0 <= begin <= end <= len(body):
-            text = f"{key} is {shorten(str(entry))}; it must be F32 of shape {shape}"
-            raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
-        found[key] = np.array(body[begin:end]).view("<f4").reshape(entry["shape"])
-    return found

@@ -88,17 +88,6 @@ def archive(method: int = zipfile.ZIP_STORED, **members: bytes) -> bytes:
     return stream.getvalue()
 
 
-def tensors(header: Any, body: bytes = bytes(256), length: int | None = None) -> bytes:
-    """Return a .safetensors file; `length` is what it says of its header."""
-    text = header if isinstance(header, bytes) else json.dumps(header).encode()
-    return struct.pack("<Q", len(text) if length is None else length) + text + body
-
-
-def bias(**changes: Any) -> dict[str, Any]:
-    """Return a header with one tensor."""
-    return {"features.0.bias": {"dtype": "F32", "shape": [64], "data_offsets": [0, 256]} | changes}
-
-
 BIAS = "features.0.bias"
 _PNG: dict[str, tuple[bytes, str]] = {
     "bomb": (png(60_000, 60_000), "3600000000 pixels"),
@@ -150,18 +139,6 @@ _WEIGHTS: dict[str, tuple[bytes, str]] = {
         "features.0.bias is too long",
     ),
     "objects": (archive(**{BIAS: npy(shape("1", "|O"), bytes(8))}), "cannot be read"),
-}
-
-_TENSORS: dict[str, tuple[bytes, str]] = {
-    "empty": (b"", "cannot be read"),
-    "long header": (tensors(bias(), length=1 << 62), "longer than the file"),
-    "nested": (tensors(b'{"a":' * 5000), "nests deeper than 16"),
-    "a list": (tensors([]), ""),
-    "other type": (tensors(bias(dtype="F16")), "must be F32"),
-    "offsets beyond the end": (tensors(bias(data_offsets=[256, 512])), "must be F32"),
-    "fractions": (tensors(bias(data_offsets=[0.5, 256.5])), ""),
-    "no offsets": (tensors({"features.0.bias": {"dtype": "F32"}}), "cannot be read"),
-    "other shape": (tensors(bias(shape=[8, 9])), "cannot be read"),
 }
 
 _NEUS: dict[str, tuple[bytes, str]] = {
@@ -230,7 +207,6 @@ BAD: dict[str, Bad] = {
         ("image_npy", "METRIC_IMAGE", _NPY),
         ("dtu_grid", "METRIC_DTU", _GRID),
         ("vgg_npz", "METRIC_WEIGHTS", _WEIGHTS),
-        ("vgg_safetensors", "METRIC_WEIGHTS", _TENSORS),
         ("neus_npz", "SCENE_LAYOUT", _NEUS),
         ("page", "FILE_NOT_RECOGNISED", _PAGE),
         ("training", "USAGE", _TRAINING),

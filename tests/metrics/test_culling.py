@@ -70,7 +70,6 @@ def test_an_empty_mask_keeps_only_what_it_cannot_see() -> None:
         ([np.full((4, 4), np.nan)], [np.eye(4)], [np.ones((4, 4))]),
         ([np.eye(4)], [np.eye(4)], [np.ones(4)]),
         ([np.eye(4)], [np.eye(4)], [np.ones((1, 4))]),
-        ([np.eye(4)], [np.eye(4)], [np.ma.masked_equal(np.eye(4), 1)]),
     ],
 )
 def test_bad_views_are_refused(world: Any, scale: Any, masks: Any) -> None:

@@ -13,7 +13,7 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from msb import metrics
 from msb.errors import MetricError
-from msb.metrics.images import PSNR, SSIM, image_pair
+from msb.metrics.images import PSNR, SSIM
 from msb.render.images import to_bytes
 from tests.metrics.checks import KINDS, check_metric, images
 from tests.metrics.conftest import GOLDEN, golden
@@ -128,26 +128,6 @@ def test_what_is_no_image_is_refused(metric: Any, name: str) -> None:
             metric(*arguments)
         assert caught.value.code == code
         assert caught.value.exit_status == 3
-
-
-@pytest.mark.parametrize("metric", [metrics.psnr, metrics.ssim, image_pair], ids=["psnr", "ssim", "lpips"])
-def test_masked_pixels_are_refused_instead_of_read(metric: Any) -> None:
-    image = np.full((20, 20, 3), 0.5)
-    masked = np.ma.masked_array(image, image > 1)
-    assert metric(masked, image) is not None  # nothing is masked
-    masked[3, 4, 1] = np.ma.masked
-    for pair in ((masked, image), (image, masked)):
-        with pytest.raises(MetricError, match="masked") as caught:
-            metric(*pair)
-        assert caught.value.code == "METRIC_IMAGE"
-
-
-def test_mean_counts_infinite_ones() -> None:
-    assert metrics.mean_psnr([20.0, math.inf, 30.0]) == (50.0, 1)
-    assert metrics.mean_psnr([20.0]) == (20.0, 0)
-    for values in ([], [math.nan]):
-        with pytest.raises(MetricError, match="METRIC_ARGUMENT"):
-            metrics.mean_psnr(values)
 
 
 def test_identity_says_what_was_computed() -> None:
