@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.trial.look import Look
     from msb.trial.mesh import TriedMesh
 
@@ -39,16 +40,16 @@ class Attempt:
     library, modules : str, tuple of str
         The distribution, whose version is reported, and what has to be installed for it.
     work : callable
-        A function of the mesh, the task's parameters and the arrays that `Task.prepare` made. What it raises
-        is reported as the library's words.
+        A function of the mesh and the arrays that `Task.prepare` made. What it raises is reported as the
+        library's words.
     any_unit : bool
         Whether it is handed the mesh as stored, because no coordinate reaches a library: else it gets, and
-        makes, meshes and points in the unit of `msb.trial.units`.
+        makes, meshes and points in the unit of `msb.trial.attempts`.
     """
 
     library: str
     modules: tuple[str, ...]
-    work: Callable[[TriedMesh, Mapping[str, Any], Mapping[str, NDArray[Any]]], Made]
+    work: Callable[[TriedMesh, Arrays], Made]
     any_unit: bool = False
 
 
@@ -92,8 +93,6 @@ class Task:
         library that counts.
     says : callable
         A function of the numbers to a short text for a table.
-    parameters : mapping
-        What the attempts are told.
     powers : mapping of str to int
         Names of the attempts' numbers that are lengths (1), areas (2) or volumes (3).
     prepare : callable, optional
@@ -109,7 +108,6 @@ class Task:
     attempts: tuple[Attempt, ...]
     judge: Callable[[TriedMesh, Mapping[str, Made], Look], Judgement]
     says: Callable[[Numbers], str]
-    parameters: Mapping[str, Any] = field(default_factory=dict)
     powers: Mapping[str, int] = field(default_factory=dict)
     instead: tuple[Attempt, ...] = ()
     prepare: Callable[[TriedMesh, Look], dict[str, NDArray[Any]]] | None = None
@@ -127,6 +125,12 @@ def file_outcome(given: TriedMesh, made: TriedMesh) -> Outcome:
 def counted(number: int, one: str, many: str | None = None) -> str:
     """Return "1 face" or "1,200 faces"."""
     return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+
+
+def judged(numbers: Numbers, *graded: tuple[Outcome, str]) -> Judgement:
+    """Return the worst of several outcomes, and the reasons of all that are not "works"."""
+    reasons = [reason for outcome, reason in graded if outcome != "works"]
+    return Judgement(worst(outcome for outcome, _ in graded), "; ".join(reasons) or None, numbers)
 
 
 def worst(outcomes: Iterable[Outcome]) -> Outcome:

@@ -92,6 +92,6 @@ def attempt(task: str, mesh: TriedMesh) -> tuple[dict[str, Made], Judgement]:
     for one in chosen.attempts:
         for module in one.modules:
             pytest.importorskip(module)
-    made = {one.library: one.work(mesh, chosen.parameters, {}) for one in chosen.attempts}
+    made = {one.library: one.work(mesh, {}) for one in chosen.attempts}
     look: Any = NoLook()
     return made, chosen.judge(mesh, made, look)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msb.trial.crossings import crossing_pairs, slivers
+from msb.trial.tasks.self_intersections import crossing_pairs, slivers
 
 
 def side(a: Any, b: Any, c: Any, d: Any) -> int:

@@ -33,11 +33,11 @@ def replying(monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, Made | s
     """Return a function that puts answers, or reasons for none, in the place of those of libraries."""
 
     def become(answers: Mapping[str, Made | str]) -> None:
-        def reply(task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Any, _limits: Any) -> Attempted:
+        def reply(_task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Any, _limits: Any) -> Attempted:
             answer = answers.get(attempt.library)
             if answer is None:
                 try:
-                    return Attempted(attempt.work(mesh, task.parameters, arrays))
+                    return Attempted(attempt.work(mesh, arrays))
                 except ValueError as error:
                     return Attempted(None, str(error))
             return Attempted(None, answer, "time", 60.0) if isinstance(answer, str) else Attempted(answer)

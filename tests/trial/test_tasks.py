@@ -209,7 +209,7 @@ def test_what_is_seen_is_as_far_from_the_shape_as_from_the_nearest_of_its_faces(
         pytest.importorskip(module)
     (task,) = COLLISION
     seen = np.random.default_rng(0).uniform(-1, 5, (60, 3))
-    made = task.attempts[0].work(MESHES["two boxes"], task.parameters, {"visible": seen})
+    made = task.attempts[0].work(MESHES["two boxes"], {"visible": seen})
     shape = made.meshes["shape"]
     corners = shape.vertices.astype(np.float64)[shape.faces]
     wanted = [min(distance(point, one) for one in corners) for point in seen]

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from msb.base.limits import Limits
-from msb.trial.attempts import run_attempt
+from msb.trial.attempts import Unit, run_attempt
 from msb.trial.registry import TASKS
 from msb.trial.task import Made
-from msb.trial.units import Unit
 from tests.trial.conftest import NoLook, box, grid, made_of, together
 
 if TYPE_CHECKING:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.trial.geometry import signed_volume
-from msb.trial.manifold import INWARDS, offer
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task
+from msb.trial.tasks.decimate import beside
+from msb.trial.tasks.solid import INWARDS, offer
 
 if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
@@ -21,7 +23,7 @@ TOLERANCE = 0.01
 """The largest relative error of a volume."""
 
 
-def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
+def _work(mesh: TriedMesh, _: Arrays) -> Made:
     import manifold3d
 
     solid, numbers = offer(mesh)
@@ -83,11 +85,6 @@ def _says(numbers: Numbers) -> str:
     return f"{numbers['faces_left']:,} faces left, {100 * share:.0f} % of the volume"
 
 
-def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
-    left = made["manifold3d"].meshes.get("left")
-    return None if left is None else look.picture(left)
-
-
 TASKS = (
     Task(
         "boolean",
@@ -96,6 +93,6 @@ TASKS = (
         _judge,
         _says,
         powers={"volume": 3, "volume_left": 3, "volume_taken": 3},
-        picture=_picture,
+        picture=beside,
     ),
 )

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from msb.trial.geometry import areas, random_colors, signed_volume
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, graded, worst
+from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, graded, judged, worst
 from msb.trial.tasks.decimate import beside, by_pymeshlab
 
 if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
@@ -40,7 +41,7 @@ def _prepare(_: TriedMesh, look: Look) -> dict[str, NDArray[Any]]:
     return {} if points is None else {"visible": points}
 
 
-def _coacd(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
+def _coacd(mesh: TriedMesh, given: Arrays) -> Made:
     import coacd
 
     coacd.set_log_level("error")
@@ -61,7 +62,7 @@ def _coacd(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[An
     return Made(numbers | _distances(shape, given), {"shape": shape}, {"inside": inside})
 
 
-def _hull(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
+def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     import manifold3d
 
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
@@ -89,10 +90,10 @@ def _directions(count: int) -> NDArray[np.float64]:
     return np.concatenate([np.eye(3), -np.eye(3), spiral])
 
 
-def _fewer_faces(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDArray[Any]]) -> Made:
+def _fewer_faces(mesh: TriedMesh, given: Arrays) -> Made:
     import igl
 
-    shape = by_pymeshlab(mesh, {"percent": _PERCENT}, {}).meshes["mesh"]
+    shape = by_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
     if not len(shape.faces):
         raise ValueError("no face is left")
     # What one bumps into is a surface: points even over it, of which those far from the mesh are in mid-air.
@@ -108,7 +109,7 @@ def _fewer_faces(mesh: TriedMesh, _: Mapping[str, Any], given: Mapping[str, NDAr
     return Made(numbers | _distances(shape, given), {"mesh": shape})
 
 
-def _distances(shape: TriedMesh, given: Mapping[str, NDArray[Any]]) -> Numbers:
+def _distances(shape: TriedMesh, given: Arrays) -> Numbers:
     """Return how far the points of the visible surface are from a shape, if there are any."""
     import igl
 
@@ -153,19 +154,19 @@ def _shares(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
-    judged = {library: _judged(mesh, one, look) for library, one in made.items()}
-    best = min(judged, key=lambda library: OUTCOMES.index(judged[library].outcome))
-    own = judged[best]
+    shapes = {library: _judged(mesh, one, look) for library, one in made.items()}
+    best = min(shapes, key=lambda library: OUTCOMES.index(shapes[library].outcome))
+    own = shapes[best]
     if best == "coacd":
         return own
     kinds = {"manifold3d": "hull of {}{}", "pymeshlab": "mesh of {} for what stands still{}"}
     parts = [
         "a " + kinds[library].format(counted(one.numbers["faces"], "face"), _bracketed(one.numbers))
-        for library, one in judged.items()
+        for library, one in shapes.items()
     ]
     why = f"{' and '.join(parts)} {'stands' if len(parts) == 1 else 'stand'} in"
     why += f"; of the {kinds[best].split()[0]}, {own.why}" if own.why else ""
-    numbers = {**own.numbers, "best": best, "instead": {name: one.numbers for name, one in judged.items()}}
+    numbers = {**own.numbers, "best": best, "instead": {name: one.numbers for name, one in shapes.items()}}
     return Judgement(worst((own.outcome, "care")), why, numbers)
 
 
@@ -176,16 +177,10 @@ def _judged(mesh: TriedMesh, one: Made, look: Look) -> Judgement:
     relative = far / diagonal if far is not None and diagonal else None
     inside = one.arrays.get("inside")
     empty = one.numbers["empty_share"] if inside is None else look.empty_share(inside, TOLERANCE * diagonal)
-    reasons = []
-    if graded(relative, NEAR, FAR) != "works":
-        reasons.append(
-            f"5 % of what is seen is {100 * (relative or 0):.1f} % of the size or more away from it"
-        )
-    if graded(empty, LITTLE, MUCH) != "works":
-        reasons.append(f"{100 * (empty or 0):.0f} % of it is where nothing is seen")
-    outcome = worst((graded(relative, NEAR, FAR), graded(empty, LITTLE, MUCH)))
+    away = f"5 % of what is seen is {100 * (relative or 0):.1f} % of the size or more away from it"
+    in_air = f"{100 * (empty or 0):.0f} % of it is where nothing is seen"
     numbers = {**one.numbers, "distance_95_of_diagonal": relative, "empty_share": empty}
-    return Judgement(outcome, "; ".join(reasons) or None, numbers)
+    return judged(numbers, (graded(relative, NEAR, FAR), away), (graded(empty, LITTLE, MUCH), in_air))
 
 
 def _bracketed(numbers: Numbers) -> str:

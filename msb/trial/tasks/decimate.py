@@ -14,6 +14,7 @@ from msb.trial.mesh import TriedMesh
 from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Outcome, Task, file_outcome, worst
 
 if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
@@ -25,14 +26,12 @@ def _target(mesh: TriedMesh, percent: int) -> int:
     return max(1, len(mesh.faces) * percent // 100)
 
 
-def _fast_simplification(
-    mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]
-) -> Made:
+def _fast_simplification(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
     import fast_simplification
 
     faces = mesh.faces.astype(np.int32)
     *_mesh, collapses = fast_simplification.simplify(
-        mesh.vertices, faces, target_count=_target(mesh, parameters["percent"]), return_collapses=True
+        mesh.vertices, faces, target_count=_target(mesh, percent), return_collapses=True
     )
     # It knows no colours: a vertex gets the mean of those that were merged into it and that faces used. One
     # whose faces are all gone is merged into none.
@@ -46,7 +45,7 @@ def _fast_simplification(
     return Made({}, {"mesh": TriedMesh(vertices, kept.astype(np.int64), colors)})
 
 
-def by_pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str, NDArray[Any]]) -> Made:
+def by_pymeshlab(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
     """Return the mesh with `percent` of its faces, by quadric edge collapse."""
     import pymeshlab
 
@@ -54,7 +53,7 @@ def by_pymeshlab(mesh: TriedMesh, parameters: Mapping[str, Any], _: Mapping[str,
     colors = np.concatenate([mesh.colors.astype(np.float64), opaque], axis=1)
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces, v_color_matrix=colors))
-    meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, parameters["percent"]))
+    meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, percent))
     found = meshes.current_mesh()
     made = TriedMesh(
         found.vertex_matrix(),
@@ -105,7 +104,7 @@ def _key(library: str) -> str:
 
 
 def _says(numbers: Numbers) -> str:
-    libraries = [one.library for one in _ATTEMPTS if _key(one.library) in numbers]
+    libraries = [library for library, _, _ in _LIBRARIES if _key(library) in numbers]
     libraries.sort(key=lambda library: library != numbers["best"])
     parts = []
     for library in libraries:
@@ -122,18 +121,20 @@ def beside(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] |
     return np.concatenate(pictures, axis=1) if pictures else None
 
 
-_ATTEMPTS = (
-    Attempt("fast-simplification", ("fast_simplification",), _fast_simplification),
-    Attempt("pymeshlab", ("pymeshlab",), by_pymeshlab),
+_LIBRARIES = (
+    ("fast-simplification", "fast_simplification", _fast_simplification),
+    ("pymeshlab", "pymeshlab", by_pymeshlab),
 )
 TASKS = tuple(
     Task(
         f"decimate_{percent}",
         f"Decimation to {percent} %",
-        _ATTEMPTS,
+        tuple(
+            Attempt(library, (module,), partial(work, percent=percent))
+            for library, module, work in _LIBRARIES
+        ),
         partial(_judge, percent=percent),
         _says,
-        {"percent": percent},
         picture=beside,
         by_look=True,
     )

@@ -9,25 +9,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.trial.geometry import signed_volume
-from msb.trial.manifold import INWARDS, offer
 from msb.trial.task import Attempt, Judgement, Made, Task
 
 if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.trial.look import Look
     from msb.trial.mesh import TriedMesh
     from msb.trial.task import Numbers
 
 _PIXELS = 360
+INWARDS = "it is wound inwards: its volume is negative"
 
 
-def _manifold(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
+def offer(mesh: TriedMesh) -> tuple[Any, Numbers]:
+    """Return the solid, None if it is refused both ways, and what manifold3d said; in a child process only.
+
+    It crashes on some meshes whose half-edges cannot pair up.
+    """
+    import manifold3d
+
+    given = manifold3d.Mesh(
+        vert_properties=np.ascontiguousarray(mesh.vertices, np.float32),
+        tri_verts=np.ascontiguousarray(mesh.faces, np.uint32),
+    )
+    solid = manifold3d.Manifold(given)
+    said = solid.status()
+    fine = manifold3d.Error.NoError
+    accepted = said == fine
+    merged = False
+    if not accepted and given.merge():
+        solid = manifold3d.Manifold(given)
+        merged = solid.status() == fine
+    numbers = {"accepted": accepted, "accepted_merged": accepted or merged, "status": said.name}
+    return (solid if accepted or merged else None), numbers
+
+
+def _manifold(mesh: TriedMesh, _: Arrays) -> Made:
     solid, numbers = offer(mesh)
     if solid is not None:
         numbers |= {"volume": float(solid.volume()), "genus": int(solid.genus())}
     return Made(numbers)
 
 
-def _trimesh(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
+def _trimesh(mesh: TriedMesh, _: Arrays) -> Made:
     import trimesh
 
     found = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -21,9 +21,11 @@ from msb.topology.steps.cut import split_vertices
 from msb.topology.weld import merged_vertices
 from msb.trial.geometry import areas
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, graded, worst
+from msb.trial.task import Attempt, Judgement, Made, Task, graded, judged
+from msb.trial.tasks.decimate import beside
 
 if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.topology.halfedge import HalfEdgeMesh
     from msb.trial.look import Look
     from msb.trial.task import Numbers
@@ -34,7 +36,7 @@ SMALL_GAPS = 0.001
 """Area of the cracks, of the surface's: the most that a picture mostly hides."""
 
 
-def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
+def _work(mesh: TriedMesh, _: Arrays) -> Made:
     import igl
 
     proper = mesh.faces[~names_vertex_twice(mesh.faces)]
@@ -155,24 +157,19 @@ def _judge(_: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
     numbers = {**one.numbers, **look.psnr(one.meshes["mesh"])}
     cracks = graded(numbers["gap_share"], 0.0, SMALL_GAPS)
     lone = graded(numbers["lone_share"], FEW_LONE, MANY_LONE)
-    reasons = []
-    if cracks != "works":
-        reasons.append(f"cracks open over {100 * numbers['gap_share']:.2g} % of the surface")
-    if lone != "works":
-        reasons.append(f"{100 * numbers['lone_share']:.0f} % of the faces have no neighbour and shrink alone")
-    if not (reasons or numbers["defined"]):
+    if cracks == lone == "works" and not numbers["defined"]:
         first = "is cut" if numbers["vertices_cut"] else "is turned to one winding"
         return Judgement("care", f"the mesh {first} first, which opens nothing", numbers)
-    return Judgement(worst((cracks, lone)), "; ".join(reasons) or None, numbers)
+    return judged(
+        numbers,
+        (cracks, f"cracks open over {100 * (numbers['gap_share'] or 0):.2g} % of the surface"),
+        (lone, f"{100 * numbers['lone_share']:.0f} % of the faces have no neighbour and shrink alone"),
+    )
 
 
 def _says(numbers: Numbers) -> str:
     likeness = "" if numbers["psnr"] is None else f", {decibels(numbers['psnr'])}"
     return f"{numbers['faces']:,} faces{likeness}"
-
-
-def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
-    return look.picture(made["libigl"].meshes["mesh"])
 
 
 TASKS = (
@@ -182,6 +179,6 @@ TASKS = (
         (Attempt("libigl", ("igl",), _work, any_unit=True),),
         _judge,
         _says,
-        picture=_picture,
+        picture=beside,
     ),
 )

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from msb.trial.geometry import corner_vectors, random_colors
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Outcome, Task, counted, graded, worst
+from msb.trial.task import Attempt, Judgement, Made, Outcome, Task, counted, graded, judged
 
 if TYPE_CHECKING:
+    from msb.base.children import Arrays
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
@@ -23,7 +24,7 @@ LITTLE_STRETCH, MUCH_STRETCH = 1.5, 3.0
 """L2 stretch: texels on the surface are, in the mean, so many times as large as without distortion."""
 
 
-def _work(mesh: TriedMesh, _: Mapping[str, Any], __: Mapping[str, NDArray[Any]]) -> Made:
+def _work(mesh: TriedMesh, _: Arrays) -> Made:
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -78,23 +79,20 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
     numbers = made["xatlas"].numbers
     charts, stretch = numbers["charts_per_1000_faces"], numbers["stretch_l2"]
     left_out = numbers["faces_left_out"]
-    reasons = []
     pieces: Outcome = "works" if numbers["charts"] == 1 else graded(charts, FEW_CHARTS, MANY_CHARTS)
-    if pieces != "works":
-        size = "one face" if charts > 999 else f"{1000 / charts:.1f} faces in the mean"
-        reasons.append(f"it falls into charts of {size}")
-    if left_out:
-        reasons.append(f"{counted(left_out, 'face is', 'faces are')} left out")
-    if graded(stretch, LITTLE_STRETCH, MUCH_STRETCH) != "works":
-        reasons.append(f"the texture is stretched {stretch:.1f} times")
-    outcome = worst(
+    size = "one face" if charts > 999 else f"{1000 / (charts or 1):.1f} faces in the mean"
+    return judged(
+        numbers,
+        (pieces, f"it falls into charts of {size}"),
         (
-            pieces,
-            graded(stretch, LITTLE_STRETCH, MUCH_STRETCH),
             graded(left_out / max(1, len(mesh.faces)), 0.0, 0.01),
-        )
+            f"{counted(left_out, 'face is', 'faces are')} left out",
+        ),
+        (
+            graded(stretch, LITTLE_STRETCH, MUCH_STRETCH),
+            f"the texture is stretched {stretch or 0:.1f} times",
+        ),
     )
-    return Judgement(outcome, "; ".join(reasons) or None, numbers)
 
 
 def _says(numbers: Numbers) -> str:
