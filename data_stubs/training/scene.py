@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from msb.bench.ground_truth import ground_truth
 from msb.errors import MsbError
 from msb.scenes import read_points
-from msb.scenes.datasets.evaluated import scene_at
-from msb.scenes.datasets.read import dataset_of
+from msb.scenes.datasets.read import dataset_of, scene_at
 
 if TYPE_CHECKING:
     from msb.scenes import Camera

@@ -15,7 +15,7 @@ from typing import Any
 from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
-from msb.scenes.datasets.trained import saw_test_views
+from msb.scenes.datasets.notes import saw_test_views
 
 MAX_BYTES = 1 << 16
 """Most bytes that are read. A config has some kilobytes, and a log starts with one; more would only cost

@@ -184,7 +184,7 @@ def scan_number(scene: str) -> int:
 def mask_files(scene: Scene) -> list[Path]:
     """Return the files with the masks of all views, in the order of the matrices in cameras.npz."""
     from msb.scenes.datasets.layout import images_in
-    from msb.scenes.datasets.masks import MASKS
+    from msb.scenes.datasets.photographs import MASKS
 
     folder = scene.root / (MASKS if scene.mask_source == "mask_folder" else scene.image_folder)
     files = images_in(folder)

@@ -62,7 +62,6 @@ class Camera:
     Raises
     ------
     SceneError
-        CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID, CAMERA_INVALID or
         CAMERA_INVALID.
 
     Examples
@@ -118,26 +117,15 @@ class Camera:
         fov_y: float | None = None,
         name: str | None = None,
     ) -> Camera:
-        """Return a camera with a centred principal point and the given angles of view.
+        """Return a camera with a centred principal point and the given full angles of view in radians.
 
-        Parameters
-        ----------
-        fov_x, fov_y : float
-            Full angles in radians, between 0 and pi. If one is None pixels are square.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_INVALID: an angle is out of range, or none is given; and those of `Camera`.
+        With one angle alone pixels are square.
         """
         width, height = check_size((width, height))
-        fx = focal_from_fov(fov_x, width, "fov_x") if fov_x is not None else None
-        fy = focal_from_fov(fov_y, height, "fov_y") if fov_y is not None else None
-        if fov_x is None and fov_y is None:
-            raise SceneError("CAMERA_INVALID", "neither fov_x nor fov_y is given; one is needed")
-        focals = [focal for focal in (fx, fy) if focal is not None]
+        fx = None if fov_x is None else focal_from_fov(fov_x, width, "fov_x")
+        fy = fx if fx is not None and fov_y is None else focal_from_fov(fov_y, height, "fov_y")
         pose = cast("NDArray[np.float64]", world_to_camera)  # converted and checked like every camera's
-        return cls(width, height, focals[0], focals[-1], width / 2, height / 2, pose, name)
+        return cls(width, height, fy if fx is None else fx, fy, width / 2, height / 2, pose, name)
 
     @classmethod
     def look_at(
@@ -153,20 +141,9 @@ class Camera:
     ) -> Camera:
         """Return a camera at `eye` that looks at `target`, with square pixels.
 
-        Parameters
-        ----------
-        eye, target : (3,) array_like
-            Points in the world.
-        up : (3,) array_like
-            Direction in the world that is up in the image. Default: -y, as in most COLMAP scenes and so for
-            models trained on them. It is (0, 1, 0) for mesh files, (0, 0, 1) in NeRF-Synthetic and Blender.
-        fov_y : float
-            Full vertical angle in radians.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_PATH: `eye` is `target`, or `up` lies along the view; and those of `from_fov`.
+        `up` is the direction in the world that is up in the image: -y in most COLMAP scenes and so for models
+        trained on them, (0, 1, 0) for mesh files, (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is the
+        full vertical angle in radians.
         """
         return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
 
@@ -198,19 +175,9 @@ class Camera:
         return 2 * math.atan(self.height / (2 * self.fy))
 
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where points of the world appear.
+        """Return where points of the world (..., 3) appear: pixels (..., 2) float64 and depths (...) along z.
 
-        Parameters
-        ----------
-        points : (..., 3) array_like
-            Points in the world.
-
-        Returns
-        -------
-        pixels : (..., 2) float64
-            u to the right, v down, in pixels; NaN where the depth is not positive.
-        depth : (...,) float64
-            Depth along the camera's z axis.
+        Pixels are u to the right and v down, NaN where the depth is not positive.
         """
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         local = np.asarray(points, dtype=np.float64) @ rotation.T + translation
@@ -224,11 +191,6 @@ class Camera:
 
         Each axis is scaled by its own factor, so angles of view and what is seen stay the same. The old size
         is kept as `source_size`, unless the camera has one already.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_INVALID.
         """
         width, height = check_size((width, height))
         if (width, height) == (self.width, self.height):
@@ -250,11 +212,6 @@ class Camera:
 
         Intrinsics follow the rounded size. Datasets round in their own ways: where the image exists, give
         its size to `resized`.
-
-        Raises
-        ------
-        SceneError
-            CAMERA_INVALID: the factor is not positive, or the result is too large.
         """
         if not 0 < factor <= MAX_SIDE:
             text = f"the scale factor is {factor}; it must be positive and at most {MAX_SIDE}"

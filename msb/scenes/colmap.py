@@ -95,7 +95,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        COLMAP_FILE_MISSING, COLMAP_INVALID, COLMAP_INVALID, COLMAP_INVALID, COLMAP_INVALID or COLMAP_INVALID.
+        COLMAP_FILE_MISSING or COLMAP_INVALID.
 
     Notes
     -----

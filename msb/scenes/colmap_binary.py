@@ -105,11 +105,6 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
 
     Tracks make the records differ in length, so one pass follows the chain of lengths and notes where each
     record begins; the values are then gathered many at a time.
-
-    Returns
-    -------
-    xyz : (N, 3) float64
-    rgb : (N, 3) uint8
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)

@@ -57,20 +57,9 @@ def model_parameters(name: str | None, given: str) -> int:
 
 @dataclass(frozen=True)
 class Lens:
-    """One record of a cameras file.
+    """One record of a cameras file, not yet checked: its id, a key of `MODELS`, size and parameters.
 
-    Parameters
-    ----------
-    number : int
-        The camera's id.
-    model : str
-        One of `MODELS`.
-    width, height : int
-        The recorded size in pixels, not yet checked.
-    parameters : tuple of float
-        The model's parameters, not yet checked.
-    pointer : str
-        Where in the file.
+    `pointer` says where in the file it stands.
     """
 
     number: int
@@ -100,22 +89,10 @@ class Lens:
 
 @dataclass(frozen=True)
 class Shot:
-    """One record of an images file, not yet checked.
+    """One record of an images file, not yet checked: its id, pose, camera's id, and name below the images.
 
-    Parameters
-    ----------
-    number : int
-        The image's id.
-    quaternion : tuple of float
-        The rotation from world to camera: w, x, y, z.
-    translation : tuple of float
-        The translation from world to camera.
-    lens : int
-        The id of its camera.
-    name : bytes
-        The file's name below the folder of images.
-    pointer : str
-        Where in the file.
+    `quaternion` (w, x, y, z) and `translation` lead from world to camera; `pointer` says where in the file it
+    stands.
     """
 
     number: int

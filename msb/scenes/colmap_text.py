@@ -69,13 +69,7 @@ def read_shots(source: Source) -> Iterator[Shot]:
 
 
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK...
-
-    Returns
-    -------
-    xyz : (N, 3) float64
-    rgb : (N, 3) uint8
-    """
+    """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK..."""
     xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.uint8)]
     rows: list[list[float]] = []
     places: list[int] = []

@@ -17,14 +17,9 @@ NAMED = {"black": BLACK, "white": WHITE}
 
 
 def parse_color(text: str, official: object = None) -> Color | None:
-    """Return the colour that `text` names, or None if it names no colour.
+    """Return the colour that `text` names, or None if it names none.
 
-    Parameters
-    ----------
-    text : str
-        black, white, #rrggbb, or r,g,b in 0..1; or "official".
-    official : object
-        The text that "official" stands for; None if it is unknown.
+    It is black, white, #rrggbb, r,g,b in 0..1, or "official", which stands for the text `official`.
     """
     word = text.strip().lower()
     if word == "official":
@@ -40,15 +35,7 @@ def parse_color(text: str, official: object = None) -> Color | None:
 
 
 def check_background(background: object, official: object = None) -> Color:
-    """Return the background that a renderer was given, after checking it.
-
-    Parameters
-    ----------
-    background : (3,) array_like of float, or str
-        Numbers that are finite in float32, or a text that `parse_color` takes.
-    official : object
-        The same as for `parse_color`.
-    """
+    """Return the background that a renderer was given: finite numbers, or a text for `parse_color`."""
     found = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
     if found is None:
         text = f"background is {shorten(repr(background), 60)}; it must be three finite numbers, "

@@ -38,17 +38,9 @@ def read_json(source: Source) -> Node:
 
 @dataclass(frozen=True)
 class Node:
-    """A JSON value and its place.
+    """A JSON value of a file and its place, an RFC 6901 pointer; "" is the root.
 
     Every method that asks for a kind of value raises `SceneError` CAMERA_FILE if it is another.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
-    value : JSON data
-    pointer : str
-        RFC 6901 pointer; "" is the root.
     """
 
     source: Source

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import operator
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msb.errors import SceneError, shorten
+from msb.errors import SceneError
 from msb.scenes.camera import Camera
 from msb.scenes.poses import (
     MAX_COORDINATE,
@@ -77,7 +76,8 @@ def turntable(
     start /= math.hypot(*start)
     side = np.cross(axis, start)
     cameras = []
-    for index in range(_frames(count)):
+    _check_frames(count)
+    for index in range(count):
         angle = 2 * math.pi * index / count
         outward = math.cos(angle) * start + math.sin(angle) * side
         eye = middle + radius * (math.cos(elevation) * outward + math.sin(elevation) * axis)
@@ -96,26 +96,12 @@ def unit_at(distance: float) -> float:
 
 
 def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
-    """Return a smooth flight through the given cameras.
+    """Return a smooth flight of `count` frames through at least two cameras, of the size of the first one.
 
-    Parameters
-    ----------
-    cameras : sequence of Camera
-        At least two cameras. All frames have the size of the first one.
-    count : int
-        Number of frames. Every pair of neighbouring cameras takes the same time, whatever its distance; an
-        open flight begins at the first camera and ends at the last.
-    closed : bool
-        Whether the flight goes on from the last camera to the first; the frame after the last one would then
-        be the first frame.
+    Every pair of neighbours takes the same time, whatever its distance. An open flight begins at the first
+    camera and ends at the last; a `closed` one goes on to the first, the frame after its last. Velocity and
+    angular velocity are continuous.
 
-    Returns
-    -------
-    flight : list of Camera
-        Position and velocity are continuous, so are rotation and angular velocity.
-
-    Notes
-    -----
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
     splines, 1974); the ends of an open flight are continued by reflection. Rotations follow the same spline
     of unit quaternions, each pair brought to the same side of the sphere, then normalised; between two
@@ -129,10 +115,10 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
     centers = np.stack([key.center for key in keys])
     turns = _aligned(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
     lenses = np.array([(key.fx, key.fy, key.cx, key.cy) for key in keys])
-    frames = _frames(count)
+    _check_frames(count)
     end = len(keys) if closed else len(keys) - 1
     flight = []
-    for index, time in enumerate(np.linspace(0, end, num=frames, endpoint=not closed).tolist()):
+    for index, time in enumerate(np.linspace(0, end, num=count, endpoint=not closed).tolist()):
         segment = min(int(time), end - 1)
         at = time - segment
         pose = np.eye(4)
@@ -145,16 +131,9 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
     return flight
 
 
-def _frames(count: object) -> int:
-    """Return `count` if it can be a number of frames."""
-    try:
-        frames = operator.index(count)  # type: ignore[arg-type]
-    except TypeError:
-        frames = 0
-    if not 1 <= frames <= MAX_FRAMES:
-        text = f"the count is {shorten(repr(count))}; it must be a whole number from 1 to {MAX_FRAMES}"
-        raise SceneError("CAMERA_PATH", text)
-    return frames
+def _check_frames(count: int) -> None:
+    if not 1 <= count <= MAX_FRAMES:
+        raise SceneError("CAMERA_PATH", f"the count is {count}; it must be from 1 to {MAX_FRAMES}")
 
 
 def _around(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:

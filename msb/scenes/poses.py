@@ -6,7 +6,6 @@ Matrices are for column vectors, x_camera = W x_world. Camera axes are OpenCV's:
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,11 +26,7 @@ _OPENGL_AXES.setflags(write=False)
 def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `matrix` as a new array (4, 4) float64 if it is a rotation and a translation.
 
-    Parameters
-    ----------
-    matrix : (4, 4) array_like
-    what : str
-        The name of the matrix in messages.
+    `what` names it in messages.
     """
     pose = _finite_matrix(matrix, what)
     if (pose[3] != (0, 0, 0, 1)).any():
@@ -59,11 +54,7 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `matrix` as a new array (4, 4) float64 of finite numbers."""
-    try:
-        given: NDArray[Any] = np.asarray(matrix)
-    except Exception:  # rows of different lengths; an array of another library that refuses
-        text = f"{what} is no array, or has rows of different lengths; it must be 4 x 4 numbers"
-        raise SceneError("CAMERA_INVALID", text) from None
+    given = np.asarray(matrix)
     if given.shape != (4, 4) or given.dtype.kind not in "fiu":
         text = f"{what} is an array of {given.dtype} of shape {given.shape}; it must be 4 x 4 numbers"
         raise SceneError("CAMERA_INVALID", shorten(text, 200))
@@ -92,23 +83,11 @@ def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
-    """Return the world-to-camera matrix of an OpenGL or Blender camera.
+    """Return the world-to-camera matrix (4, 4) float64 of an OpenGL or Blender camera.
 
-    Parameters
-    ----------
-    camera_to_world : (4, 4) array_like
-        With camera axes x right, y up, z backward, as NeRF's `transform_matrix` and Blender's `matrix_world`
-        have them.
-
-    Returns
-    -------
-    world_to_camera : (4, 4) float64
-        With camera axes x right, y down, z forward. The world's axes stay as they are.
-
-    Notes
-    -----
-    Columns 1 and 2 are negated, then the matrix is inverted, as in `graphdeco-inria/gaussian-splatting`:
-    scene/dataset_readers.py.
+    `camera_to_world` has camera axes x right, y up, z backward, as NeRF's `transform_matrix` and Blender's
+    `matrix_world`; the world's axes stay as they are. Columns 1 and 2 are negated, then the matrix is
+    inverted, as in `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
     """
     return rigid_inverse(check_pose(camera_to_world, what) @ _OPENGL_AXES)
 
@@ -116,15 +95,9 @@ def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world mat
 def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
     """Return the world-to-camera matrix (4, 4) of a camera at `eye` that looks at `target`.
 
-    Parameters
-    ----------
-    eye, target : (3,) array_like
-        Points in the world.
-    up : (3,) array_like
-        Direction in the world that is up in the image, of any length.
+    `up` is the direction in the world that is up in the image, of any length.
     """
-    points = {"eye": eye, "target": target, "up": up}
-    position, aim, upward = (vector3(name, point) for name, point in points.items())
+    position, aim, upward = vector3("eye", eye), vector3("target", target), vector3("up", up)
     forward = _unit(aim - position)
     if forward is None:
         text = "eye and target are the same point; the camera must look somewhere"
@@ -142,10 +115,7 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
 
 def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as (3,) float64."""
-    try:
-        vector = np.asarray(value, dtype=np.float64)
-    except Exception:  # it is no array, or one of another library that refuses
-        vector = np.zeros(0)
+    vector = np.asarray(value, dtype=np.float64)
     if vector.shape != (3,) or not (np.abs(vector) <= MAX_COORDINATE).all():
         text = f"{name} is {shorten(repr(value))}; it must be three numbers up to {MAX_COORDINATE:g}"
         raise SceneError("CAMERA_PATH", text)

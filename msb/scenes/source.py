@@ -14,15 +14,7 @@ from msb.errors import SceneError
 
 @dataclass(frozen=True)
 class Source:
-    """A file and its bytes.
-
-    Parameters
-    ----------
-    path : Path
-        The file, as it was given.
-    data : bytes or mmap
-        The content of the file; a mapping costs no memory until it is read.
-    """
+    """A file, as it was given, and its bytes: a mapping costs no memory until it is read."""
 
     path: Path
     data: bytes | mmap.mmap

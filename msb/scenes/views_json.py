@@ -27,14 +27,7 @@ _OPTIONAL = ("name", "source_size", "split")
 
 
 class Views(NamedTuple):
-    """The content of a views.json.
-
-    Parameters
-    ----------
-    cameras : list of Camera
-    background : (float, float, float), optional
-        Red, green and blue in [0, 1], in the stored colour space: what the views are rendered over.
-    """
+    """The content of a views.json: cameras, and what they are rendered over, in the stored colour space."""
 
     cameras: list[Camera]
     background: tuple[float, float, float] | None = None
@@ -80,7 +73,7 @@ def _camera(node: Node) -> Camera:
             node["world_to_camera"].array(4, 4),
             None if name is None else name.text(),
             None,
-            None if size is None else cast("tuple[int, int]", tuple(n.whole() for n in size.items())),
+            None if size is None else cast("tuple[int, int]", [n.whole() for n in size.items()]),
             None if split is None else cast("Split", split.text()),
         )
         unit = node.get("unit")
@@ -107,7 +100,7 @@ def write_cameras(
     Raises
     ------
     SceneError
-        CAMERA_NONE, CAMERA_FILE or CAMERA_FILE (the background).
+        CAMERA_NONE or CAMERA_FILE.
     OutputError
         OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large to be read again.
     UsageError

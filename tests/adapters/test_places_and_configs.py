@@ -13,7 +13,7 @@ import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.cli.inputs import expand
 from msb.errors import CheckpointError, InputError
-from msb.scenes.datasets.trained import saw_test_views
+from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
 

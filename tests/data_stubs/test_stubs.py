@@ -18,7 +18,7 @@ from data_stubs.photographs import photograph, to_bytes
 from msb import metrics
 from msb.bench.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
-from msb.scenes.datasets.evaluated import scene_at
+from msb.scenes.datasets.read import scene_at
 from tests.conftest import ROOT
 
 STUBS = ROOT / "data_stubs"

@@ -159,5 +159,5 @@ BAD_JSON: dict[str, Bad] = {
     ),
     "names equal": in_views("FILE", "cameras 0 and 1 are both", "cameras/0/name", "part/view_1.png"),
     "split unknown": in_views("INVALID", "/cameras/1: split is 'all'", "cameras/1/split", "all"),
-    "source size of one": in_views("INVALID", "/cameras/0: the size is (5,)", "cameras/0/source_size", [5]),
+    "source size of one": in_views("INVALID", "/cameras/0: the size is [5]", "cameras/0/source_size", [5]),
 }

@@ -8,10 +8,16 @@ from __future__ import annotations
 
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS, Dataset
 from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
-from msb.scenes.datasets.evaluated import SceneAt, scene_at
 from msb.scenes.datasets.layout import find_layout, find_scenes
 from msb.scenes.datasets.neus import read_matrices
-from msb.scenes.datasets.read import dataset_of, read_scene
+from msb.scenes.datasets.notes import (
+    over_another,
+    photographs_beside,
+    recorded_note,
+    scaled_note,
+    trained_otherwise,
+)
+from msb.scenes.datasets.read import SceneAt, dataset_of, read_scene, scene_at
 from msb.scenes.datasets.rulebook import (
     OURS,
     RULES,
@@ -20,9 +26,7 @@ from msb.scenes.datasets.rulebook import (
     stated_background,
 )
 from msb.scenes.datasets.rules import Photographs, Rules
-from msb.scenes.datasets.scaled import photographs_beside, recorded_note, scaled_note
 from msb.scenes.datasets.scene import Scene
-from msb.scenes.datasets.trained import over_another, trained_otherwise
 
 __all__ = [
     "CUSTOM",

@@ -13,8 +13,8 @@ from msb.scenes.colmap import find_model, read_points
 from msb.scenes.colors import NAMED
 from msb.scenes.datasets.catalog import DATASETS, guess_dataset
 from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
-from msb.scenes.datasets.masks import MASKS
 from msb.scenes.datasets.neus import MATRICES
+from msb.scenes.datasets.photographs import MASKS
 from msb.scenes.datasets.read import read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES
 from msb.scenes.image_size import image_size
@@ -22,8 +22,8 @@ from msb.scenes.image_size import image_size
 if TYPE_CHECKING:
     from msb.scenes.camera import Camera
     from msb.scenes.datasets.catalog import Layout
+    from msb.scenes.datasets.rules import Size
     from msb.scenes.datasets.scene import Scene
-    from msb.scenes.datasets.sizes import Size
 
 
 @dataclass(frozen=True)
@@ -38,25 +38,10 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """What was found in a scene's folder.
+    """What was found in a scene's folder; `scene` is None if it cannot be read, and `error` then says why.
 
-    Attributes
-    ----------
-    path : Path
-    dataset, name : str
-    layout : Layout
-    scene : Scene, optional
-        The scene; None if it cannot be read with the given options, and `error` then says why.
-    error : MsbError, optional
-    image_folders : tuple of ImageFolder
-    points : int, optional
-        The number of SfM points; None if there are none to be read.
-    findings : tuple of Finding
-        Warnings of the scene, and warnings about missing files.
-    unused : tuple of str
-        Files and folders that are not used, each with the reason.
-    deviations : mapping of str to tuple of str
-        Method -> what its official code does otherwise; empty if there is no difference.
+    `points` is the number of SfM points, None if there are none to be read; `unused` names files with the
+    reason, `deviations` what a method's official code does otherwise.
     """
 
     path: Path
@@ -73,17 +58,8 @@ class SceneReport:
 
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
-    """Return the report on the scene at `path`.
+    """Return the report on the scene at `path`, a folder that `find_layout` knows; options of `read_scene`.
 
-    Parameters
-    ----------
-    path : Path
-        A folder that `find_layout` knows.
-    **options
-        Those of `read_scene`.
-
-    Notes
-    -----
     No error about the scene's content is raised; the report holds it in `error`.
     """
     place, layout = path.absolute(), find_layout(path)

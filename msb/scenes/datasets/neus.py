@@ -79,21 +79,10 @@ def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
 
 
 def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
-    """Return a camera for each image, in the normalised frame, in the order of the matrices.
+    """Return a camera for each image, sorted by name as the matrices of cameras.npz, in the normalised frame.
 
-    Parameters
-    ----------
-    path : Path
-        cameras.npz.
-    images : sequence of Path
-        Image files sorted by name; image i belongs to the matrices i.
-
-    Returns
-    -------
-    cameras : list of Camera
-        (world_mat_i scale_mat_i)[:3] = K [R | t], decomposed by RQ with a positive diagonal of K, which is
-        divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is left out: no camera here has
-        one.
+    (world_mat_i scale_mat_i)[:3] = K [R | t], decomposed by RQ with a positive diagonal of K, which is
+    divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is left out: no camera here has one.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,12 +14,10 @@ from msb.base.paths import SpelledFiles, given_path
 from msb.errors import InputError, SceneError, finding, shorten
 from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
-from msb.scenes.datasets.masks import find_masks
-from msb.scenes.datasets.photographs import choose_photographs, photograph_sizes
+from msb.scenes.datasets.photographs import choose_photographs, find_masks, photograph_sizes
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
-from msb.scenes.datasets.rules import CONVENTIONS
+from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, check_resolution
 from msb.scenes.datasets.scene import Scene
-from msb.scenes.datasets.sizes import ROUNDINGS, check_resolution
 
 if TYPE_CHECKING:
     from msb.errors import Finding
@@ -182,3 +181,60 @@ def _shifted(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
         "checkpoints trained with it need camera_convention full_K"
     )
     return [finding("SCENE_PRINCIPAL_POINT", text, severity="warning", file=str(root), value=far)]
+
+
+@dataclass(frozen=True)
+class SceneAt:
+    """A scene on which a method is evaluated: the arguments of `read_scene`, and its name in the results."""
+
+    dataset: str
+    name: str
+    path: Path
+    image_folder: str | None
+    resolution: int | None
+    background: Color
+    camera_convention: Convention
+
+    def read(self) -> Scene:
+        """Return the scene; the last few are kept."""
+        return _read(self)
+
+
+def scene_at(
+    path: Path,
+    dataset: str,
+    method: str,
+    *,
+    own_background: Color | None = None,
+    image_folder: str | None = None,
+    resolution: int | None = None,
+    background: Color | None = None,
+    camera_convention: Convention | None = None,
+) -> SceneAt:
+    """Return how a method is evaluated on a scene, of whose folder nothing is read yet.
+
+    `own_background` is that of the method's official evaluation, if the model records it. The last four are
+    asked for instead of the rules, as for `read_scene`: the size is else that of our rules, the camera the
+    one the method is trained with, the background that of `evaluation_background`.
+    """
+    return SceneAt(
+        dataset=dataset,
+        name=path.name,
+        path=path,
+        image_folder=image_folder,
+        resolution=resolution,
+        background=background or evaluation_background(dataset, method, own_background),
+        camera_convention=camera_convention or RULES.get(method, RULES[OURS]).convention,
+    )
+
+
+@lru_cache(maxsize=8)
+def _read(scene: SceneAt) -> Scene:
+    return read_scene(
+        scene.path,
+        dataset=scene.dataset,
+        image_folder=scene.image_folder,
+        resolution=scene.resolution,
+        camera_convention=scene.camera_convention,
+        background=scene.background,
+    )

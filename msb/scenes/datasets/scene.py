@@ -25,9 +25,6 @@ class Scene:
     ----------
     dataset, name : str
         Names as in result records, such as "mipnerf360" and "garden".
-    root : Path
-        The scene's folder.
-    layout : Layout
     rules : str
         The rules by which it was read; a key of `RULES`.
     image_folder : str
@@ -39,8 +36,6 @@ class Scene:
         scene), `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
     background : (float, float, float)
         The colour behind the model, and behind a masked photograph.
-    camera_convention : {"gs_fov", "full_K"}
-    compositing : {"before_resize", "after_resize", "none"}
     mask_source : {"png_alpha", "mask_folder"}, optional
         Where the masks of the photographs are; None if there are none, or they are not used.
     masks : mapping of str to Path
@@ -51,7 +46,6 @@ class Scene:
         Whether the ground truth is rounded to 8 bits before it is compared.
     gt_resized : bool
         Whether a photograph is stored in another size than the one evaluated.
-    warnings : tuple of Finding
     """
 
     dataset: str
