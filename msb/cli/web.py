@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Up, Views
@@ -75,6 +75,17 @@ class WebOptions:
     ] = None
 
 
+class Shown(NamedTuple):
+    """What a page shows."""
+
+    name: str
+    asset: Asset
+    settings: dict[str, Any]
+    cameras: list[Camera]
+    up: str
+    background: tuple[float, float, float]
+
+
 @command(
     "msb web -o out/page.html data_stubs/splat_like.triasset",
     "msb web -o out/views.html --cameras data_stubs/views.json --up=-y \\\n      data_stubs/checkpoint",
@@ -102,7 +113,7 @@ def web(
     if options.verify is not None:
         from msb.cli.web_dedicated import verify_page
 
-        verify_page(options.verify, output, options.at_least, device=options.device)
+        verify_page(options.verify, options, output)
         return
     target = options.out or Path()
     if path is None:
@@ -117,63 +128,42 @@ def web(
 
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    settings = drawing.settings(asset)
     said = ""
     if views.cameras is not None:
         cameras = views.read(output)
     else:
         chosen = choose_views(asset)
         cameras, said = [] if chosen.origin == "turntable" else chosen.cameras, chosen.said
-    color, axis = parse_background(views.background, asset), options.up or up_axis(asset)
+    axis = options.up or up_axis(asset)
+    color = parse_background(views.background, asset)
+    shown = Shown(path.name, asset, drawing.settings(asset), cameras, axis, color)
     if options.up is None and asset.manifest.coordinate_frame.up == "unknown":
         output.note(f"{path}: what is up is not known and taken to be {axis}; --up says otherwise")
     if said:
         output.note(f"views: {said}")
     if options.tier == "standard":
-        _write_mesh(asset, target, output, path.name, settings, cameras, axis, color)
-        return
-    from msb.cli.web_dedicated import write_page
+        _write_mesh(shown, target, output)
+    else:
+        from msb.cli.web_dedicated import write_page
 
-    write_page(
-        asset,
-        target,
-        output,
-        name=path.name,
-        settings=settings,
-        cameras=cameras,
-        renders=options.renders,
-        up=axis,
-        background=color,
-        quantise=options.quantise,
-        faces=options.faces,
-        verify=not options.no_verify,
-    )
+        write_page(shown, options, target, output)
 
 
-def _write_mesh(
-    asset: Asset,
-    target: Path,
-    output: Output,
-    name: str,
-    settings: dict[str, Any],
-    views: list[Camera],
-    up: str,
-    background: tuple[float, float, float],
-) -> None:
+def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
     from msb.engines.mesh import engine_mesh
     from msb.engines.webpage import LARGE, write_web_page
 
-    mesh = engine_mesh(asset, settings)
+    mesh = engine_mesh(shown.asset, shown.settings)
     if len(mesh.indices) > LARGE:
         output.note(f"warning: {target}: {len(mesh.indices):,} faces are more than most browsers hold")
     with output.progress(f"writing {target.name}"):
         write_web_page(
             target,
             mesh.encoded(".glb"),
-            name=name,
-            cameras=views,
-            up=up,
-            background=background,
+            name=shown.name,
+            cameras=shown.cameras,
+            up=shown.up,
+            background=shown.background,
         )
     _say(output, target)
 
