@@ -7,15 +7,15 @@ distribution (the median shrinks as one over the square root of their number: ab
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+import msb
 from data_stubs.made_models import TRAINED
 from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 BLENDED = tuple(name for name in TRAINED if METHODS[name].native.alpha_compositing)  # type: ignore[union-attr]
 """Methods whose triangles are sorted and blended, with spherical harmonics."""
@@ -32,8 +32,6 @@ def is_connected(method: str) -> bool:
 
 def camera(width: int, height: int) -> Any:
     """Return the camera all models are made for: at the origin, along z."""
-    import msb
-
     return msb.Camera(width, height, _FOCAL * width, _FOCAL * width, width / 2, height / 2, np.eye(4))
 
 
@@ -85,7 +83,7 @@ def grid_mesh(faces: int, seed: int = 0) -> dict[str, Any]:
     }
 
 
-def model(method: str, faces: int) -> Asset:
+def model(method: str, faces: int) -> msb.Asset:
     """Return an asset of `method` with about so many faces."""
     from msb.asset.build import Description, build_asset
 
@@ -107,3 +105,22 @@ def model(method: str, faces: int) -> Asset:
     )
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
     return build_asset(buffers, domains, description)
+
+
+def capture(method: str, faces: int) -> msb.Asset:
+    """Return the model of a method, its faces in no order that helps."""
+    asset = model(method, faces)
+    if not is_connected(method):  # soups are random already
+        return asset
+    shuffled = np.random.default_rng(0).permutation(asset.buffers["indices"])
+    return replace(asset, buffers={**asset.buffers, "indices": shuffled})
+
+
+def psnr(
+    image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None, *, quantize: bool = True
+) -> float:
+    """Return the PSNR in dB of two images as a screen shows them, clamped to [0, 1]."""
+    first, second = np.clip(image, 0, 1), np.clip(official, 0, 1)
+    if stable is not None:
+        first, second = first[stable][None], second[stable][None]
+    return msb.metrics.psnr(first, second, quantize=quantize)

@@ -17,10 +17,9 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import msb
-from benchmarks.dedicated_scenes import BLENDED, camera
+from benchmarks.dedicated_scenes import BLENDED, camera, capture, psnr
 from benchmarks.garden import surface_of
 from data_stubs.made_models import write_models
-from docs.make_losses import capture, psnr
 from msb.engines.engine import WALL_CLOCK
 from msb.errors import MsbError, Unsupported
 from msb.registry import METHODS

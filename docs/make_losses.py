@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import msb
-from benchmarks.dedicated_scenes import BLENDED, is_connected, model
+from benchmarks.dedicated_scenes import BLENDED, capture, psnr
 from benchmarks.dedicated_scenes import camera as capture_camera
 from data_stubs.made_models import TRAINED
 from msb.registry import METHODS
@@ -67,16 +66,6 @@ class Row(NamedTuple):
         return f"{TITLES[self.method]}, {self.scene}{self.note}"
 
 
-def psnr(
-    image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None, *, quantize: bool = True
-) -> float:
-    """Return the PSNR in dB of two images as a screen shows them, clamped to [0, 1]."""
-    first, second = np.clip(image, 0, 1), np.clip(official, 0, 1)
-    if stable is not None:
-        first, second = first[stable][None], second[stable][None]
-    return msb.metrics.psnr(first, second, quantize=quantize)
-
-
 def draw(asset: msb.Asset, camera: msb.Camera, **options: Any) -> NDArray[np.float32]:
     """Return the image of the dedicated tier."""
     return msb.render(asset, camera, tier="dedicated", outputs=(), **options).image
@@ -100,15 +89,6 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
                     if name in SHOWN and not changed:
                         strips.append(np.concatenate([official, *images], axis=1))
     return found, strips
-
-
-def capture(method: str, faces: int) -> msb.Asset:
-    """Return the benchmark's model of a method, its faces in no order that helps."""
-    asset = model(method, faces)
-    if not is_connected(method):  # soups are random already
-        return asset
-    shuffled = np.random.default_rng(0).permutation(asset.buffers["indices"])
-    return replace(asset, buffers={**asset.buffers, "indices": shuffled})
 
 
 def captures(device: str | None) -> dict[Row, Figures]:

@@ -10,7 +10,9 @@ import sys
 import tomllib
 from collections.abc import Sequence
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -32,8 +34,8 @@ ALLOWED: dict[str, set[str]] = {
     "methods": {"registry", "scenes"},
     "base": {"errors"},
     "asset": GROUND,
-    # The verbs, as methods of an asset: they import `msb` when they are called, and name what it returns.
-    "asset.asset": GROUND | {"msb", "topology", "repair", "render"},
+    # The verbs, as methods of an asset: they import `msb` when they are called.
+    "asset.asset": GROUND | {"msb"},
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
@@ -129,6 +131,8 @@ DISTRIBUTIONS = {
     "gpu": "bpy",
 }
 """Module -> what pip installs it by, where the two differ."""
+When = Literal["loaded", "called", "never"]
+"""When an import runs: with its module, with a function, or for types alone."""
 OURS = {"msb", "msb_viewers"}
 PEERS = {"igl", "pymeshlab", "manifold3d", "networkx"}
 MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py")])
@@ -152,52 +156,53 @@ def part_named(names: Sequence[str]) -> str:
 
 
 @cache
-def imports_of(path: Path) -> list[tuple[str, bool]]:
-    """Return every imported module and whether the import runs when the file is loaded."""
+def imports_of(path: Path) -> list[tuple[str, When]]:
+    """Return every imported module and when the import runs, if it does."""
     tree = ast.parse(path.read_text())
-    lazy_nodes: set[ast.AST] = set()
-    typing_only: set[ast.AST] = set()
+    when: dict[ast.AST, When] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            lazy_nodes.update(ast.walk(node))
+            when.update(dict.fromkeys(ast.walk(node), "called"))
         if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
-            typing_only.update(ast.walk(node))
-    found = []
+            when.update(dict.fromkeys(ast.walk(node), "never"))
+    found: list[tuple[str, When]] = []
     for node in ast.walk(tree):
-        at_load = node not in lazy_nodes and node not in typing_only
+        names: list[str] = []
         if isinstance(node, ast.Import):
-            found += [(name.name, at_load) for name in node.names]
+            names = [name.name for name in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative imports hide which part is meant"
             module = node.module or ""
             # Of what is imported from a method's folder its role is asked, not the folder's.
             if module.startswith("msb.methods."):
-                roles = [
+                names = [
                     f"{module}.{name.name}" if name.name != "METHOD" else "msb.registry"
                     for name in node.names
                 ]
             else:
-                roles = [f"msb.{name.name}" for name in node.names] if module == "msb" else [module]
-            found += [(name, at_load) for name in roles]
+                names = [f"msb.{name.name}" for name in node.names] if module == "msb" else [module]
+        found += [(name, when.get(node, "loaded")) for name in names]
     return found
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_module_imports_only_what_its_part_may(path: Path) -> None:
     part = part_of(path)
-    for name, at_load in imports_of(path):
+    for name, when in imports_of(path):
         top, _, rest = name.partition(".")
         if top == "msb" and part not in ANYTHING:
             target = part_named(rest.split(".")) or "msb"
             if target != part:
                 assert target in ALLOWED[part], f"{path}: {part} may not import msb.{target}"
-                assert part != "asset.asset" or not at_load or target in GROUND, f"{path}: {name} at load"
+                assert target != "msb" or when != "loaded", f"{path}: {name} at load"
         elif top == "msb_viewers" and part == "viewers":
             continue
         elif top != "msb" and top not in sys.stdlib_module_names:
             wanted = FOREIGN.get(part, {"numpy"})
             assert top in wanted, f"{path}: {part} may not import {top}"
-            assert not (at_load and top in LAZY), f"{path}: import {top} inside the function that needs it"
+            assert when != "loaded" or top not in LAZY, (
+                f"{path}: import {top} inside the function that needs it"
+            )
 
 
 def installed_by(requirements: list[str]) -> set[str]:
@@ -210,17 +215,17 @@ CORE = installed_by(PROJECT["dependencies"])
 EXTRAS = {name: installed_by(lines) for name, lines in PROJECT["optional-dependencies"].items()}
 
 
-def others(path: Path) -> set[tuple[str, bool]]:
-    """Return what pip has to install for the module, and whether it is needed when the module loads."""
+def others(path: Path) -> set[tuple[str, When]]:
+    """Return what pip has to install for the module, and when it is needed."""
     return {
-        (DISTRIBUTIONS.get(top, top), at_load)
-        for name, at_load in imports_of(path)
+        (DISTRIBUTIONS.get(top, top), when)
+        for name, when in imports_of(path)
         if (top := name.partition(".")[0]) not in sys.stdlib_module_names | OURS
     }
 
 
 def test_what_loads_with_a_module_is_a_core_dependency() -> None:
-    needed = {name: path for path in MODULES for name, at_load in others(path) if at_load}
+    needed = {name: path for path in MODULES for name, when in others(path) if when == "loaded"}
     assert {name: path for name, path in needed.items() if name not in CORE} == {}
 
 
@@ -273,6 +278,38 @@ def test_what_draws_opens_no_path_but_at_its_front_door() -> None:
     assert users == ["renderer.py"]
 
 
+FOLDERS = ("msb", "viewers", "data_stubs", "benchmarks", "fuzz", "docs")
+ROOMS = {path.stem for path in (ROOT / "msb").iterdir()} - {"__init__"}
+
+
+def room(names: Sequence[str]) -> str | None:
+    """Return the room of a module: a package or module of msb/, the viewers or another folder of ours."""
+    if names[0] == "msb":
+        return names[1] if len(names) > 1 and names[1] in ROOMS else None  # who comes in by the front
+    return "viewers" if names[0] == "msb_viewers" else names[0] if names[0] in FOLDERS else None
+
+
+def arrows() -> set[tuple[str, str, When]]:
+    """Return which room imports which other, and when."""
+    return {
+        (here, there, when)
+        for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+        for name, when in imports_of(path)
+        if (here := room(path.relative_to(ROOT).with_suffix("").parts))
+        and (there := room(name.split(".")))
+        and here != there
+    }
+
+
+def test_no_import_runs_up() -> None:
+    """Rooms can be put in an order in which each imports those below it, whenever the import runs."""
+    below: dict[str, set[str]] = {}
+    for here, there, when in arrows():
+        if when != "never":
+            below.setdefault(here, set()).add(there)
+    assert [*TopologicalSorter(below).static_order()][-1] in FOLDERS  # or it raises CycleError
+
+
 def test_rules_cover_every_part() -> None:
     assert {part_of(path) for path in MODULES} <= set(ALLOWED) | ANYTHING
 
@@ -309,3 +346,8 @@ def test_nothing_is_loaded_that_is_not_needed(code: str, spared: set[str]) -> No
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "msb" in loaded
     assert not spared & loaded
+
+
+if __name__ == "__main__":  # python -m tests.test_import_rules
+    pairs = {(here, there) for here, there, _ in arrows()}
+    print(f"{len({each for pair in pairs for each in pair})} rooms, {len(pairs)} arrows between them")
