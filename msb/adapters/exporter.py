@@ -42,9 +42,9 @@ def adapters() -> dict[str, Adapter]:
     A package is asked first because it knows our methods, but they do not know it: its files may look like
     ours.
     """
-    found = dict(with_role("adapter"))
-    others = [name for name in found if name not in BUILT_IN]
-    return {name: found[name] for name in (*others, *BUILT_IN)}
+    by_name = dict(with_role("adapter"))
+    others = [name for name in by_name if name not in BUILT_IN]
+    return {name: by_name[name] for name in (*others, *BUILT_IN)}
 
 
 def export(
@@ -133,18 +133,18 @@ def detect(path: str | os.PathLike[str]) -> str:
 
 
 def _adapter(method: str) -> Adapter:
-    found: Any = role(method, "adapter")
-    if found is None:
+    adapter: Any = role(method, "adapter")
+    if adapter is None:
         text = f"{METHODS[method].title} brings nothing that reads its models"
         raise Unsupported("UNSUPPORTED_METHOD", text)
-    return cast("Adapter", found)
+    return cast("Adapter", adapter)
 
 
 def _detect(content: Content) -> str:
-    asked = adapters()
-    found = _recognising(content, asked)
-    if found is not None:
-        return found
+    known = adapters()
+    method = _recognising(content, known)
+    if method is not None:
+        return method
     value = content.value
     if isinstance(value, dict):
         what = "its keys are " + (", ".join(shorten(str(key), 30) for key in list(value)[:8]) or "none")
@@ -154,29 +154,29 @@ def _detect(content: Content) -> str:
         what = f"it holds a {type(value).__name__}"
     else:
         what = "its content is not what its name promises"
-    text = f"{what}; that is no model of {', '.join(asked)}{_nearest(value, asked)}"
+    text = f"{what}; that is no model of {', '.join(known)}{_nearest(value, known)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
 
 
-def _nearest(value: object, asked: Mapping[str, Adapter]) -> str:
+def _nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
     """Return which method most of the keys of `value` are of, and what it calls the others; "" if of none."""
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
-    known = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in asked.items()}
-    name = max(known, key=lambda name: len(known[name] & keys) / (len(known[name]) or 1))
-    missing = sorted(known[name] - keys)
-    if 2 * len(missing) > len(known[name]) or not known[name]:
+    keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}
+    name = max(keys_of, key=lambda name: len(keys_of[name] & keys) / (len(keys_of[name]) or 1))
+    missing = sorted(keys_of[name] - keys)
+    if 2 * len(missing) > len(keys_of[name]) or not keys_of[name]:
         return ""
     lacks = []
     for key in missing:
-        alike = difflib.get_close_matches(key, sorted(keys - known[name]), 1)
+        alike = difflib.get_close_matches(key, sorted(keys - keys_of[name]), 1)
         lacks.append(f"{key}, which may be {shorten(alike[0], 40)} here" if alike else key)
     return f"; nearest: {name}, but for {' and '.join(lacks)}"
 
 
-def _recognising(content: Content, asked: Mapping[str, Adapter]) -> str | None:
+def _recognising(content: Content, by_name: Mapping[str, Adapter]) -> str | None:
     """Return the first method whose adapter recognises `content`; a package's that fails is left out."""
-    for name, adapter in asked.items():
+    for name, adapter in by_name.items():
         try:
             if adapter.recognises(content):
                 return name
@@ -191,21 +191,21 @@ def _refuse_other(content: Content, method: str) -> None:
     """Refuse a model that another method recognises, unless the one asked for can take it too."""
     if _adapter(method).recognises(content):
         return
-    found = _recognising(content, adapters()) or method
-    if found == "mesh" and METHODS[method].reads_meshes:
+    other = _recognising(content, adapters()) or method
+    if other == "mesh" and METHODS[method].reads_meshes:
         return
-    if found != method:
-        text = f"it holds a {found} model; --method says {method}"
+    if other != method:
+        text = f"it holds a {other} model; --method says {method}"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=content.place.file)
 
 
 def _hashed(model: Model, progress: Progress | None) -> list[SourceFile]:
     sizes = [path.stat().st_size for path in model.files]
     meter = Meter("hashing the source", sum(sizes), progress)
-    found = []
+    files = []
     for path, size in zip(model.files, sizes, strict=True):
-        found.append(SourceFile(_relative(path, model.root), file_sha256(path, meter.advance), size))
-    return found
+        files.append(SourceFile(_relative(path, model.root), file_sha256(path, meter.advance), size))
+    return files
 
 
 def _relative(path: Path, root: Path) -> str:

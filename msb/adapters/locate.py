@@ -151,9 +151,9 @@ def _declared(folder: Path) -> Path | None:
             if above and folder.name == above:
                 places.append(folder)
             for place in places:
-                found = _latest(place, _expression(name)) if "{n}" in name else place / name
-                if found is not None and found.exists():
-                    return found
+                file = _latest(place, _expression(name)) if "{n}" in name else place / name
+                if file is not None and file.exists():
+                    return file
     return None
 
 

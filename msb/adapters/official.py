@@ -43,12 +43,12 @@ def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
 
 def official_exporter(method: str) -> Official:
     """Return the module that writes as the exporter of `method` does."""
-    found: Any = role(method, "official")
-    if found is None:
+    exporter: Any = role(method, "official")
+    if exporter is None:
         names = ", ".join(name for name, _ in with_role("official"))
         text = f"{lookup(method).title} has no exporter of its own for such an asset; {names} have"
         raise Unsupported("UNSUPPORTED_METHOD", text)
-    return cast("Official", found)
+    return cast("Official", exporter)
 
 
 def rounded_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:

@@ -73,8 +73,8 @@ class Tensors:
         self._check_shape(key, array.shape, shape)
         if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
             at = np.argwhere((array < 0) | (array >= vertices))[0].tolist()
-            found = int(array[tuple(at)])
-            text = f"{key}{at} is {found}; it must be 0 to {vertices - 1}"
+            value = int(array[tuple(at)])
+            text = f"{key}{at} is {value}; it must be 0 to {vertices - 1}"
             raise self.error("CHECKPOINT_LAYOUT", text, f"{key}{at}")
         return array.astype(np.uint32)
 
@@ -133,28 +133,28 @@ class Tensors:
 
     def _wrong_type(self, key: str, value: Any, wanted: str) -> CheckpointError:
         if isinstance(value, np.ndarray):
-            found = f"a tensor {list(value.shape)}"
+            what = f"a tensor {list(value.shape)}"
         else:
-            found = {type(None): "None", dict: "a dictionary", str: "text"}.get(
+            what = {type(None): "None", dict: "a dictionary", str: "text"}.get(
                 type(value), f"of type {type(value).__name__}"
             )
-        return self.error("CHECKPOINT_LAYOUT", f"{key} is {found}; it must be {wanted}", key)
+        return self.error("CHECKPOINT_LAYOUT", f"{key} is {what}; it must be {wanted}", key)
 
-    def _check_shape(self, key: str, found: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
-        ok = len(found) == len(wanted)
-        for axis, length in zip(wanted, found, strict=False):
+    def _check_shape(self, key: str, shape: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
+        ok = len(shape) == len(wanted)
+        for axis, length in zip(wanted, shape, strict=False):
             if isinstance(axis, int):
                 ok = ok and axis == length
             elif ok:
                 ok = self._lengths.setdefault(axis, (length, key))[0] == length
         if not ok:
             known = {a: self._lengths[a] for a in wanted if isinstance(a, str) and a in self._lengths}
-            text = f"{key} has shape {list(found)}; it must be {' x '.join(map(str, wanted))}"
+            text = f"{key} has shape {list(shape)}; it must be {' x '.join(map(str, wanted))}"
             where = [f"{a} = {n} as in {k}" for a, (n, k) in known.items() if k != key]
             text += f" with {', '.join(where)}" if where else ""
             raise self.error("CHECKPOINT_LAYOUT", text, key)
-        if 0 in [n for axis, n in zip(wanted, found, strict=True) if isinstance(axis, str)]:
-            text = f"{key} has shape {list(found)}: the model is empty"
+        if 0 in [n for axis, n in zip(wanted, shape, strict=True) if isinstance(axis, str)]:
+            text = f"{key} has shape {list(shape)}: the model is empty"
             raise self.error("CHECKPOINT_LAYOUT", text, key)
 
     def _check_finite(self, key: str, array: NDArray[np.float32], *, infinite: bool) -> None:

@@ -27,12 +27,12 @@ def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Pa
     """Yield the cameras of the training of the model at `path`, and where they are from; the surest first."""
     try:
         root = path.absolute().parent if is_asset(path) else locate(path).root.absolute()
-        found = [root / CAMERAS] if (root / CAMERAS).is_file() else []
+        places = [root / CAMERAS] if (root / CAMERAS).is_file() else []
         if (scene := _scene(root, method)) is not None:
-            found.append(scene)
+            places.append(scene)
     except (MsbError, OSError, ValueError):  # a mesh file, a name that no path can have
         return
-    for place in found:
+    for place in places:
         try:
             yield read_cameras(place), place
         except MsbError:  # a scene of images alone, a file of something else

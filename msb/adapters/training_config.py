@@ -51,14 +51,14 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
 
 def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the values of `cfg_args` say for the manifest's key `training`: no path of a machine."""
-    found: dict[str, Any] = {}
+    training: dict[str, Any] = {}
     if isinstance(held_back := arguments.get("eval"), bool):
-        found["eval"] = held_back
+        training["eval"] = held_back
     if isinstance(folder := arguments.get("images"), str) and folder.isprintable():
-        found["images"] = re.split(r"[/\\]", folder.rstrip("/\\"))[-1][:200]
+        training["images"] = re.split(r"[/\\]", folder.rstrip("/\\"))[-1][:200]
     if type(resolution := arguments.get("resolution")) is int and abs(resolution) < 1 << 31:
-        found["resolution"] = resolution
-    return found
+        training["resolution"] = resolution
+    return training
 
 
 def named_up(path: Any) -> str:

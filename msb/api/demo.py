@@ -36,12 +36,12 @@ def is_demo(folder: Path) -> bool:
 def write_demo(folder: str | os.PathLike[str]) -> int:
     """Write the demo's data as `folder`, in place of what is there, and return its size in bytes."""
     source = demo_folder()
-    found = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
+    paths = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
     with new_folder(folder) as target:
-        for path in sorted(found):
+        for path in sorted(paths):
             place = target / path.relative_to(source)
             if path.is_dir():
                 place.mkdir()
             else:
                 shutil.copyfile(path, place)  # without its mode: an installation may be read-only
-    return sum(path.stat().st_size for path in found if path.is_file())
+    return sum(path.stat().st_size for path in paths if path.is_file())

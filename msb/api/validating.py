@@ -52,10 +52,10 @@ def validate(path: str | os.PathLike[str]) -> Validation:
         return _check_other(place)
     result = validate_asset(place)
     # Errors first: they must not drown in warnings.
-    found = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
+    findings = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
     if result.asset is not None and result.valid:
-        found += _degenerate(result.asset.buffers["positions"], result.asset.buffers["indices"])
-    return replace(result, findings=tuple(found))
+        findings += _degenerate(result.asset.buffers["positions"], result.asset.buffers["indices"])
+    return replace(result, findings=tuple(findings))
 
 
 def _check_other(path: Path) -> Validation:
@@ -68,8 +68,8 @@ def _check_other(path: Path) -> Validation:
         raise
     except MsbError as error:
         return Validation(path, (error_finding(error),), None)
-    found = _degenerate(asset.buffers["positions"], asset.buffers["indices"])
-    return Validation(path, (*asset.warnings, *found), asset)
+    degenerate = _degenerate(asset.buffers["positions"], asset.buffers["indices"])
+    return Validation(path, (*asset.warnings, *degenerate), asset)
 
 
 def _degenerate(positions: Any, indices: Any) -> Iterator[Finding]:

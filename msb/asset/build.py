@@ -161,10 +161,10 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return `ufunc` reduced over the rows (N, 3): many rows side by side, which is what vectorises."""
     whole = len(rows) - len(rows) % 1024
-    found = rows[whole:]
+    rest = rows[whole:]
     if whole:
-        found = np.concatenate([found, ufunc.reduce(rows[:whole].reshape(-1, 3072)).reshape(1024, 3)])
-    return np.asarray(ufunc.reduce(found), np.float64)
+        rest = np.concatenate([rest, ufunc.reduce(rows[:whole].reshape(-1, 3072)).reshape(1024, 3)])
+    return np.asarray(ufunc.reduce(rest), np.float64)
 
 
 def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:

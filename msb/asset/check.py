@@ -43,33 +43,33 @@ def check_manifest(data: Any) -> list[Finding]:
         return [finding("TRIASSET_MANIFEST", text, pointer="")]
     if stop := _check_version(data):
         return stop
-    found = list(check_schema(data, manifest_schema()))
-    if any(f.severity == "error" for f in found):
-        return _newer_minor(data) + found
-    found += _check_counts(data)
-    found += _check_bounds(data)
-    found += _check_method(data)
-    found += _check_settings(data)
+    findings = list(check_schema(data, manifest_schema()))
+    if any(f.severity == "error" for f in findings):
+        return _newer_minor(data) + findings
+    findings += _check_counts(data)
+    findings += _check_bounds(data)
+    findings += _check_method(data)
+    findings += _check_settings(data)
     for name, spec in data["buffers"].items():
-        found += _check_buffer(name, spec, data)
-    found += _check_required_buffers(data)
-    found += _check_layout(data["buffers"])
-    return _newer_minor(data) + found
+        findings += _check_buffer(name, spec, data)
+    findings += _check_required_buffers(data)
+    findings += _check_layout(data["buffers"])
+    return _newer_minor(data) + findings
 
 
 def _check_version(data: Json) -> list[Finding]:
     schema = manifest_schema()["properties"]
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for key in ("format", "version"):
         if key not in data:
             text = f'the manifest lacks the required key "{key}"'
             return [finding("TRIASSET_FIELD", text, pointer=f"/{key}")]
-        found += check_schema(data[key], schema[key], f"/{key}")
-    if not found and _version(data)[0] != MAJOR:
+        findings += check_schema(data[key], schema[key], f"/{key}")
+    if not findings and _version(data)[0] != MAJOR:
         text = f"version is {data['version']}; this release reads {FORMAT} {MAJOR}.x"
         where: dict[str, Any] = {"pointer": "/version", "value": data["version"], "limit": VERSION}
-        found.append(finding("TRIASSET_VERSION_UNSUPPORTED", text, **where))
-    return found
+        findings.append(finding("TRIASSET_VERSION_UNSUPPORTED", text, **where))
+    return findings
 
 
 def _newer_minor(data: Json) -> list[Finding]:

@@ -142,7 +142,7 @@ class PackedContainer:
         ]
 
     def check_bytes(self) -> list[Finding]:
-        found = []
+        findings = []
         for member in self._members.values():
             crc = 0
             end = member.offset + member.size
@@ -150,10 +150,10 @@ class PackedContainer:
                 crc = zlib.crc32(self._view[start : min(end, start + _CRC_CHUNK)], crc)
             if crc != member.crc:
                 text = f"{member.name} has CRC-32 {crc:08x}; the ZIP says {member.crc:08x}"
-                found.append(
+                findings.append(
                     finding("TRIASSET_DAMAGED", text, file=member.name, pointer=f"byte {member.offset}")
                 )
-        return found
+        return findings
 
 
 class FolderContainer:
@@ -186,7 +186,7 @@ class FolderContainer:
     def undeclared(self, declared: set[str]) -> list[Finding]:
         """Return a warning for each stray file, because file managers leave such files behind."""
         names: list[str] = []
-        found: list[Finding] = []
+        findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
             if prefix and not stat.S_ISDIR(_mode(folder)):
                 continue  # what should be in it is missing or behind a link: findings of their own
@@ -195,8 +195,8 @@ class FolderContainer:
                     names += [prefix + entry.name for entry in itertools.islice(entries, _MAX_LISTED)]
             except OSError as error:
                 text = f"{prefix or 'the folder'} cannot be listed: {error.strerror}"
-                found.append(finding("TRIASSET_FILE_UNREADABLE", text, severity="warning"))
-        found += [
+                findings.append(finding("TRIASSET_FILE_UNREADABLE", text, severity="warning"))
+        findings += [
             finding(
                 "TRIASSET_FILE_UNDECLARED",
                 f"{shorten(name)} is in the folder but no buffer declares it",
@@ -206,7 +206,7 @@ class FolderContainer:
             for name in sorted(names)
             if name not in declared and name not in (MANIFEST_NAME, "buffers")
         ]
-        return found
+        return findings
 
     def check_bytes(self) -> list[Finding]:
         """Return a finding for each hard link; a folder has no checksums of its own."""

@@ -70,9 +70,9 @@ def require(asset: Asset, section: str, key: str, value: str) -> None:
     AssetError
         TRIASSET_FIELD.
     """
-    found = getattr(asset.manifest, section).get(key)
-    if found != value:
-        text = f"{section}.{key} is {found!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
+    stored = getattr(asset.manifest, section).get(key)
+    if stored != value:
+        text = f"{section}.{key} is {stored!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer=f"/{section}/{key}")
 
 

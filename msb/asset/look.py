@@ -59,9 +59,9 @@ def colors_of(asset: Asset) -> StaticColors | None:
 
 def drawn_colors(asset: Asset) -> StaticColors:
     """Return the colours `asset` is drawn in: its `static_colors`, or grey that is lit."""
-    found = colors_of(asset)
-    if found is not None:
-        return found
+    colors = colors_of(asset)
+    if colors is not None:
+        return colors
     return StaticColors(
         lit_grey(asset.buffers["positions"], asset.buffers["indices"], up_axis(asset)), "face"
     )

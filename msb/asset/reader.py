@@ -51,13 +51,13 @@ def load(path: str | os.PathLike[str]) -> Asset:
         text = "it is no .triasset; msb.open takes checkpoints and mesh files, too"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
     data = parse_strict_json(manifest_bytes, file=container.path)
-    found = check_manifest(data)
-    _raise_first(found, container)
+    findings = check_manifest(data)
+    _raise_first(findings, container)
     manifest = Manifest.from_dict(data)
-    found += check_files(manifest, container)
-    _raise_first(found, container)
+    findings += check_files(manifest, container)
+    _raise_first(findings, container)
     buffers = map_buffers(manifest, container)
-    return Asset(manifest, buffers, container.path, tuple(found), container.path)
+    return Asset(manifest, buffers, container.path, tuple(findings), container.path)
 
 
 def check_files(manifest: Manifest, container: Container) -> list[Finding]:
@@ -65,16 +65,16 @@ def check_files(manifest: Manifest, container: Container) -> list[Finding]:
     declared: dict[str, int] = {}
     for spec in manifest.buffers.values():
         declared[spec.file] = max(declared.get(spec.file, 0), spec.offset + spec.byte_length)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for file, wanted in declared.items():
         try:
             size = container.file_size(file)
         except AssetError as error:
-            found.append(finding(error.code, error.message, pointer=_pointer(manifest, file), file=file))
+            findings.append(finding(error.code, error.message, pointer=_pointer(manifest, file), file=file))
             continue
         if size != wanted:
             text = f"{file} has {size} bytes; the manifest declares {wanted}"
-            found.append(
+            findings.append(
                 finding(
                     "TRIASSET_DAMAGED",
                     text,
@@ -84,7 +84,7 @@ def check_files(manifest: Manifest, container: Container) -> list[Finding]:
                     limit=wanted,
                 )
             )
-    return found + container.undeclared(set(declared))
+    return findings + container.undeclared(set(declared))
 
 
 def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArray[Any]]:
@@ -104,7 +104,7 @@ def _pointer(manifest: Manifest, file: str) -> str:
     return f"/buffers/{name}/file"
 
 
-def _raise_first(found: list[Finding], container: Container) -> None:
-    for item in found:
+def _raise_first(findings: list[Finding], container: Container) -> None:
+    for item in findings:
         if item.severity == "error":
             raise item.to_error(container.path)

@@ -69,14 +69,14 @@ def check_modes(order: str, sampling: str) -> None:
 def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, SettingValue]:
     """Return the settings that texts like ``gamma=20`` or ``ste_threshold=none`` assign."""
     known = lookup(method).settings
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for text in assignments:
         name, equals, value = text.partition("=")
         if not equals:
             raise UsageError("USAGE", f'--set takes name=value; "{shorten(text, 40)}" has no "="')
         name = name.strip()
-        found[name] = _parse(known[name].kind, value.strip()) if name in known else value
-    return check_overrides(method, found)
+        values[name] = _parse(known[name].kind, value.strip()) if name in known else value
+    return check_overrides(method, values)
 
 
 def _parse(kind: str, text: str) -> SettingValue:

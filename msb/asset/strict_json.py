@@ -53,12 +53,12 @@ def parse_strict_json(
         value = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant, **hooks)
         if has_lone_surrogate(value):
             raise _RefusedError("escapes half of a surrogate pair, which is no character")
-    except json.JSONDecodeError as found:
-        message = f"{name} is not JSON: {found.msg} at line {found.lineno}, column {found.colno}"
-        pointer = f"byte {len(text[: found.pos].encode())}"
+    except json.JSONDecodeError as wrong:
+        message = f"{name} is not JSON: {wrong.msg} at line {wrong.lineno}, column {wrong.colno}"
+        pointer = f"byte {len(text[: wrong.pos].encode())}"
         raise error(code, message, file=file, pointer=pointer) from None
-    except _RefusedError as found:
-        raise error(code, f"{name} {found}", file=file, pointer=found.pointer) from None
+    except _RefusedError as wrong:
+        raise error(code, f"{name} {wrong}", file=file, pointer=wrong.pointer) from None
     return value
 
 

@@ -99,8 +99,8 @@ class _Parser:
         """Return the fields of the record at byte `at`, its signature checked and left out."""
         if at < 0 or at + layout.size > self.size:
             self.refuse("DAMAGED", f"{what} at byte {at} does not fit into the file", at)
-        found, *fields = layout.unpack_from(self.data, at)
-        if found != signature:
+        start, *fields = layout.unpack_from(self.data, at)
+        if start != signature:
             self.refuse("DAMAGED", f"there is no {what} at byte {at}", at)
         return tuple(fields)
 
@@ -110,27 +110,27 @@ class _Parser:
         if count > most:
             text = f"the archive has {count} members; there may be {most}"
             self.refuse("FORM", text, start)
-        found: list[Member] = []
+        members: list[Member] = []
         position = start
         for _ in range(count):
             member, position = self.central_entry(position, end)
-            found.append(member)
+            members.append(member)
         if position != end:
             text = f"the central directory ends at byte {position}, its size says {end}"
             self.refuse("DAMAGED", text, position)
-        self.check_names(found)
-        found.sort(key=lambda member: member.header)
-        self.check_tiling(found, start)
-        return {member.name: member for member in found}
+        self.check_names(members)
+        members.sort(key=lambda member: member.header)
+        self.check_tiling(members, start)
+        return {member.name: member for member in members}
 
     def directory(self) -> tuple[int, int, int]:
         """Return the number of entries, and where the central directory starts and ends."""
         at = self.size - END.size
         if at < 0 or self.part(at, at + 4) != b"PK\x05\x06":
             first = max(0, at - FULL16)
-            found = self.part(first, self.size).rfind(b"PK\x05\x06")
-            after = first + found + END.size
-            if found >= 0 and after <= self.size:
+            end_at = self.part(first, self.size).rfind(b"PK\x05\x06")
+            after = first + end_at + END.size
+            if end_at >= 0 and after <= self.size:
                 self.refuse("HOSTILE", "there is data after the end of the archive", after)
             self.refuse("DAMAGED", "the archive's end record is missing: the file is cut off", max(0, at))
         disk, first_disk, here, count, length, start, comment = self.record(

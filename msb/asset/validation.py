@@ -79,17 +79,17 @@ def validate(path: str | os.PathLike[str]) -> Validation:
         raise
     except AssetError as error:
         return Validation(Path(path), (error_finding(error),), None)
-    found = check_manifest(data)
-    if any(item.severity == "error" for item in found):
-        return Validation(container.path, tuple(found), None)
+    findings = check_manifest(data)
+    if any(item.severity == "error" for item in findings):
+        return Validation(container.path, tuple(findings), None)
     manifest = Manifest.from_dict(data)
-    found += check_files(manifest, container)
-    if any(item.severity == "error" for item in found):
-        return Validation(container.path, tuple(found), None)
+    findings += check_files(manifest, container)
+    if any(item.severity == "error" for item in findings):
+        return Validation(container.path, tuple(findings), None)
     asset = Asset(manifest, map_buffers(manifest, container), container.path, opened_from=container.path)
-    found += _check_bytes(asset, container)
-    found += check_values(asset)
-    return Validation(container.path, tuple(found), asset)
+    findings += _check_bytes(asset, container)
+    findings += check_values(asset)
+    return Validation(container.path, tuple(findings), asset)
 
 
 def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
@@ -104,16 +104,16 @@ def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
 
 def check_values(asset: Asset) -> list[Finding]:
     """Return findings about values of `asset` that are not finite, out of range or unlike the manifest."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for name, array in asset.buffers.items():
         if array.dtype.kind == "f":
-            found += _check_finite(name, array)
-    if not any(f.code == "TRIASSET_VALUE_NONFINITE" and f.pointer == "positions" for f in found):
-        found += _check_positions(asset)
-    found += _check_indices(asset)
+            findings += _check_finite(name, array)
+    if not any(f.code == "TRIASSET_VALUE_NONFINITE" and f.pointer == "positions" for f in findings):
+        findings += _check_positions(asset)
+    findings += _check_indices(asset)
     if "color" in asset.buffers and asset.buffers["color"].dtype.kind == "f":
-        found += _check_color(asset.buffers["color"])
-    return found
+        findings += _check_color(asset.buffers["color"])
+    return findings
 
 
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:

@@ -73,8 +73,8 @@ def _refuse_unreadable(asset: Asset, path: object) -> None:
     for name, spec in asset.manifest.buffers.items():
         array = asset.buffers.get(name)
         if array is None or (array.shape, array.dtype) != (spec.shape, DTYPES[spec.dtype]):
-            found = "missing" if array is None else f"{array.dtype} {list(array.shape)}"
-            text = f"buffer {name} is {found}; the manifest declares {spec.dtype} {list(spec.shape)}"
+            there = "missing" if array is None else f"{array.dtype} {list(array.shape)}"
+            text = f"buffer {name} is {there}; the manifest declares {spec.dtype} {list(spec.shape)}"
             raise AssetError("TRIASSET_BUFFER", text, file=path, pointer=f"/buffers/{name}/shape")
 
 

@@ -117,8 +117,8 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
 
 def _known(name: str, suffix: str) -> Format:
     """Return the format of `suffix`."""
-    found = FORMATS.get(suffix.lower())
-    if found is None:
+    format_ = FORMATS.get(suffix.lower())
+    if format_ is None:
         message = f"'{suffix}' is not the suffix of a mesh file; {' '.join(MESH_SUFFIXES)} are read"
         raise InputError("FILE_NOT_RECOGNISED", message, file=name)
-    return found
+    return format_

@@ -208,14 +208,14 @@ def _refuse_extensions(document: Document) -> None:
 def _primitives(document: Document, mesh: int) -> list[_Primitive]:
     """Return the parts of mesh number `mesh` that have triangles."""
     owner, pointer = document.entry("meshes", mesh)
-    found = []
+    primitives = []
     for number, entry in enumerate(document.array(owner, "primitives", pointer)):
         where = f"{pointer}/primitives/{number}"
         if not isinstance(entry, dict):
             raise document.error("MESH_FILE_INVALID", where, "a primitive is an object")
         if document.integer(entry, "mode", where, default=_TRIANGLES, below=_MODES) >= _TRIANGLES:
-            found.append(_primitive(document, entry, where))
-    return found
+            primitives.append(_primitive(document, entry, where))
+    return primitives
 
 
 def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> _Primitive:
@@ -313,9 +313,9 @@ def _join(parts: list[_Part]) -> Mesh:
 
 def _join_colors(parts: list[_Part]) -> NDArray[Any]:
     """Return the colours (V, 3 | 4) of all parts in the widest type and width among them."""
-    found = [part.colors for part in parts if part.colors is not None]
-    as_bytes = all(colors.dtype == np.uint8 for colors in found)
-    wide = any(colors.shape[1] == 4 for colors in found)
+    given = [part.colors for part in parts if part.colors is not None]
+    as_bytes = all(colors.dtype == np.uint8 for colors in given)
+    wide = any(colors.shape[1] == 4 for colors in given)
     joined = []
     for part in parts:
         colors = part.colors
@@ -332,15 +332,15 @@ def _left_out(document: Document, meshes: Iterable[int]) -> tuple[str, ...]:
 
     What is malformed here is no error: it is not read.
     """
-    found: dict[str, None] = {}
+    parts: dict[str, None] = {}
     for mesh in dict.fromkeys(meshes):
         for primitive in _objects(document.entry("meshes", mesh)[0].get("primitives")):
             for name in _keys(primitive.get("attributes")):
                 word = str(name).partition("_")[0]
                 if word != "POSITION" and name != "COLOR_0":
-                    found[_ATTRIBUTES.get(word, "further attributes")] = None
+                    parts[_ATTRIBUTES.get(word, "further attributes")] = None
             if primitive.get("targets"):
-                found["morph targets"] = None
+                parts["morph targets"] = None
     colored = [each for each in _objects(document.root.get("materials")) if _has_color(each)]
     for title, entries in (
         ("texture", document.root.get("textures")),
@@ -348,8 +348,8 @@ def _left_out(document: Document, meshes: Iterable[int]) -> tuple[str, ...]:
         ("animation", document.root.get("animations")),
     ):
         if isinstance(entries, list) and entries:
-            found[f"{len(entries)} {title}{'' if len(entries) == 1 else 's'}"] = None
-    return tuple(found)
+            parts[f"{len(entries)} {title}{'' if len(entries) == 1 else 's'}"] = None
+    return tuple(parts)
 
 
 def _has_color(material: dict[str, Any]) -> bool:

@@ -61,8 +61,8 @@ def read(source: Source) -> Mesh:
     if not parts.vertex_count:
         raise source.not_a("OBJ", "it has no 'v x y z' line")
     faces, polygon = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
-    found = wrong_polygon(faces, polygon, parts.vertex_count)
-    wrong_face = None if found is None else _wrong_face(text, *found, parts.vertex_count)
+    wrong = wrong_polygon(faces, polygon, parts.vertex_count)
+    wrong_face = None if wrong is None else _wrong_face(text, *wrong, parts.vertex_count)
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
@@ -108,9 +108,9 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
-    found = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
-    parts.color_widths |= found
-    if found in ({3}, {4}):
+    widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
+    parts.color_widths |= widths_here
+    if widths_here in ({3}, {4}):
         parts.colors.append(values.reshape(len(widths), -1)[:, 3:])
 
 

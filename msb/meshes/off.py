@@ -65,11 +65,11 @@ def read(source: Source) -> Mesh:
         raise table.row_error("MESH_FILE_INVALID", wanted, "there is more after the last face")
     vertices, vertex_colors = _vertices(table, header)
     faces, polygon, face_colors = _faces(table, header)
-    found = wrong_polygon(faces, polygon, header.vertices)
+    wrong = wrong_polygon(faces, polygon, header.vertices)
     wrong_face = None
-    if found is not None:
-        byte = int(table.byte[header.vertices + found[0]])
-        wrong_face = text.wrong_index(byte, found[1], header.vertices)
+    if wrong is not None:
+        byte = int(table.byte[header.vertices + wrong[0]])
+        wrong_face = text.wrong_index(byte, wrong[1], header.vertices)
     left_out = [what for prefix, what in _LEFT_OUT.items() if prefix in header.prefixes]
     return Mesh(vertices, faces, vertex_colors, face_colors, left_out=tuple(left_out), wrong_face=wrong_face)
 
@@ -141,9 +141,9 @@ def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArr
     width = int(widths[0]) if V else plain
     wrong = np.flatnonzero(widths != (width if width in allowed else -1))
     if wrong.size:
-        found = int(widths[wrong[0]])
+        numbers = int(widths[wrong[0]])
         right = " or ".join(str(count) for count in allowed)
-        message = f"a vertex has {found} numbers; {right}, the same for all vertices, is right here"
+        message = f"a vertex has {numbers} numbers; {right}, the same for all vertices, is right here"
         raise table.row_error("MESH_FILE_INVALID", int(wrong[0]), message)
     vertices = table.values[begin[:, None] + np.arange(3)]
     if width == plain:

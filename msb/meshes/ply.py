@@ -51,8 +51,8 @@ def read(source: Source) -> Mesh:
     faces = rows["face"]
     counts, corners = body.indices(faces, _index_name(faces.element))
     triangles, polygon = fan_triangulate(corners, counts)
-    found = wrong_polygon(triangles, polygon, vertices.element.count)
-    wrong_face = None if found is None else body.wrong_face(faces, *found, vertices.element.count)
+    wrong = wrong_polygon(triangles, polygon, vertices.element.count)
+    wrong_face = None if wrong is None else body.wrong_face(faces, *wrong, vertices.element.count)
     face_colors = _colors(faces, body)
     if face_colors is not None:
         face_colors = face_colors[polygon]
@@ -110,14 +110,14 @@ def _write_records(
 def _left_out(header: Header) -> tuple[str, ...]:
     """Return what the file has beside the mesh: parts of vertices and faces by name, other elements."""
     read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
-    found: dict[str, None] = {}
+    parts: dict[str, None] = {}
     for element in (each for each in header.elements if each.count):
         if element.name not in ("vertex", "face"):
-            found[f"element {shorten(element.name, 30)}"] = None
+            parts[f"element {shorten(element.name, 30)}"] = None
             continue
         for each in (each.name for each in element.properties if each.name not in read):
-            found[_KNOWN.get(each, f"property {shorten(each, 30)}")] = None
-    return tuple(found)
+            parts[_KNOWN.get(each, f"property {shorten(each, 30)}")] = None
+    return tuple(parts)
 
 
 def _check_elements(source: Source, header: Header) -> None:
@@ -130,8 +130,8 @@ def _check_elements(source: Source, header: Header) -> None:
     if "vertex" not in elements:
         raise source.error("MESH_FILE_INVALID", "the header has no element 'vertex'")
     for axis in "xyz":
-        found = elements["vertex"].find(axis)
-        if found is None or found.count_type:
+        property_ = elements["vertex"].find(axis)
+        if property_ is None or property_.count_type:
             text = f"element 'vertex' has no property '{axis}' that is one number"
             raise source.error("MESH_FILE_INVALID", text)
     face = elements.get("face")
@@ -143,8 +143,8 @@ def _check_elements(source: Source, header: Header) -> None:
 def _index_name(face: Element) -> str:
     """Return the name of the list of corners, or ""."""
     for name in _INDEX_NAMES:
-        found = face.find(name)
-        if found is not None and found.count_type and np.dtype(found.type).kind in "iu":
+        property_ = face.find(name)
+        if property_ is not None and property_.count_type and np.dtype(property_.type).kind in "iu":
             return name
     return ""
 
@@ -159,12 +159,12 @@ def _positions(rows: Rows, body: Body) -> NDArray[Any]:
 def _colors(rows: Rows, body: Body) -> NDArray[Any] | None:
     """Return the colours (N, 3 | 4) of the element's rows, or None."""
     for names in _COLOR_NAMES:
-        found = [rows.element.find(name) for name in names]
-        if any(each is None or each.count_type for each in found[:3]):
+        channels = [rows.element.find(name) for name in names]
+        if any(each is None or each.count_type for each in channels[:3]):
             continue
-        width = 3 if found[3] is None or found[3].count_type else 4
+        width = 3 if channels[3] is None or channels[3].count_type else 4
         values = np.stack([body.column(rows, name) for name in names[:width]], axis=1)
-        declared = np.result_type(*(each.type for each in found[:width] if each))
+        declared = np.result_type(*(each.type for each in channels[:width] if each))
         if values.dtype.kind == "f" and declared.kind != "f":
             values = np.clip(np.nan_to_num(values), 0, np.iinfo(declared).max).astype(declared)
         return stored_colors(values)

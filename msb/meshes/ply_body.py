@@ -192,8 +192,8 @@ class _TextBody:
             raise source.error("MESH_FILE_TRUNCATED", text)
         self._table: Table = read_table(source.as_text("PLY"), header.body)
         if len(self._table.byte) < rows:
-            found = len(self._table.byte)
-            text = f"the header declares {rows} rows, but {found} lines follow it"
+            lines = len(self._table.byte)
+            text = f"the header declares {rows} rows, but {lines} lines follow it"
             raise source.error("MESH_FILE_TRUNCATED", text)
 
     def next_rows(self, element: Element) -> Rows:
@@ -208,8 +208,8 @@ class _TextBody:
         wrong = np.flatnonzero(end != self._table.row[first + 1 : self._lines + 1])
         if wrong.size:
             row = int(wrong[0])
-            found = int(np.diff(self._table.row[first + row : first + row + 2])[0])
-            text = f"row {row} of {element} has {found} numbers, not those of its properties"
+            count = int(np.diff(self._table.row[first + row : first + row + 2])[0])
+            text = f"row {row} of {element} has {count} numbers, not those of its properties"
             raise self._table.row_error("MESH_FILE_INVALID", first + row, text)
         return rows
 

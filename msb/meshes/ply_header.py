@@ -125,14 +125,14 @@ def _split_lines(source: Source) -> tuple[list[str], int]:
     line_end = b"\r\n" if data.startswith(b"ply\r\n") else data[3:4]
     last = re.compile(line_end + rb"[ \t]*end_header[ \t\r]*?" + line_end)
     head = data[: MAX_HEADER_BYTES + 1]
-    found = last.search(head)
-    if found is None and len(data) > MAX_HEADER_BYTES:
+    end = last.search(head)
+    if end is None and len(data) > MAX_HEADER_BYTES:
         text = f"'end_header' does not come within {MAX_HEADER_BYTES} bytes"
         raise source.error("MESH_FILE_TOO_LARGE", text)
-    if found is None:
+    if end is None:
         raise source.error("MESH_FILE_TRUNCATED", "the file ends before 'end_header'")
-    text = head[3 : found.start()].decode("latin-1")
-    return text.split(line_end.decode())[1:], found.end()
+    text = head[3 : end.start()].decode("latin-1")
+    return text.split(line_end.decode())[1:], end.end()
 
 
 def _read_format(source: Source, where: str, name: str, version: str) -> str:

@@ -27,10 +27,10 @@ class PlyTable:
 
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Return the properties `names` as a new (count, len(names)) float32 array."""
-        found = np.zeros((self.count, len(names)), np.float32)
+        values = np.zeros((self.count, len(names)), np.float32)
         for number, name in enumerate(names):
-            found[:, number] = self._columns[name]
-        return found
+            values[:, number] = self._columns[name]
+        return values
 
 
 def ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
@@ -63,12 +63,12 @@ def read_ply_table(path: Path) -> PlyTable:
         body.finish()
         return PlyTable(element.count, names, {name: body.column(placed, name) for name in names})
     row = np.dtype([(f"{i}", header.order + each.type) for i, each in enumerate(element.properties)])
-    wanted, found = row.itemsize * element.count, len(data) - header.body
-    if wanted > found:
-        text = f"{element} declares {element.count} rows of {row.itemsize} bytes, but {found} bytes are left"
+    wanted, there = row.itemsize * element.count, len(data) - header.body
+    if wanted > there:
+        text = f"{element} declares {element.count} rows of {row.itemsize} bytes, but {there} bytes are left"
         raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {header.body}")
-    if bytes(data[header.body + wanted :][:4096]).strip() or found - wanted > 4096:
-        text = f"{found - wanted} bytes follow the last declared row"
+    if bytes(data[header.body + wanted :][:4096]).strip() or there - wanted > 4096:
+        text = f"{there - wanted} bytes follow the last declared row"
         raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {header.body + wanted}")
     table = np.frombuffer(data, row, element.count, header.body)
     return PlyTable(element.count, names, {name: table[f"{i}"] for i, name in enumerate(names)})

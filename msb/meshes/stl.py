@@ -99,8 +99,8 @@ def _vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.float64]
     """Return the coordinates (N, 3) of the N `is_vertex` (L,) lines."""
     wrong = np.flatnonzero(is_vertex & (words.count != 4))
     if wrong.size:
-        found = int(words.count[wrong[0]]) - 1
-        text = f"'vertex' has {found} numbers; three are right"
+        numbers = int(words.count[wrong[0]]) - 1
+        text = f"'vertex' has {numbers} numbers; three are right"
         raise words.line_error("MESH_FILE_INVALID", int(wrong[0]), text)
     return words.numbers(words.arguments(is_vertex)).reshape(-1, 3)
 

@@ -62,11 +62,11 @@ class Words:
     def lines_beginning(self, word: bytes) -> NDArray[np.bool_]:
         """Return which lines begin with `word`: (L,) bool."""
         start = self.start[self.first]
-        found = np.flatnonzero(self.end[self.first] - start == len(word))
+        lines = np.flatnonzero(self.end[self.first] - start == len(word))
         for at, byte in enumerate(word):
-            found = found[self.text[start[found] + at] == byte]
+            lines = lines[self.text[start[lines] + at] == byte]
         mask = np.zeros(len(start), dtype=np.bool_)
-        mask[found] = True
+        mask[lines] = True
         return mask
 
     def arguments(self, lines: NDArray[np.bool_]) -> NDArray[np.bool_]:

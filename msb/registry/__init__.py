@@ -105,10 +105,10 @@ def _installed() -> dict[str, tuple[Method, str]]:
 
 
 def _declared(_: str, value: str) -> Method:
-    found = load(f"{value}:METHOD")
-    if not isinstance(found, Method):
+    method = load(f"{value}:METHOD")
+    if not isinstance(method, Method):
         raise PackageError("METHOD is no msb.registry.Method")
-    return found
+    return method
 
 
 def lookup(name: str) -> Method:
@@ -138,8 +138,8 @@ def role(name: str, what: Role) -> Any:
     if name in BUILT_IN:
         return import_module(module) if find_spec(module) else None
     with _blaming(name, f"its {what}: "):
-        found = load(module) if _exists(module) else None
-    return found and _Theirs(found, name, what)
+        loaded = load(module) if _exists(module) else None
+    return loaded and _Theirs(loaded, name, what)
 
 
 def _exists(module: str) -> bool:
@@ -156,14 +156,14 @@ class _Theirs:
         self._module, self._method, self._what = module, method, what
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(self._module, name)
-        if not isinstance(found, FunctionType):
-            return found
+        member = getattr(self._module, name)
+        if not isinstance(member, FunctionType):
+            return member
 
-        @wraps(found)
+        @wraps(member)
         def call(*args: Any, **options: Any) -> Any:
             with _blaming(self._method, f"its {self._what} fails: "), contained():
-                return found(*args, **options)
+                return member(*args, **options)
 
         return call
 

@@ -124,8 +124,8 @@ def _small_text(view: memoryview, member: Member) -> str:
 def _check_version(view: memoryview, member: Member | None) -> None:
     text = _small_text(view, member) if member else ""
     if not (text.isascii() and text.isdigit() and len(text) < 4 and int(text) in VERSIONS):
-        found = f'"{shorten(text)}"' if member else "missing"
-        what = f"its version is {found}; {VERSIONS.start} to {VERSIONS.stop - 1} are read"
+        version = f'"{shorten(text)}"' if member else "missing"
+        what = f"its version is {version}; {VERSIONS.start} to {VERSIONS.stop - 1} are read"
         raise Refusal("CHECKPOINT_FORM", what)
 
 

@@ -144,12 +144,12 @@ OTHER_TENSORS = {
 
 def find(module: str, name: str) -> Function | StorageType:
     """Return what a name in the pickle stands for."""
-    found = NAMES.get((module, name))
-    if found is None and module == "torch._utils" and name in OTHER_TENSORS:
+    meaning = NAMES.get((module, name))
+    if meaning is None and module == "torch._utils" and name in OTHER_TENSORS:
         raise Refusal("CHECKPOINT_FORM", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense one")
-    if found is None:
+    if meaning is None:
         text = f"it asks for {shorten(f'{module}.{name}')}; nothing but tensors and plain values is read"
         raise Refusal("CHECKPOINT_HOSTILE", text)
-    if type(found) is StorageType and found.dtype is None:
-        raise Refusal("CHECKPOINT_FORM", f"a tensor keeps its values in {found.name}; convert it first")
-    return found
+    if type(meaning) is StorageType and meaning.dtype is None:
+        raise Refusal("CHECKPOINT_FORM", f"a tensor keeps its values in {meaning.name}; convert it first")
+    return meaning

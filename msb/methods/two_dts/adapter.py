@@ -74,8 +74,8 @@ def read(place: Place, content: Content, options: Options) -> Model:
         settings.add("gamma", gamma, "checkpoint", place.file, "gamma")
     buffers, degree = _buffers(tensors, prefix)
     warnings += tensors.warnings
-    config, files, found = read_config(place.root, options.config)
-    warnings += found
+    config, files, config_warnings = read_config(place.root, options.config)
+    warnings += config_warnings
     if config:
         warnings += _configure(settings, config["model"], degree, files[0])
     else:
@@ -108,8 +108,8 @@ def _box_names(box: list[float] | None) -> tuple[str, ...]:
 def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, list[float] | None]:
     """Return parameters, gamma and scene box of the checkpoint ``(params, optimizer, scene_bbox, gamma)``."""
     if not isinstance(value, tuple) or len(value) != 4 or not isinstance(value[0], dict):
-        found = f"a tuple of {len(value)}" if isinstance(value, tuple) else "no tuple"
-        text = f"it is {found}; it must be (params, optimizer, scene_bbox, gamma)"
+        what = f"a tuple of {len(value)}" if isinstance(value, tuple) else "no tuple"
+        text = f"it is {what}; it must be (params, optimizer, scene_bbox, gamma)"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
     gamma = Tensors({"gamma": value[3]}, file).number("gamma")
     box = value[2]
