@@ -150,9 +150,11 @@ def web(
 
 
 def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
-    from msb.engines.mesh import engine_mesh
+    from msb.engines.engine import engine_mesh
     from msb.engines.webpage import LARGE, write_web_page
+    from msb.render.backend import check_supported
 
+    check_supported(shown.asset, "standard")
     mesh = engine_mesh(shown.asset, shown.settings)
     if len(mesh.indices) > LARGE:
         output.note(f"warning: {target}: {len(mesh.indices):,} faces are more than most browsers hold")

@@ -18,7 +18,7 @@ from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
 from msb.errors import Unsupported, UsageError, shorten
 from msb.reference.frame import ReferenceFrame
-from msb.reference.modes import Modes
+from msb.reference.tiles import Modes
 from msb.registry import lookup, role
 from msb.scenes import Camera
 from msb.scenes.colors import check_background

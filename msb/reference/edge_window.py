@@ -28,8 +28,7 @@ from msb.reference.engine import EngineTriangles, project_engine
 
 if TYPE_CHECKING:
     from msb.reference.camera_matrices import SplattingCamera
-    from msb.reference.modes import Modes
-    from msb.reference.tiles import Integers
+    from msb.reference.tiles import Integers, Modes
 
 NEAR, FAR = 0.01, 100.0
 NEAREST = 0.2

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from msb.reference.arithmetic import Reals
+    from msb.reference.camera_matrices import SplattingCamera
+    from msb.registry import Order, Sampling
 
 TILE = 16
 
@@ -98,3 +100,30 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
     x, y = TILE * (number % columns), TILE * (number // columns)
     columns_of_tile, rows = np.arange(x, min(x + TILE, width)), np.arange(y, min(y + TILE, height))
     return Tile(np.tile(columns_of_tile, len(rows)), np.repeat(rows, len(columns_of_tile)), faces)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """In which order and by which rules of sampling triangles are drawn; the defaults are official.
+
+    "tile": by depth, and a triangle is seen in its official tiles alone. "global": by depth, and it is seen
+    wherever it reaches. "none": likewise, in the order of the asset. With sampling "engine"
+    (`msb.reference.engine`) a triangle reaches no farther than its edges, so that "tile" and "global" are the
+    same.
+    """
+
+    order: Order = "tile"
+    sampling: Sampling = "official"
+
+    @property
+    def engine(self) -> bool:
+        """Whether triangles are sampled as graphics hardware does."""
+        return self.sampling == "engine"
+
+    def tiles(
+        self, rectangles: Rectangles, depth: Reals, kept: NDArray[np.bool_], view: SplattingCamera
+    ) -> Iterator[Tile]:
+        """Yield the tiles of the view's raster with the faces each lists, in the order of drawing."""
+        everywhere = self.order != "tile" and not self.engine
+        key = np.zeros_like(depth) if self.order == "none" else depth
+        return tiles_front_to_back(None if everywhere else rectangles, key, kept, view.width, view.height)

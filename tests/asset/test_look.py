@@ -16,7 +16,7 @@ from msb.adapters.official import write_official
 from msb.asset import Description, build_asset, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
-from msb.engines.mesh import engine_mesh
+from msb.engines.engine import engine_mesh
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import mesh_from_asset
 from msb.methods.two_dts.reference import straight_through

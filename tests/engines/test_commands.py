@@ -105,3 +105,11 @@ def test_what_makes_no_sense_is_refused(msb: Msb, tmp_path: Path, args: tuple[st
     assert result.status == 2
     assert result.err.startswith("USAGE: ")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_page_of_what_has_no_static_colour_is_refused(msb: Msb, tmp_path: Path) -> None:
+    model = ROOT / "data_stubs" / "models" / "pebble" / "diffsoup"
+    result = msb("web", "--tier", "standard", "-o", tmp_path / "page.html", model)
+    assert result.status == 4
+    assert "UNSUPPORTED_TIER: diffsoup on tier standard" in result.err
+    assert not list(tmp_path.iterdir())

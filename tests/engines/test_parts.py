@@ -15,8 +15,7 @@ from msb.base import extras
 from msb.engines import blender, browser, webgpu
 from msb.engines.agreement import agreement, interior
 from msb.engines.blender import CyclesRenderer, blender_camera
-from msb.engines.engine import opaque_frame
-from msb.engines.mesh import engine_mesh
+from msb.engines.engine import engine_mesh, opaque_frame
 from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
 from msb.errors import DeviceError, Unsupported, UsageError

@@ -19,7 +19,7 @@ from PIL import Image
 import msb
 from msb.asset.look import up_axis
 from msb.engines import webpage
-from msb.engines.mesh import engine_mesh
+from msb.engines.engine import engine_mesh
 from msb.meshes import Mesh, write_mesh
 from msb.render.images import to_bytes
 from tests.conftest import ROOT

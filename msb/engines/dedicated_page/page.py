@@ -18,12 +18,11 @@ from msb.asset.settings import effective_settings
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
 from msb.engines.dedicated_page.stored import restore, store
-from msb.engines.dedicated_page.view_json import live_settings, view_json
-from msb.engines.hardware.packing import pack
+from msb.engines.hardware.packing import VIEW, model_of, pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
-from msb.errors import DeviceError, InputError
+from msb.errors import DeviceError, InputError, MsbError
 from msb.registry import lookup
 
 if TYPE_CHECKING:
@@ -31,6 +30,8 @@ if TYPE_CHECKING:
     from msb.engines.hardware.packing import Packed
     from msb.engines.hardware.plan import Plan
     from msb.registry import Order, Sampling
+    from msb.render.splat.model import Model
+    from msb.render.surface import Surface
     from msb.scenes import Camera
 
     Color = tuple[float, float, float]
@@ -50,6 +51,7 @@ MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "engine"), ("none", "engine")),  # an engine has no tiles: "global" is "tile"
 )
 """Orders and samplings that a page offers."""
+_TYPES = {"f": "f32", "i": "i32", "u": "u32"}
 _LETTERS = 1 << 23
 """Base64 letters of an element."""
 _MOST_OF_TESTS = 1 << 30
@@ -198,8 +200,8 @@ def make_page(
         "all_faces": all_faces or packed.faces,
         "plans": records,
         "modules": modules,
-        "view": view_json(packed),
-        "settings": live_settings(asset, settings, packed.model),
+        "view": _camera_record(packed),
+        "settings": _live_settings(asset, settings, packed.model),
         "needs": {
             "maxStorageBufferBindingSize": _needed(buffers, limits.binding, _GUARANTEED.binding),
             "maxBufferSize": _needed(buffers, limits.buffer, _GUARANTEED.buffer),
@@ -224,6 +226,68 @@ def _plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampl
                 packed, limits, name, order=order, sampling=sampling, stops=STOPS, depth=False
             )
     return found
+
+
+def _camera_record(packed: Packed) -> dict[str, Any]:
+    """Return what the camera record is filled with, and where.
+
+    `members` has name, type, count and byte offset of each member, the method's own last, whose values are
+    `own`; `near` and `far` are the planes of the official projection.
+    """
+    model = packed.model
+    members: list[list[Any]] = []
+    for name in VIEW.names or ():
+        dtype, offset = VIEW.fields[name][:2]  # type: ignore[index]
+        count = int(np.prod(dtype.shape, dtype=int))
+        members.append([name, _TYPES[dtype.base.kind], count, offset])
+    offset = VIEW.itemsize
+    for name, value in model.own.items():
+        members.append([name, _TYPES[value.dtype.kind], 1, offset])
+        offset += 4
+    return {
+        "members": members,
+        "bytes": -(-offset // 16) * 16,
+        "near": model.near,
+        "far": model.far,
+        "degree": packed.degree,
+        "own": {name: value.item() for name, value in model.own.items()},
+    }
+
+
+def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Surface) -> list[dict[str, Any]]:
+    """Return the settings of the method that change nothing but the camera record.
+
+    Each has its `name`, its `value` and `options`: a value, and the record's members with it.
+    """
+    found = []
+    values = effective_settings(asset.manifest, settings)
+    for name, setting in lookup(asset.manifest.method).settings.items():
+        choices = {"bool": (False, True), "choice": setting.choices}.get(setting.kind, ())
+        options = []
+        for choice in choices:
+            try:
+                other = model_of(asset, {**values, name: choice})
+            except MsbError:
+                break
+            if not _alike(model, other):
+                break
+            options.append({"value": choice, "own": {key: value.item() for key, value in other.own.items()}})
+        if len(options) == len(choices) > 1:
+            found.append({"name": name, "value": values[name], "options": options})
+    return found
+
+
+def _alike(model: Model | Surface, other: Model | Surface) -> bool:
+    """Return whether two models differ in the method's own members of the record at most."""
+    for name, one in vars(model).items():
+        two = getattr(other, name)
+        if name == "projection":
+            continue  # the page computes it, of the camera and `own`
+        if name == "own":
+            one, two = set(one), set(two)
+        if not (np.array_equal(one, two) if isinstance(one, np.ndarray) else one == two):
+            return False
+    return True
 
 
 def _seen_sphere(asset: Asset) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from msb.reference.frame import ReferenceFrame
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.reference.modes import Modes
+    from msb.reference.tiles import Modes
     from msb.scenes import Camera
 
 FEATURES = 7

@@ -24,7 +24,7 @@ from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_numb
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.reference.modes import Modes
+    from msb.reference.tiles import Modes
     from msb.scenes import Camera
 
 MAX_ALPHA = 0.99

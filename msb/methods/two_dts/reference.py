@@ -37,7 +37,7 @@ from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_numb
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.reference.modes import Modes
+    from msb.reference.tiles import Modes
     from msb.scenes import Camera
 
 NEAR, FAR = 1.0, 1000.0
