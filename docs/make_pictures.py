@@ -11,6 +11,7 @@ from rich.terminal_theme import TerminalTheme
 
 import msb
 from msb.cli.audit_text import print_audit
+from msb.cli.output import Output
 
 HERE = Path(__file__).parent
 WIDTH = 84
@@ -39,13 +40,23 @@ FRAME = """<svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="http
 """
 
 
+class Recorded(Output):
+    """Output that one console records."""
+
+    def console(self) -> Console:
+        return CONSOLE
+
+
+CONSOLE = Console(record=True, width=WIDTH, file=io.StringIO(), force_terminal=True, highlight=False)
+
+
 def audit_picture() -> str:
     """Return the audit of the demo asset as a terminal shows it."""
     path = HERE.parent / "data_stubs" / "splat_like.triasset"
-    console = Console(record=True, width=WIDTH, file=io.StringIO(), force_terminal=True, highlight=False)
+    console = CONSOLE
     console.print(f"[bold]$[/bold] msb-audit --paper data_stubs/{path.name}\n")
     audit = replace(msb.audit(msb.load(path)), path=f"data_stubs/{path.name}")
-    print_audit(audit, console, paper=True)
+    print_audit(audit, Recorded(), paper=True)
     return console.export_svg(theme=PAPER, code_format=FRAME, unique_id="audit")
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from msb.base.paths import shell_word
-from msb.cli.output import plain_table
-from msb.errors import MsbError, one_line
+from msb.cli.output import Cell, Output
+from msb.errors import one_line
 from msb.topology.shown import structure_text
 from msb.topology.verdict import judge, percent
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from msb.topology.audit import Audit, Sample
     from msb.topology.verdict import Level
 
@@ -31,8 +28,8 @@ _COLUMNS = (
 """The columns of the paper's table of mesh diagnostics, in its order."""
 
 _DEFECTS = (
-    ("nonmanifold_edges", "edge", "edges", "edges"),
-    ("nonmanifold_vertices", "vertex", "vertices", "vertices"),
+    ("nonmanifold_edges", "edge", "edges", "non-manifold edges"),
+    ("nonmanifold_vertices", "vertex", "vertices", "non-manifold vertices"),
     ("multifan_vertices", "vertex", "vertices", "  in several fans (bow-ties)"),
     ("boundary_edges", "edge", "edges", "boundary edges"),
     ("inconsistent_winding_edges", "edge", "edges", "edges where winding flips"),
@@ -45,33 +42,22 @@ _DEFECTS = (
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 """Verdict level -> colour. The word on the terminal says the same without the colour."""
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
-_LABELS = {
-    "nonmanifold_edges": "non-manifold edges",
-    "nonmanifold_vertices": "non-manifold vertices",
-}
 
 
-def print_audit(
-    audit: Audit, console: Console, *, paper: bool = False, verbose: bool = False, hint: bool = True
-) -> None:
-    """Print the report of one audit.
+def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool = True) -> None:
+    """Print the report of one audit, with --quiet the verdict alone.
 
-    Parameters
-    ----------
-    paper : bool
-        Whether the paper's mean row of MeshSplatting is printed under ours.
-    verbose : bool
-        Whether every quantity that the peers were asked for is shown, not only those on which they differ.
-    hint : bool
-        Whether `msb trial` is pointed to, which tries what the verdict can only say of the structure, and
-        what helps a soup.
+    With `paper` its mean row of MeshSplatting stands under ours. With `hint` `msb trial` is pointed to, which
+    tries what the verdict can only say of the structure, and what helps a soup.
     """
+    _print_verdict(audit, output)
+    if output.quiet:
+        return
     counts = audit.counts
     kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
     method = f", {audit.method}" if audit.method else ""
-    print_verdict(audit, console)
-    _print_line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}", console)
-    console.print()
+    output.line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}")
+    output.line("")
     rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
     if audit.welded:
         weld = audit.welded.weld
@@ -81,98 +67,78 @@ def print_audit(
         from msb.report import paper_row
 
         rows.append(("paper mean", paper_row("mesh_connectivity", scene="mean")))
-    _print_columns(rows, console)
-    console.print()
-    _print_defects(audit, console)
+    cells = [
+        (label, *("-" if metrics[key] is None else structure_text(key, metrics[key]) for _, key in _COLUMNS))
+        for label, metrics in rows
+    ]
+    arrows = output.console().encoding.lower().startswith("utf")
+    titles = [title if arrows else title.rstrip(" ↓↑") for title, _ in _COLUMNS]
+    output.table(("", *titles), cells, right=range(1, len(_COLUMNS) + 1))
+    output.line("")
+    _print_defects(audit, output)
     if audit.cross_check is not None:
-        _print_cross_check(audit.cross_check, console, every=verbose)
-    console.print()
+        _print_cross_check(audit.cross_check, output)
+    output.line("")
     if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
-        path = _escape(shell_word(audit.path))
+        path = shell_word(audit.path)
         if helps := advice(audit, "-o merged.glb", path):
-            _print_line(f"[dim]{helps}[/dim]", console)
-        _print_line(f"[dim]What tools make of it: msb trial {path}[/dim]", console)
-    print_verdict(audit, console)
+            output.line((helps, "dim"))
+        output.line((f"What tools make of it: msb trial {path}", "dim"))
+    _print_verdict(audit, output)
 
 
-def _print_line(markup: str, console: Console) -> None:
-    """Print one line: broken between words on a terminal, whole in a pipe, where programs read lines."""
-    console.print(markup, soft_wrap=not console.is_terminal)
-
-
-def print_verdict(audit: Audit, console: Console) -> None:
+def _print_verdict(audit: Audit, output: Output) -> None:
     """Print the verdict on one line, after the name of the mesh."""
     verdict = judge(audit)
-    style = _STYLES[verdict.level]
-    path = _escape(one_line(audit.path or "mesh"))
     joins = audit.corners_coincide and audit.welded is None and not audit.closed_once_merged
     hint = " (--weld exact shows what merging coincident vertices would give)" if joins else ""
-    _print_line(f"[bold]{path}[/bold]: [{style}]{verdict.word}[/{style}]: {verdict.sentence}{hint}.", console)
+    word = (verdict.word, _STYLES[verdict.level])
+    output.line((one_line(audit.path or "mesh"), "bold"), ": ", word, f": {verdict.sentence}{hint}.")
 
 
-def print_summary(done: Sequence[tuple[Path, Audit | MsbError]], console: Console) -> None:
-    """Print a row for each mesh, of a failed one with its error; in a pipe every row is one line."""
-    table = plain_table("File", "Verdict", "Faces", "First reason", right=(2,))
-    for path, one in done:
-        file = _escape(one_line(str(path)))
-        if isinstance(one, MsbError):
-            table.add_row(file, "-", "-", one.code)
-            continue
-        verdict = judge(one)
-        style = _STYLES[verdict.level]
-        table.add_row(
-            file, f"[{style}]{verdict.word}[/{style}]", f"{one.counts.faces:,}", verdict.reason or "-"
-        )
-    if not console.is_terminal:
-        console.width = 10_000  # no table is as wide
-    console.print(table)
+def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: Output) -> None:
+    """Print a row for each mesh, of a failed one its document's error; in a pipe every row is one line."""
+    rows: list[tuple[Cell, ...]] = []
+    for path, audit in audits:
+        if isinstance(audit, dict):
+            rows.append((one_line(path), "-", "-", audit["error"]["code"]))
+        else:
+            verdict = judge(audit)
+            word = (verdict.word, _STYLES[verdict.level])
+            rows.append((one_line(path), word, f"{audit.counts.faces:,}", verdict.reason or "-"))
+    output.table(("File", "Verdict", "Faces", "First reason"), rows, right=[2], whole=True)
 
 
-def totals(found: Sequence[Audit | MsbError], failed_gates: int | None = None) -> str:
+def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = None) -> str:
     """Return how many meshes have each verdict, and how many failed a gate if there were gates."""
-    levels = [one.verdict for one in found if not isinstance(one, MsbError)]
+    levels = [audit.verdict for audit in audits if not isinstance(audit, dict)]
     parts = [f"{levels.count(level)} {level}" for level in _STYLES]
-    unread = len(found) - len(levels)
+    unread = len(audits) - len(levels)
     more = [] if failed_gates is None else [f"{failed_gates} failed a gate"]
     more += [f"{unread} not read"] if unread else []
-    return "; ".join([f"{len(found)} meshes: {', '.join(parts)}", *more])
+    return "; ".join([f"{len(audits)} meshes: {', '.join(parts)}", *more])
 
 
-def _print_columns(rows: list[tuple[str, dict[str, Any]]], console: Console) -> None:
-    arrows = console.encoding.lower().startswith("utf")
-    titles = [title if arrows else title.rstrip(" ↓↑") for title, _ in _COLUMNS]
-    table = plain_table("", *titles, right=tuple(range(1, len(_COLUMNS) + 1)))
-    for label, metrics in rows:
-        table.add_row(label, *(_cell(key, metrics[key]) for _, key in _COLUMNS))
-    console.print(table)
-
-
-def _cell(key: str, value: float | None) -> str:
-    return "-" if value is None else structure_text(key, value)
-
-
-def _print_defects(audit: Audit, console: Console) -> None:
+def _print_defects(audit: Audit, output: Output) -> None:
     counts = vars(audit.counts)
-    table = plain_table("Found", "Count", "Share", "The first three, and where", right=(1, 2))
-    shown = 0
-    above: list[str] = []
     soup = audit.topology == "triangle_soup"
     if soup and counts["boundary_edges"]:
-        console.print("Every edge is a boundary edge: that is what a triangle soup means.")
+        output.line("Every edge is a boundary edge: that is what a triangle soup means.")
+    rows: list[tuple[str, ...]] = []
+    above: list[str] = []
     for key, noun, whole, label in _DEFECTS:
         count = counts[key]
         if count == 0 or (key == "boundary_edges" and soup):
             continue
-        shown += 1
         places = [_where(noun, sample) for sample in audit.samples.get(key, ())]
         if key == "multifan_vertices":  # these are non-manifold vertices, too: each place is named once
             places = [place for place in places if place not in above] or ["as above"]
         above = places
-        table.add_row(_LABELS.get(key, label), f"{count:,}", percent(count, counts[whole]), "\n".join(places))
-    if shown:
-        console.print(table)
+        rows.append((label, f"{count:,}", percent(count, counts[whole]), "\n".join(places)))
+    if rows:
+        output.table(("Found", "Count", "Share", "The first three, and where"), rows, right=[1, 2])
     elif not soup:
-        console.print("Nothing found: no boundary, no non-manifold or degenerate element.")
+        output.line("Nothing found: no boundary, no non-manifold or degenerate element.")
 
 
 def _where(noun: str, sample: Sample) -> str:
@@ -182,41 +148,38 @@ def _where(noun: str, sample: Sample) -> str:
     return f"{noun} {name} at {place}"
 
 
-def _print_cross_check(rows: list[dict[str, Any]], console: Console, *, every: bool) -> None:
-    """Print how many quantities each peer confirms, then those it does not (all of them if `every`)."""
-    console.print()
-    summary = plain_table("Peer", "Agrees", "Differs by definition", "Disagrees", right=(1, 2, 3))
-    for peer in dict.fromkeys(row["peer"] for row in rows):
-        own = [row for row in rows if row["peer"] == peer]
-        counts = [sum(row["verdict"] == verdict for row in own) for verdict in _VERDICTS]
-        summary.add_row(f"{peer} {own[0]['version']}", *map(str, counts))
-    console.print(summary)
-    shown = [row for row in rows if every or row["verdict"] != "agrees"]
+def _print_cross_check(rows: Sequence[dict[str, Any]], output: Output) -> None:
+    """Print how many quantities each peer confirms, then those it does not; with -v all of them."""
+    peers: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        peers.setdefault(f"{row['peer']} {row['version']}", []).append(row)
+    output.line("")
+    output.table(
+        ("Peer", "Agrees", "Differs by definition", "Disagrees"),
+        [
+            (peer, *(str(sum(row["verdict"] == verdict for row in own)) for verdict in _VERDICTS))
+            for peer, own in peers.items()
+        ],
+        right=[1, 2, 3],
+    )
+    shown = [row for row in rows if output.verbose or row["verdict"] != "agrees"]
     if not shown:
         return
-    console.print()
-    table = plain_table("Peer", "Quantity", "Ours", "Theirs", "", right=(2, 3))
-    for row in shown:
-        values = (_value(row["ours"]), _value(row["theirs"]))
-        table.add_row(row["peer"], row["quantity"], *values, _VERDICTS[row["verdict"]])
-    console.print(table)
+    output.line("")
+    cells = [
+        (row["peer"], row["quantity"], *map(_value, (row["ours"], row["theirs"])), _VERDICTS[row["verdict"]])
+        for row in shown
+    ]
+    output.table(("Peer", "Quantity", "Ours", "Theirs", ""), cells, right=[2, 3])
     reasons = {row["why"]: row["peer"] for row in shown if row["verdict"] != "agrees" and row["why"]}
     for why, peer in reasons.items():
-        _print_line(f"[dim]{peer}: {_escape(why)}[/dim]", console)
+        output.line((f"{peer}: {why}", "dim"))
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, bool) or value is None:
-        return str(value)
-    return (
-        f"{value:,}" if isinstance(value, int) else f"{value:.6g}" if isinstance(value, float) else str(value)
-    )
-
-
-def _escape(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
 
 
 def advice(audit: Audit, output: str, source: str) -> str | None:

@@ -90,8 +90,8 @@ def for_each(
     output: Output,
     work: Callable[[Path, bool], tuple[dict[str, Any], int]],
     single: Iterable[str] = (),
-) -> int:
-    """Call `work` with each input; write the documents that it returns, and return the highest status.
+) -> tuple[int, list[dict[str, Any]]]:
+    """Call `work` with each input; write the documents that it returns, return the highest status and them.
 
     `work` is told whether the input is alone. An input that fails is a line on standard error, and a document
     with its error beside those of others. `single` are the options that take one input.
@@ -123,7 +123,7 @@ def for_each(
         status = max(status, own)
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
-    return status
+    return status, documents
 
 
 def note_warnings(found: Iterable[Finding], path: Path, output: Output) -> None:

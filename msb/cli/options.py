@@ -232,9 +232,8 @@ def _color(when: str | None) -> None:
             os.environ[name] = "1"
 
 
-def _print_version(wanted: bool) -> None:
-    if not wanted:
-        return
+def print_version() -> None:
+    """Print the versions of what computes."""
     from importlib.metadata import PackageNotFoundError, version
 
     from msb.asset.manifest import FORMAT, VERSION
@@ -248,11 +247,16 @@ def _print_version(wanted: bool) -> None:
         except PackageNotFoundError:
             parts.append(f"{package} none")
     echo(f"msb {__version__} ({', '.join(parts)})")
-    raise typer.Exit
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print_version()
+        raise typer.Exit
 
 
 Version = Annotated[
-    bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print versions and stop.")
+    bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and stop.")
 ]
 _EXIT_TABLE = (
     "Exit status: 0 done, 1 a gate or validation failed, 2 wrong usage, 3 input\n"

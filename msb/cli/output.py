@@ -128,6 +128,15 @@ class Output:
             table.add_row(*(Text(text, style) for text, style in cells))
         console.print(table)
 
+    def line(self, *parts: Cell) -> None:
+        """Print a line of texts and their styles: broken between words on a terminal, whole in a pipe."""
+        from rich.markup import escape
+
+        console = self.console()
+        texts = (part if isinstance(part, tuple) else (part, "") for part in parts)
+        markup = "".join(f"[{style}]{escape(text)}[/]" if style else escape(text) for text, style in texts)
+        console.print(markup, soft_wrap=not console.is_terminal)
+
     def note(self, text: str, *, level: int = 0) -> None:
         """Print a note on standard error, if the user wants this much; a log file gets it in any case.
 

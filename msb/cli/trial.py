@@ -94,7 +94,7 @@ def trial(
     from msb.trial.run import SCHEMA
 
     run = _Run(options, views, limits, drawing.device, output)
-    return for_each(paths, SCHEMA, output, run.one, ["--save"] if options.save else [])
+    return for_each(paths, SCHEMA, output, run.one, ["--save"] if options.save else [])[0]
 
 
 class _Run:

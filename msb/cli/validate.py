@@ -66,7 +66,7 @@ def validate(
             "truncated": len(validation.findings) > MAX_FINDINGS,
         }, 0 if validation.valid else 1
 
-    raise typer.Exit(for_each(paths, SCHEMA, output, document))
+    raise typer.Exit(for_each(paths, SCHEMA, output, document)[0])
 
 
 def _print(found: Validation, output: Output) -> None:

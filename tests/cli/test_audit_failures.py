@@ -7,17 +7,15 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from typer.testing import CliRunner
 
 import msb as library
 from msb.asset import build_asset
-from msb.cli.app import app
 from tests.conftest import ROOT, TETRAHEDRON
 
 if TYPE_CHECKING:
     import pytest
 
-    from tests.cli.conftest import Msb
+    from tests.cli.conftest import Here, Msb
 
 
 def test_value_errors_name_the_asset(msb: Msb, tmp_path: Path) -> None:
@@ -31,11 +29,11 @@ def test_value_errors_name_the_asset(msb: Msb, tmp_path: Path) -> None:
     assert result.err.startswith(f"MESH_INDEX_OUT_OF_RANGE: {tmp_path / 'bad.triasset'}: face 1 is (0, 1, 9)")
 
 
-def test_a_peer_that_disagrees_fails_the_audit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_peer_that_disagrees_fails_the_audit(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     row = {"peer": "igl", "quantity": "components", "theirs": 2, "ours": 1, "verdict": "disagrees"}
     made = SimpleNamespace(skipped={}, to_rows=lambda: ({**row, "version": "1", "why": "?"},))
     monkeypatch.setattr("msb.topology.crosscheck.cross_check", lambda *_: made)
     asset = ROOT / "data_stubs" / "splat_like.triasset"
-    done = CliRunner().invoke(app, ["audit", "-q", "--cross-check", str(asset)])
-    assert done.exit_code == 1
-    assert f"CROSS_CHECK_DISAGREES: {asset}: igl says components is 2, we say 1" in done.output
+    done = here("audit", "-q", "--cross-check", asset)
+    assert done.status == 1
+    assert f"CROSS_CHECK_DISAGREES: {asset}: igl says components is 2, we say 1" in done.err
