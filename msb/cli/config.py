@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from msb.base.option import Option
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, plain_table
+from msb.cli.output import JsonOutput, echo
 
 SCHEMA = "msb.config/1"
 HELP = "Show the values that files and the environment give to options."
@@ -50,19 +50,15 @@ def show(
     )
     if not output.prints_text:
         return
-    from rich.markup import escape
-
-    console = output.console()
     absent = "" if user.is_file() else ", which does not exist"
-    console.print(f"project file: {escape(str(project)) if project else 'none'}", soft_wrap=True)
-    console.print(f"user file: {escape(str(user))}{absent}", soft_wrap=True)
+    echo(f"project file: {project or 'none'}")
+    echo(f"user file: {user}{absent}")
     if not rows:
-        console.print("Nothing is set: every option has its default; --all lists them.")
+        echo("Nothing is set: every option has its default; --all lists them.")
         return
-    table = plain_table("Option", "Value", "From")
-    for row in rows:
-        table.add_row(row["key"], escape(_text(row["value"])), escape(row["from"]))
-    console.print(table)
+    output.table(
+        ("Option", "Value", "From"), ((row["key"], _text(row["value"]), row["from"]) for row in rows)
+    )
 
 
 def _plain(value: Any) -> Any:

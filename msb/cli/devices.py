@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 from msb.cli.camera_options import Drawing
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, Output, plain_table
+from msb.cli.output import JsonOutput, Output
 from msb.errors import DeviceError, MsbError
 
 if TYPE_CHECKING:
@@ -54,27 +55,31 @@ def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> Non
     )
     if output.prints_text:
         _print(tried, choice, hints, output)
-        _print_renderers(renderers, output)
+        rows = [
+            (each["name"], "yes" if each["missing"] is None else "no" if output.quiet else each["missing"])
+            for each in renderers
+        ]
+        output.table(("\n--renderer", "\nCan draw"), rows)
     if problem:
         raise problem
 
 
 def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: Output) -> None:
-    console = output.console()
     names = ("--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device")
-    table = plain_table(*names, right=(2, 3))
+    rows = []
     for record, trial, _ in tried:
         mark = " *" if choice and record.selector == choice.record.selector else ""
         memory = f"{record.global_memory / 2**30:.1f} GiB"
         builds = ("mended" if trial.mended else "yes") if trial.builds else "NO"
         cells = (record.kind, str(record.compute_units), memory, record.driver, builds)
-        table.add_row(record.selector + mark, *cells, f"{record.name}, {record.platform}")
-    console.print(table, markup=False)
+        rows.append((record.selector + mark, *cells, f"{record.name}, {record.platform}"))
+    output.table(names, rows, right=(2, 3))
+    console = output.console()
     if choice:
         console.print(f"\n* {_why(choice)}", markup=False)
     if output.verbose:
         for device in tried:
-            console.print(_details(device))
+            output.table((f"\n{device.record.selector}", ""), _details(device))
     if not output.quiet:
         for hint in hints:
             console.print(f"- {hint}", markup=False)
@@ -95,16 +100,6 @@ def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
     ]
 
 
-def _print_renderers(renderers: list[dict[str, Any]], output: Output) -> None:
-    console = output.console()
-    table = plain_table("\n--renderer", "\nCan draw")
-    for renderer in renderers:
-        missing = renderer["missing"]
-        cell = "yes" if missing is None else missing if not output.quiet else "no"
-        table.add_row(renderer["name"], cell)
-    console.print(table, markup=False)
-
-
 def _why(choice: Choice) -> str:
     if choice.source == "default":
         return "is taken unless --device, MSB_DEVICE or PYOPENCL_CTX names another: CPUs first, PoCL first."
@@ -112,25 +107,20 @@ def _why(choice: Choice) -> str:
     return f"is taken because of {source} {choice.selector}"
 
 
-def _details(device: Tried) -> Any:
-    from rich.markup import escape
-
+def _details(device: Tried) -> Iterator[tuple[str, str]]:
     from msb.cl.mend import MEND_VARIABLE
 
     record, trial, _ = device
-    table = plain_table(f"\n{record.selector}", "")
     builds = "yes" if trial.builds else f"no: {trial.why}"
     if trial.mended:
         builds += (
             f", once its compiler, which knows no processor of this kind, is told that it is a "
             f"{trial.mended} (docs/opencl.md; {MEND_VARIABLE}=0 switches that off)"
         )
-    table.add_row("builds kernels", escape(builds))
+    yield "builds kernels", builds
     for key, value in record.to_dict().items():
         if key != "selector":
-            text = f"{value:,} bytes" if key in _BYTES else str(value)
-            table.add_row(key.replace("_", " "), escape(text))
-    return table
+            yield key.replace("_", " "), f"{value:,} bytes" if key in _BYTES else str(value)
 
 
 def _failures(tried: list[Tried]) -> list[str]:

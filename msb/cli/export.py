@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import Drawing
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, Output, plain_table, setting_text
+from msb.cli.output import JsonOutput, Output, setting_text
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -83,16 +83,14 @@ def _print(asset: Asset, target: Path, output: Output) -> None:
 
     from msb.registry import lookup
 
-    m, console = asset.manifest, output.console()
+    m = asset.manifest
     size = sum(spec.byte_length for spec in m.buffers.values())
-    console.print(
+    output.console().print(
         f"{escape(str(target))}: [bold]{lookup(m.method).title}[/bold], {m.topology.replace('_', ' ')}, "
         f"{m.vertex_count:,} vertices, {m.face_count:,} faces, SH degree {m.sh_degree}, {size:,} bytes",
         soft_wrap=True,
     )
     if output.quiet or not m.settings:
         return
-    table = plain_table("Setting", "Value", "From")
-    for name, stored in m.settings.items():
-        table.add_row(name, escape(setting_text(stored.value)), stored.source)
-    console.print(table)
+    rows = ((name, setting_text(stored.value), stored.source) for name, stored in m.settings.items())
+    output.table(("Setting", "Value", "From"), rows)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.cli.camera_options import Source
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, Output, plain_table, setting_text
+from msb.cli.output import JsonOutput, Output, echo, setting_text
 from msb.errors import shorten
 
 if TYPE_CHECKING:
@@ -35,18 +35,13 @@ def info(path: Source, output: JsonOutput) -> None:
 
 
 def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
-    from rich.markup import escape
-
     from msb.asset.look import up_axis
     from msb.registry import TIERS, lookup
 
     m = asset.manifest
     method, frame = lookup(m.method), m.coordinate_frame
     look = {name: value for name, value in m.appearance.items() if name != "background"}
-    console = output.console()
     axis = frame.up if frame.up != "unknown" else f"unknown, drawn as {up_axis(asset)}"
-    table = plain_table("", "")
-    table.show_header = False
     rows: list[tuple[str, str]] = [
         ("asset", f"{path} (triasset {m.version}, {m.generator})" if asset.path else f"{path}, not yet one"),
         ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
@@ -66,16 +61,14 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
             for f in m.source.files
         ),
     ]
-    for label, text in rows:
-        table.add_row(label, escape(shorten(text, 200)))
-    console.print(table)
-    console.print()
-    buffers = plain_table("Buffer", "Shape", "Type", "Domain", "Bytes", right=(4,))
-    for name, spec in m.buffers.items():
-        shape = " x ".join(map(str, spec.shape))
-        buffers.add_row(name, shape, spec.dtype, spec.domain, f"{spec.byte_length:,}")
-    buffers.add_row("all", "", "", "", f"{size:,}")
-    console.print(buffers)
+    output.table((), ((label, shorten(text, 200)) for label, text in rows))
+    echo()
+    buffers = [
+        (name, " x ".join(map(str, spec.shape)), spec.dtype, spec.domain, f"{spec.byte_length:,}")
+        for name, spec in m.buffers.items()
+    ]
+    total = ("all", "", "", "", f"{size:,}")
+    output.table(("Buffer", "Shape", "Type", "Domain", "Bytes"), [*buffers, total], right=(4,))
 
 
 def _background(manifest: Manifest) -> str:

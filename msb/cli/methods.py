@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msb.base.option import Option
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, echo, plain_table
+from msb.cli.output import JsonOutput, echo
 
 if TYPE_CHECKING:
     from msb.report.table import Table
@@ -38,10 +38,7 @@ def methods(
             echo("\n".join(_markdown(rows)))
         else:
             # A word a line in the header: the names below it then fit into 80 columns.
-            table = plain_table(*(title.replace(" ", "\n") for title in rows[0]), gap=1)
-            for row in rows[1:]:
-                table.add_row(*row)
-            output.console().print(table)
+            output.table([title.replace(" ", "\n") for title in rows[0]], rows[1:], gap=1)
 
 
 def as_data() -> dict[str, Any]:

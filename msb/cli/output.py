@@ -111,18 +111,23 @@ class Output:
         rows: Iterable[Sequence[Cell]],
         *,
         right: Iterable[int] = (),
+        gap: int = 2,
         whole: bool = False,
     ) -> None:
         """Print a table without a frame, `right` naming the columns that are aligned to the right.
 
-        With `whole` every row is one line in a pipe, where programs read lines.
+        There are `gap` blanks between columns, and no line of headers without any. With `whole` every row is
+        one line in a pipe, where programs read lines.
         """
         from rich.text import Text
 
         console = self.console()
         if whole and not console.is_terminal:
             console.width = 10_000  # no table is as wide
-        table = plain_table(*headers, right=tuple(right))
+        rows = list(rows)
+        names = headers or [""] * len(rows[0])
+        table = plain_table(*names, right=tuple(right), gap=gap)
+        table.show_header = bool(headers)
         for row in rows:
             cells = (cell if isinstance(cell, tuple) else (cell, "") for cell in row)
             table.add_row(*(Text(text, style) for text, style in cells))
@@ -165,38 +170,42 @@ class Output:
     @contextlib.contextmanager
     def bars(self) -> Iterator[Progress | None]:
         """Yield a function that draws a bar in bytes for each stage, on a terminal only; else None."""
-        if not self.shows_progress:
-            yield None
-            return
-        from rich.console import Console
-        from rich.progress import BarColumn, DownloadColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bars
-
-        columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-        tasks: dict[str, Any] = {}
-        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        with self._bars("DownloadColumn") as bars:
+            tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
                 if stage not in tasks:
                     tasks[stage] = bars.add_task(stage, total=total)
                 bars.update(tasks[stage], completed=done)
 
-            yield update
+            yield None if bars is None else update
 
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
         """Yield a function to call after each of `total` steps; it draws a bar, on a terminal only."""
-        if not self.shows_progress:
-            yield lambda: None
-            return
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bars
+        with self._bars("MofNCompleteColumn") as bars:
+            if bars is None:
+                yield lambda: None
+            else:
+                task = bars.add_task(text, total=total)
+                yield lambda: bars.advance(task)
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-            task = bars.add_task(text, total=total)
-            yield lambda: bars.advance(task)
+    @contextlib.contextmanager
+    def _bars(self, counter: str) -> Iterator[Any]:
+        if not self.shows_progress:
+            yield None
+            return
+        from rich import progress
+        from rich.console import Console
+
+        columns = (
+            progress.TextColumn("{task.description}"),
+            progress.BarColumn(),
+            getattr(progress, counter)(),
+            progress.TimeRemainingColumn(),
+        )
+        with progress.Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+            yield bars
 
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
         """Refuse to overwrite `path` without --force, and a place where nothing can be written.

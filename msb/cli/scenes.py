@@ -12,7 +12,7 @@ import typer
 from msb.base.option import Argument, Option
 from msb.cli.command import command
 from msb.cli.failures import report_error
-from msb.cli.output import ManyOutput, Output, plain_table
+from msb.cli.output import ManyOutput, Output, echo
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:
@@ -132,24 +132,22 @@ def _print(found: list[SceneReport], output: Output) -> None:
     if len(found) == 1 or output.verbose:
         for number, item in enumerate(found):
             if number:
-                output.console().print()
+                echo()
             _print_one(item, output)
         return
-    from rich.markup import escape
-
     from msb.scenes.datasets import scaled_note
 
-    table = plain_table("Scene", "Dataset", "Train", "Test", "Size", "Photographs", right=(2, 3, 4))
+    rows = []
     for item in found:
         scene = item.scene
         cells = ("--", "--", "--", item.error.code if item.error else "")
         if scene is not None:
-            used = "RGBA PNG" if scene.mask_source == "png_alpha" else scene.image_folder
+            used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
         # The dataset's name stands in its own column: what is above it is said once, in the notes.
-        table.add_row(escape(shorten(item.name, 40)), escape(shorten(item.dataset, 20)), *map(escape, cells))
-    output.console().print(table)
+        rows.append((shorten(item.name, 40), shorten(item.dataset, 20), *cells))
+    output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
     for item in found:
         for warning in item.findings:
             output.note(warning.to_line(warning.file or item.path))
@@ -158,12 +156,8 @@ def _print(found: list[SceneReport], output: Output) -> None:
 
 
 def _print_one(item: SceneReport, output: Output) -> None:
-    from rich.markup import escape
-
     from msb.scenes.datasets import scaled_note
 
-    table = plain_table("", "")
-    table.show_header = False
     rows = [("scene", str(item.path)), ("dataset", f"{item.dataset}, {item.name}, {_LAYOUTS[item.layout]}")]
     if item.scene is not None:
         rows += _described(item.scene)
@@ -177,9 +171,7 @@ def _print_one(item: SceneReport, output: Output) -> None:
         note = None if item.scene is None else scaled_note([item.scene])
         rows += [] if note is None else [("note", note)]
         rows += _deviating(item)
-    for label, text in rows:
-        table.add_row(label, escape(shorten(text, 300)))
-    output.console().print(table)
+    output.table((), ((label, shorten(text, 300)) for label, text in rows))
 
 
 _LAYOUTS = {

@@ -9,7 +9,7 @@ import typer
 
 from msb.base.option import Argument, Option
 from msb.cli.command import Rule, command
-from msb.cli.output import LinesOutput, Output, echo, plain_table
+from msb.cli.output import LinesOutput, Output, echo
 from msb.errors import CODES, EXIT_STATUS, UsageError
 
 if TYPE_CHECKING:
@@ -80,12 +80,16 @@ def _print(found: Validation, output: Output) -> None:
     console.print(f"{escape(path)}: [bold]{word}[/bold],{counts}", soft_wrap=True)
     if not found.findings or output.quiet:
         return
-    table = plain_table("Severity", "Code", "Finding")
     styles = {"error": "red", "warning": "yellow", "info": "dim"}
-    for item in found.findings[:SHOWN]:
-        where = f" (at {item.pointer})" if item.pointer else ""
-        table.add_row(f"[{styles[item.severity]}]{item.severity}[/]", item.code, escape(item.message + where))
-    console.print(table)
+    rows = [
+        (
+            (each.severity, styles[each.severity]),
+            each.code,
+            each.message + (f" (at {each.pointer})" if each.pointer else ""),
+        )
+        for each in found.findings[:SHOWN]
+    ]
+    output.table(("Severity", "Code", "Finding"), rows)
     if (more := len(found.findings) - SHOWN) > 0:
         console.print(f"... and {more:,} more; --json lists up to {MAX_FINDINGS:,}")
 

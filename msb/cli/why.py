@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.base.option import Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Views
 from msb.cli.command import Rule, command
-from msb.cli.output import JsonOutput, Output, plain_table
+from msb.cli.output import JsonOutput, Output
 
 if TYPE_CHECKING:
     from msb.views import Views as Chosen
@@ -96,12 +96,12 @@ def _print(causes: Causes, head: dict[str, Any], views: Chosen, save: Path | Non
         return
     if not output.quiet:
         console.print(escape(f"views: {views.said}"), soft_wrap=True)
-    table = plain_table("Cause", "dB", "" if output.quiet else "How to see whether it is yours", right=(1,))
+    rows = []
     shown = sorted((one for one in causes if one.db is not None), key=lambda one: one.db or 0.0)
     for cause in shown:
         db = "equal" if cause.db is None or cause.db >= EQUAL else f"{cause.db:.1f}"
-        table.add_row(cause.title, db, "" if output.quiet else escape(cause.how_to_see))
-    console.print(table)
+        rows.append((cause.title, db, "" if output.quiet else cause.how_to_see))
+    output.table(("Cause", "dB", "" if output.quiet else "How to see whether it is yours"), rows, right=(1,))
     for line in _total(causes, output.quiet):
         console.print(line, soft_wrap=output.quiet)
     if save is not None and not output.quiet:
