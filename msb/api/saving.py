@@ -52,14 +52,13 @@ def save(
         `USAGE`: no such suffix or form, or an argument of another type. `OUTPUT_EXISTS`.
     OutputError
         `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then. For mesh files also
-        `OUTPUT_FORMAT_LIMIT` and `OUTPUT_FORMAT_LIMIT`.
+        `OUTPUT_FORMAT_LIMIT`.
     AssetError
         `load` would refuse the asset: its manifest was changed by hand, or buffers do not have its shapes.
     Unsupported
         `UNSUPPORTED_TIER`: the method has no static colours, which mesh files need.
     """
     check_type("asset", asset, Asset, AN_ASSET)
-    check_type("overwrite", overwrite, bool, "True or False")
     if form not in FORMS:
         text = f'there is no form "{shorten(str(form), 40)}"; there are {", ".join(FORMS)}'
         raise UsageError("USAGE", text)

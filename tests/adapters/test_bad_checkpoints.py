@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from msb.adapters.checkpoint import pickle_machine, read_checkpoint
-from msb.errors import CODES, CheckpointError, InputError
+from msb.errors import CODES, CheckpointError
 from tests.adapters.assemble import GOOD, archive, legacy
 from tests.adapters.bad_checkpoints import CASES, write_case
 from tests.corpus.refusals import kept, own_words
@@ -51,13 +51,6 @@ def test_what_the_bad_checkpoints_are_made_from_is_good(make, tmp_path: Path) ->
 
 def test_every_code_has_a_case() -> None:
     assert {case.code for case in CASES} == CHECKPOINT_CODES
-
-
-@pytest.mark.parametrize("path", ["a\0b", "x" * 300, "\ud800", "nothing/at/all", "."])
-def test_a_path_that_is_no_file_is_an_input_error(path: str) -> None:
-    with pytest.raises(InputError) as caught:
-        read_checkpoint(path)
-    assert caught.value.code in ("FILE_NOT_FOUND", "FILE_UNREADABLE")
 
 
 def test_the_byte_at_fault_is_named(tmp_path: Path) -> None:

@@ -185,10 +185,7 @@ def test_a_folder_is_not_replaced_unless_told(demo_asset: Path, tmp_path: Path) 
         ({"path": "a.xyz"}, '"a.xyz"; it must end in one of .triasset, .ply, .obj, .off, .stl, .glb'),
         ({"path": "a"}, '"a"; it must end in one of .triasset'),
         ({"form": "tar"}, 'no form "tar"; there are packed, folder'),
-        ({"form": None}, "there are packed, folder"),
-        ({"form": ["packed"]}, "there are packed, folder"),
         ({"path": "a.glb", "form": "folder"}, "form is for .triasset"),
-        ({"overwrite": "folder"}, "overwrite is of type str"),
     ],
     ids=repr,
 )

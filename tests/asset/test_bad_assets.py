@@ -144,14 +144,6 @@ def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch, memb
     assert caught.value.code == "TRIASSET_FILE_UNREADABLE"
 
 
-@pytest.mark.parametrize("path", ["a\0b", "x" * 300, "y/" * 3000, "\ud800", "nothing/at/all"])
-def test_a_path_no_file_can_have_is_an_input_error(path: str) -> None:
-    with pytest.raises(InputError) as caught:
-        load(path)
-    assert caught.value.code in ("FILE_NOT_FOUND", "FILE_UNREADABLE")
-    assert str(caught.value).isprintable()
-
-
 def test_a_link_put_in_place_at_the_last_moment_is_not_followed(tmp_path: Path, monkeypatch) -> None:
     """Between the look at `buffers` and the opening of a file in it, somebody swaps the folder for a link."""
     path, outside = tmp_path / "a.triasset", tmp_path / "outside"

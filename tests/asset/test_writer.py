@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import struct
 import zipfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -22,13 +21,6 @@ FORMS = ["packed", "folder"]
 
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
-
-
-def raiser(error: BaseException) -> Callable[..., None]:
-    def fail(*args: object, **keywords: object) -> None:
-        raise error
-
-    return fail
 
 
 # --- ZIP64 ---------------------------------------------------------------------------------------------
@@ -63,10 +55,7 @@ def test_offsets_past_2_gib_are_written_with_zip64_records(tmp_path: Path, monke
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize(
-    "error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), MemoryError()], ids=repr
-)
-def test_a_failure_while_writing_leaves_the_old_asset(form, error, tmp_path: Path, monkeypatch) -> None:
+def test_a_failure_while_writing_leaves_the_old_asset(form, tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "a.triasset"
     write_asset(mesh(), path, form)
     members = writer_module._members
@@ -74,37 +63,15 @@ def test_a_failure_while_writing_leaves_the_old_asset(form, error, tmp_path: Pat
     def fail_at_the_third(asset: Asset):
         for number, item in enumerate(members(asset)):
             if number == 2:
-                raise error
+                raise OSError(errno.ENOSPC, "No space left on device")
             yield item
 
     monkeypatch.setattr(writer_module, "_members", fail_at_the_third)
-    expected = OutputError if isinstance(error, OSError) else type(error)
-    with pytest.raises(expected, match="No space left" if isinstance(error, OSError) else None):
+    with pytest.raises(OutputError, match="No space left"):
         write_asset(soup(), path, form)
     assert names(tmp_path) == ["a.triasset"]
     assert load(path).manifest == mesh().manifest
     assert validate(path).findings == ()
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_a_failure_leaves_nothing_where_nothing_was(form, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(writer_module, "as_bytes", raiser(OSError(errno.EIO, "Input/output error")))
-    with pytest.raises(OutputError, match=r"a\.triasset: it cannot be written: Input/output error"):
-        write_asset(mesh(), tmp_path / "a.triasset", form)
-    assert names(tmp_path) == []
-
-
-@pytest.mark.parametrize("old", FORMS)
-@pytest.mark.parametrize("new", FORMS)
-def test_one_form_replaces_the_other_or_says_why_not(old, new, tmp_path: Path) -> None:
-    write_asset(mesh(), tmp_path / "a", old)
-    if (old, new) == ("folder", "packed"):
-        with pytest.raises(OutputError, match="it is a folder; a file is to be written"):
-            write_asset(soup(), tmp_path / "a", new)
-    else:
-        write_asset(soup(), tmp_path / "a", new)
-        assert load(tmp_path / "a").manifest == soup().manifest
-    assert names(tmp_path) == ["a"]
 
 
 # --- nothing that cannot be read again -----------------------------------------------------------------
