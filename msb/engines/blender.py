@@ -52,8 +52,6 @@ class _Blender(Engine):
 
     Parameters
     ----------
-    asset, device, settings, supersample
-        As for `Engine`.
     source : {"ply", "glb"}
         The format that Blender imports. Its PLY importer keeps float colours; its glTF importer makes bytes
         of them.

@@ -85,8 +85,8 @@ def find_browser() -> str | None:
     named = os.environ.get(VARIABLE)
     if named:
         return shutil.which(named)
-    found = next((path for path in map(shutil.which, _NAMES) if path), None)
-    return found or next((place for place in _PLACES if Path(place).exists()), None)
+    on_path = next((path for path in map(shutil.which, _NAMES) if path), None)
+    return on_path or next((place for place in _PLACES if Path(place).exists()), None)
 
 
 def dated(browser: str) -> str:
@@ -105,18 +105,9 @@ class _Server(ThreadingHTTPServer):
 class Page:
     """A page that draws in a browser of its own.
 
-    Parameters
-    ----------
-    browser : str
-        The program.
-    content : mapping of str to bytes
-        The files of the server: "page.html", and the files it loads.
-    query : str
-        The part of the page's address behind the question mark.
-    software : bool, optional
-        Whether to draw on the CPU. Otherwise the browser takes a GPU if it finds one.
-    webgpu : bool, optional
-        Whether the page needs WebGPU, which browsers leave off in software.
+    `content` are the files of its server: "page.html", and those it loads; `query` stands behind the question
+    mark of its address. With `software` it draws on the CPU; otherwise the browser takes a GPU if it finds
+    one. A page that needs WebGPU must say so, because browsers leave it off in software.
     """
 
     def __init__(
@@ -185,7 +176,7 @@ class Page:
         end = time.monotonic() + seconds
         while True:
             try:
-                found = self._answers.get(timeout=0.2)
+                answer = self._answers.get(timeout=0.2)
                 break
             except queue.Empty:
                 pass
@@ -195,11 +186,11 @@ class Page:
             if time.monotonic() > end:
                 text = f"the browser does not answer within {seconds:.0f} s: {self._last_words()}"
                 raise DeviceError("ENGINE_FAILED", text)
-        line, _, _ = found.partition(b"\n")
+        line, _, _ = answer.partition(b"\n")
         head: dict[str, Any] = json.loads(line)
         if "error" in head:
             raise DeviceError("ENGINE_FAILED", f"the page in the browser: {shorten(str(head['error']), 200)}")
-        return Answer(head, memoryview(found)[len(line) + 1 :])
+        return Answer(head, memoryview(answer)[len(line) + 1 :])
 
     def _last_words(self) -> str:
         self._log.flush()

@@ -41,18 +41,10 @@ _GROUPS = {
 
 
 class Engine(ABC):
-    """A foreign engine as a renderer: draws the standard-tier mesh of an asset.
+    """A foreign engine as a renderer: draws the standard-tier mesh of an asset, with that tier's options.
 
-    Parameters
-    ----------
-    asset : Asset
-    device : {"cpu", "gpu"}, optional
-        Where the engine computes; its own choice if not given. An engine ignores OpenCL devices and
-        MSB_DEVICE.
-    settings : mapping, optional
-        Overrides of the asset's settings; `ste_threshold` hides faces where the method has it.
-    supersample : int
-        As for the standard tier.
+    `device` "cpu" or "gpu" says where the engine computes, which is its own choice if not given; an engine
+    ignores OpenCL devices and MSB_DEVICE.
     """
 
     name: ClassVar[str]

@@ -30,8 +30,6 @@ class ThreeJsRenderer(Engine):
 
     Parameters
     ----------
-    asset, device, settings, supersample
-        As for `Engine`.
     defaults : bool
         Whether three.js handles the colours of glTF by its own defaults, to see their effect; images are then
         those of the 8-bit canvas.

@@ -35,20 +35,9 @@ def write_web_page(
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> None:
-    """Write the page.
+    """Write the page of a mesh, GLB; without one it waits for a file to be dropped, or for `?url=`.
 
-    Parameters
-    ----------
-    path : Path
-    glb : bytes, optional
-        The mesh to show; without one the page waits for a file to be dropped, or for `?url=`.
-    name : str
-        The name of the mesh on the page.
-    cameras : sequence of Camera
-        The cameras from which a viewer can choose.
-    up : str
-        The axis about which the mesh is turned, such as "+y".
-    background : 3 floats
+    A viewer can choose among `cameras`, and turns the mesh about the axis `up`, such as "+y".
     """
     data = page(glb, name=name, cameras=cameras, up=up, background=background)
     with new_file(path) as file:
@@ -81,16 +70,9 @@ def scene_data(
 
 
 def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = "") -> bytes:
-    """Return web/page.html with everything in it, UTF-8.
+    """Return web/page.html, UTF-8, with a scene (JSON: `scene_data`, and more) and scripts in their order.
 
-    Parameters
-    ----------
-    scene : mapping
-        As `scene_data`, and more; JSON.
-    scripts : sequence of str
-        Files of msb/engines/web, in their order.
-    glb, arrays : str
-        Base64, and elements that hold arrays.
+    `glb` is base64, `arrays` are elements that hold arrays.
     """
     three = files("msb.engines") / "web" / "three"
     # Each mark is looked for in what is left of the template only: a name may look like one.

@@ -47,34 +47,24 @@ class Windows:
 
     Methods take face numbers and the columns and rows of samples, which broadcast against each other: K faces
     as (K, 1) at P samples as (P,), or N faces at a sample each, all (N,).
-
-    Attributes
-    ----------
-    dropped : (F,) bool
-        By distance, grazing view or size; opacity and tiles are the methods' own matter.
-    depth : (F,)
-        Camera z of the centroid: the sort key.
-    normal : (F, 3)
-        Unit normal in camera space, towards the camera; shorter for faces below 5e-5 square units.
-    corners : (F, 3, 2)
-    edge_normal : (F, 3, 2)
-        Of the edges from corner k to k + 1, outwards, unit length.
-    edge_offset : (F, 3)
-        A point q is n . q + offset outside of an edge.
-    inradius : (F, 3)
-        That distance of the incentre, negative; the same for the three edges but for rounding.
-    radius : (F,)
-        The largest distance from a corner to the projected centroid.
     """
 
     dropped: NDArray[np.bool_]
+    """By distance, grazing view or size; opacity and tiles are the methods' own matter."""
     depth: Reals
+    """Camera z of the centroid: the sort key."""
     normal: Reals
+    """(F, 3), unit, in camera space, towards the camera; shorter for faces below 5e-5 square units."""
     corners: Reals
+    """(F, 3, 2)"""
     edge_normal: Reals
+    """(F, 3, 2), of the edges from corner k to k + 1, outwards, unit length."""
     edge_offset: Reals
+    """(F, 3); a point q is n . q + offset outside of an edge."""
     inradius: Reals
+    """(F, 3), that distance of the incentre, negative; the same for the three edges but for rounding."""
     radius: Reals
+    """The largest distance from a corner to the projected centroid."""
 
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the distance of samples to the nearest edge of faces over the inradius; NaN outside."""

@@ -17,17 +17,7 @@ if TYPE_CHECKING:
 
 
 class ReferenceRenderer:
-    """NumPy, on the host: `device` is taken and ignored.
-
-    Parameters
-    ----------
-    asset, settings
-        As for `render_reference`.
-    dtype : "float32" or "float64"
-        float32 repeats the official order of operations.
-    order, sampling
-        As for `render_reference`.
-    """
+    """NumPy, on the host: `device` is taken and ignored, the rest is as for `render_reference`."""
 
     name = "msb-reference"
     version = __version__

@@ -45,25 +45,11 @@ def render_standard(
     background: Sequence[float] = (0.0, 0.0, 0.0),
     shown: NDArray[np.bool_] | None = None,
 ) -> ReferenceFrame:
-    """Draw an opaque mesh.
+    """Return a frame, in float64, of an opaque mesh of positions (V, 3) and indices (F, 3).
 
-    Parameters
-    ----------
-    positions : (V, 3) array_like
-    indices : (F, 3) array_like of integers below V
-    colors : (n, 3) or (n, 4) array_like
-        uint8, or floats, which are clamped to [0, 1]; a fourth channel is not used.
-    domain : {"vertex", "face", "corner"}
-        What n counts: V, F or 3F.
-    camera : Camera
-    background : sequence of 3 floats
-    shown : (F,) bool, optional
-        Faces to draw; they keep their numbers.
-
-    Returns
-    -------
-    ReferenceFrame
-        image, alpha and depth are float64; face_id is -1 where nothing is.
+    Colours are (n, 3) or (n, 4) uint8, or floats, which are clamped to [0, 1]; a fourth channel is not used.
+    Their domain, "vertex", "face" or "corner", says what n counts: V, F or 3F. Faces that are not `shown`
+    (F,) keep their numbers.
     """
     points = np.asarray(positions, np.float64)
     faces = np.asarray(indices, np.int64)
@@ -130,7 +116,8 @@ def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
 def nearest_corner(corners: Reals) -> int:
     """Return which corner of a face (3, 3) in camera coordinates is nearest to the camera.
 
-    The sides that leave one a million times as far are nearly parallel, and know no plane.
+    From a corner that is a million times as far away both sides run almost in one direction, and their cross
+    product would not give the face's plane.
     """
     return int(np.argmin(np.abs(corners).max(axis=1)))
 

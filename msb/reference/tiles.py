@@ -60,21 +60,11 @@ def tile_number(value: Reals, limit: Integers) -> Integers:
 def tiles_front_to_back(
     rectangles: Rectangles | None, depth: Reals, kept: NDArray[np.bool_], width: int, height: int
 ) -> Iterator[Tile]:
-    """Yield every tile of the raster that lists a face.
+    """Yield every tile of the raster that lists a face, of the faces that are `kept`.
 
-    Parameters
-    ----------
-    rectangles : Rectangles, optional
-        Of F faces; without, every tile lists every face.
-    depth : (F,)
-        Sort key, not negative; equal keys keep ascending face number.
-    kept : (F,) bool
-        Faces that take part.
-
-    Notes
-    -----
-    The official kernels sort (tile number << 32 | bits of the float32 depth) with a stable radix sort; for
-    positive depths that is this order.
+    Without `rectangles` every tile lists every face. The sort key `depth` is not negative; equal keys keep
+    ascending face number. The official kernels sort (tile number << 32 | bits of the float32 depth) with a
+    stable radix sort; for positive depths that is this order.
     """
     columns, tile_rows = grid_size(width, height).tolist()
     faces = np.flatnonzero(kept)

@@ -2,7 +2,6 @@
 
 - `stored`: arrays as they lie in the page, compressed, and back.
 - `smaller`: assets of fewer bytes: rounded values, and only the faces that contribute most.
-- `view_json`: the camera record as JSON, and the settings that change it alone.
 - `page`: the page itself.
 - `measure`: what a headless browser draws of a page, against the reference images in it.
 

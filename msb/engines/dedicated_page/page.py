@@ -62,15 +62,7 @@ _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>
 
 @dataclass(frozen=True)
 class CheckView:
-    """A view by which a page is measured.
-
-    Attributes
-    ----------
-    camera : Camera
-    background : 3 floats
-    image : (H, W, 3) uint8
-        What the page should show.
-    """
+    """A view by which a page is measured: what it should show, (H, W, 3) uint8."""
 
     camera: Camera
     background: Color
@@ -87,14 +79,9 @@ class Cost:
 
 @dataclass
 class DedicatedPage:
-    """Everything that goes into a page; `encoded` may be called again when it has been measured.
+    """Everything that goes into a page: its JSON, and the elements that hold arrays.
 
-    Attributes
-    ----------
-    scene : dict
-        The page's JSON; `scene["dedicated"]["measured"]` is what `record` makes of measurements.
-    arrays : str
-        The elements that hold arrays.
+    `encoded` may be called again when the page has been measured, which `record` puts into the scene.
     """
 
     scene: dict[str, Any]
@@ -123,29 +110,10 @@ def make_page(
     all_faces: int | None = None,
     told: Callable[[str], None] = lambda _: None,
 ) -> DedicatedPage:
-    """Return the page of an asset.
+    """Return the page of an asset, turned about the axis `up`, with `cameras` to choose from.
 
-    Parameters
-    ----------
-    asset : Asset
-    name : str
-        On the page.
-    settings : mapping
-        Overrides of the asset's settings.
-    cameras : sequence of Camera
-        In the page's list.
-    up : str
-        The axis about which the model is turned.
-    background : 3 floats
-    tests : sequence of CheckView
-    against : str
-        What made the images of `tests`.
-    costs : sequence of Cost
-        What making the asset smaller has cost.
-    all_faces : int, optional
-        Faces of the whole model.
-    told : callable
-        Called with what is being done.
+    It is measured by `tests`, whose images were made by `against`. `costs` are what making the asset smaller
+    has cost, `all_faces` those of the whole model. `told` is called with what is being done.
     """
     packed = pack(asset, settings)
     try:

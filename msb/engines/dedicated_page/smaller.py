@@ -67,7 +67,7 @@ def _rounded(values: NDArray[np.float32]) -> NDArray[np.float32]:
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     grown = np.concatenate([[0], np.cumsum(np.cbrt(count))])
-    # Of 256 values, two are kept for infinities, two for the ends.
+    # Of 256 levels, two are reserved for infinities and two for low and high.
     inner = np.interp(np.linspace(0, grown[-1], 2 * (LEVELS - 4) + 1)[1::2], grown, edges)
     levels = np.unique(np.concatenate([[low], inner, [high]]).astype(np.float32))
     nearest = np.searchsorted((levels[1:] + levels[:-1]) / 2, values)

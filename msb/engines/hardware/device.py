@@ -42,24 +42,16 @@ class Band:
 
 
 def bands_of(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
-    """Return the bands of a frame.
-
-    Parameters
-    ----------
-    side : int
-        The most samples of a band along each axis.
-    room : int
-        The most pixels of a band.
-    """
+    """Return the bands of a frame, of at most `room` pixels each, and `side` samples along each axis."""
     columns = min(width, side // scale, room)
     rows = max(min(height, side // scale, room // columns), 1)
-    found, offset = [], 0
+    bands, offset = [], 0
     for y in range(0, height, rows):
         for x in range(0, width, columns):
             band = Band(x, y, min(columns, width - x), min(rows, height - y), offset)
             offset += -(-PIXEL_BYTES * band.width * band.height // SLOT) * SLOT
-            found.append(band)
-    return found
+            bands.append(band)
+    return bands
 
 
 def pixel_bytes(bands: list[Band]) -> int:

@@ -65,37 +65,23 @@ class Draws:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a frame is made of.
-
-    Attributes
-    ----------
-    modules : mapping
-        Name -> WGSL.
-    buffers : mapping
-        Name -> bytes and usages. What `data` holds is uploaded once.
-    data : mapping
-        Name -> array.
-    passes, band_passes : tuple
-        Once a frame, and once for each band of it.
-    format : str
-        Of the targets `image` and `depth`, whose sizes are those of a band in samples.
-    scale : int
-        Samples of a pixel along each axis.
-    blend : pair of pairs of str
-        The factors of source and target, of colour and of alpha.
-    clear : float
-        The alpha that targets begin with; their colours begin with 0.
-    """
+    """What a frame is made of: passes that run once, and passes that run for each band of it."""
 
     modules: Mapping[str, str]
+    """Name -> WGSL."""
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
+    """Name -> bytes and usages. What `data` holds is uploaded once."""
     data: Mapping[str, NDArray[Any]]
     passes: tuple[Compute, ...]
     band_passes: tuple[Draws | Compute, ...]
     format: str
+    """Of the targets `image` and `depth`, whose sizes are those of a band in samples."""
     scale: int
+    """Samples of a pixel along each axis."""
     blend: tuple[tuple[str, str], tuple[str, str]] = (FRONT_TO_BACK, FRONT_TO_BACK)
+    """The factors of source and target, of colour and of alpha."""
     clear: float = 0.0
+    """The alpha that targets begin with; their colours begin with 0."""
 
     def record(self) -> dict[str, Any]:
         """Return all but `data` as JSON takes it: what a page in a browser runs."""

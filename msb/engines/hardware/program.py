@@ -83,25 +83,11 @@ def make_plan(
     depth: bool = True,
     debug: bool = False,
 ) -> Plan:
-    """Return how a frame of an asset is drawn.
+    """Return how a frame of an asset is drawn on the device `name`; order and sampling are as in OpenCL.
 
-    Parameters
-    ----------
-    packed : Packed
-    limits : Limits
-    name : str
-        Of the device, for messages.
-    order, sampling : str
-        As on the dedicated tier in OpenCL.
-    form : str
-        The format of the targets that are blended into.
-    stops : int
-        In how many chunks faces are blended where the method refuses the face that crosses its threshold; 1
-        leaves that rule out.
-    depth : bool
-        Whether depth is drawn, too.
-    debug : bool
-        Whether the tile rectangles are kept, in the buffer `rectangles`.
+    `form` is the format of the targets that are blended into. Where the method refuses the face that crosses
+    its threshold, faces are blended in so many chunks (`stops`; 1 leaves that rule out). With `debug` the
+    tile rectangles are kept, in the buffer `rectangles`.
     """
     model, planner = packed.model, _Planner(packed, limits, name)
     surface = packed.surface

@@ -71,13 +71,8 @@ class HardwareRenderer:
 
     Parameters
     ----------
-    asset : Asset
     device : {"cpu", "gpu"}, optional
         "cpu" is a software adapter, "gpu" anything else; a GPU where there is one if not given.
-    settings : mapping, optional
-        Overrides of the asset's settings.
-    order, sampling : str
-        As for the dedicated tier in OpenCL.
     half : bool
         Whether to blend into half floats even where the adapter can blend float32.
     stops : int
@@ -258,15 +253,10 @@ class HardwareRenderer:
         self._size = width, height
 
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
-        """Return what decided about faces in the last frame, with `debug`.
+        """Return what decided about faces in the last frame, with `debug`: keys (F,), rectangles (F, 4).
 
-        Returns
-        -------
-        keys : (F,) uint32
-            The bits of the depth key; from 0xfffffffe on for faces that are not drawn, 0xffffffff for those
-            that the official culling drops.
-        rectangles : (F, 4) int32
-            The official tiles x0, y0, x1, y1 of kept faces, high ends excluded; 0 for the others.
+        A key has the bits of the depth; from 0xfffffffe on a face is not drawn, 0xffffffff is dropped by the
+        official culling. A rectangle has the official tiles x0, y0, x1, y1 of a kept face, without the ends.
         """
         count = self._packed.faces
         keys = self._runs.read("keys").view(np.uint32)[:count]
