@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.bench.machine import OF_THE_MOMENT
 from msb.bench.protocol import ProtocolFile, parse_protocol
-from msb.bench.records import Result, read_result
+from msb.bench.records import read_result
 from tests.conftest import ROOT
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ def _timeless(data: Any) -> Any:
     return [_timeless(value) for value in data] if isinstance(data, list) else data
 
 
-def cell(file: ProtocolFile, name: str) -> Result:
-    """Return the record METHOD/COLUMN of the scene pebble."""
+def cell(file: ProtocolFile, name: str) -> Any:
+    """Return the record METHOD/COLUMN of the scene pebble, of which any part may be there."""
     return read_result(file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json")
 
 

@@ -41,13 +41,11 @@ class Bench:
         models: dict[Any, Any] = {}
         for pair in pairs:
             task = pair.task(self.file.results, self.run)
-            assert task is not None
             models[pair] = prepare_model(task)
         return Planner(self.file, self.run, Known(), [only], redo=redo).plan(pairs, models)
 
     def job(self, only: str) -> Job:
         (planned,) = self.plan(only, redo=True)
-        assert planned.job is not None
         write_photographs(PhotographTask(self.file.results, self.run, planned.job.scene, planned.job.views))
         return planned.job
 

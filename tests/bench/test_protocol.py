@@ -49,7 +49,6 @@ def test_doubled_braces_stand_for_themselves() -> None:
     text = MINIMAL.replace("{scene}", "{{x}}/{scene}{{")
     file = parse_protocol(text.encode(), "/a/b/p.toml")
     model = file.protocol.methods[0].model
-    assert model is not None
     assert str(file.resolve(model, dataset="d", scene="s", method="m")).endswith("/{x}/s{")
     assert file.resolve("{{scene}}/{scene}", scene="s") == Path("/a/b/{scene}/s")
 
@@ -160,7 +159,5 @@ def test_places_in_names_of_files_are_no_places(tmp_path: Path) -> None:
     shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", folder / "scan1")
     file = single_protocol(folder / "model", folder / "scan1", non_engine=str(folder / "renders"))
     dataset, method = file.protocol.datasets[0], file.protocol.methods[0]
-    assert method.model is not None
-    assert method.non_engine is not None
     for given, name in ((dataset.path, "scan1"), (method.model, "model"), (method.non_engine, "renders")):
         assert file.resolve(given, scene="s", dataset="d", method="m") == folder / name

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from msb.bench.gaps import slowdown
-from msb.bench.records import RendererTiming, read_renderer_timing, read_result
+from msb.bench.records import RendererTiming, read_renderer_timing
 from msb.bench.run import run_protocol
 from msb.bench.track import WHOLE_COMMAND
 from msb.errors import MsbError
 from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, RatioKey
 from msb.report.results import read_results
-from tests.bench.protocols import protocol
+from tests.bench.protocols import cell, protocol
 from tests.bench.records import result, timing
 from tests.cli.forks import run_msb
 
@@ -91,22 +91,9 @@ def test_a_run_takes_it_and_the_report_says_where_it_is_from(tmp_path: Path) -> 
     write(tmp_path / "own.json")
     file = protocol(tmp_path, ("two_dts",), each='non_engine = "reference"\nnon_engine_timing = "own.json"')
     assert run_protocol(file, only=["non_engine"]).exit_status == 0
-    path = (
-        tmp_path
-        / "results"
-        / "cells"
-        / "nerf_synthetic"
-        / "pebble"
-        / "two_dts"
-        / "non_engine"
-        / "result.json"
-    )
-    held = read_result(path).renderer_timing
-    assert held is not None
-    assert held.fps == 120
-    number = collect(read_results(file.results)).number(
-        Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")
-    )
+    assert cell(file, "two_dts/non_engine").renderer_timing.fps == 120
+    fps = Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")
+    number = collect(read_results(file.results)).number(fps)
     assert number.value == 120
     assert number.notes == ("measured elsewhere, on NVIDIA RTX 4090: render() of the test views",)
     write(tmp_path / "own.json", frames=600)
@@ -114,16 +101,10 @@ def test_a_run_takes_it_and_the_report_says_where_it_is_from(tmp_path: Path) -> 
     assert dict(row.planned.why) == {"renderer_timing": "file changed"}
     write(tmp_path / "own.json", frames=0)
     run_protocol(file, only=["non_engine"])
-    number = collect(read_results(file.results)).number(
-        Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")
-    )
-    assert number.value is None
-    assert number.reason is not None
-    assert "/frames" in number.reason
-    assert (
-        RatioKey("nerf_synthetic", "two_dts", "dedicated", "non_engine")
-        in collect(read_results(file.results)).ratios
-    )
+    numbers = collect(read_results(file.results))
+    assert numbers.number(fps).value is None
+    assert "/frames" in str(numbers.number(fps).reason)
+    assert RatioKey("nerf_synthetic", "two_dts", "dedicated", "non_engine") in numbers.ratios
 
 
 @pytest.mark.slow

@@ -26,12 +26,10 @@ def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) 
     assert first.exit_status == 0
     (path,) = Results(file.results).records()
     record = read_result(path)
-    assert record.trial is not None
     (one,) = record.trial.trials
     assert (one.task, one.picture) == ("self_intersections", "self_intersections.png")
     assert record.trial.cameras["from"] == "given"
     assert (path.parent / "trial" / one.picture).read_bytes().startswith(b"\x89PNG")
-    assert record.repairs is not None
     stored, repaired = record.repairs.made[:2]
     assert (stored.strategy, repaired.trials) == ("as stored", {"self_intersections": "works"})
     assert (path.parent / "repairs" / str(repaired.picture)).read_bytes().startswith(b"\x89PNG")

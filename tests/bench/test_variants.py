@@ -67,11 +67,9 @@ def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
     assert found.schema_ == "msb.result/2"
     assert (found.cell.condition, found.cell.variant, found.cell.renderer) == ("dedicated", "engine", None)
     assert found.cell.condition_key == "dedicated/engine"
-    assert found.renderer is not None
     assert found.renderer.settings["order"] == "global"
     assert found.renderer.settings["sampling"] == "engine"
     assert found.timing is not None
-    assert found.quality is not None
     camera = read_scene(SCENE, dataset="nerf_synthetic").test[0]
     asset = msb.open(PEBBLE / "two_dts")
     with msb.Renderer(asset, "dedicated", "pocl", order="global", sampling="engine") as renderer:
@@ -83,7 +81,6 @@ def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
 def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: ProtocolFile) -> None:
     found = read_result(record(varied, "diffsoup/soft"))
     assert found.status == "unsupported"
-    assert found.reason is not None
     assert found.reason.message == "diffsoup has no setting gamma, which the variant changes"
 
 
@@ -102,8 +99,6 @@ def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: Protocol
 
 def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile, tmp_path: Path) -> None:
     first, second = (read_result(record(varied, f"{name}/dedicated")) for name in ("two_dts", "ours"))
-    assert first.quality is not None
-    assert second.quality is not None
     assert second.cell.method == "two_dts"
     assert first.quality.values["psnr"] != second.quality.values["psnr"]
     numbers = collect(read_results(varied.results))
@@ -120,15 +115,12 @@ def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> No
         for name in ("dedicated", "dedicated/engine")
     )
     assert own.adapt.value == pytest.approx(0, abs=1e-3)
-    assert variant.adapt.value is not None
     assert variant.adapt.value > 0.1
     assert variant.deploy.value == own.deploy.value
     keys = [
         Key("nerf_synthetic", MEAN, "two_dts", name, "psnr") for name in ("non_engine", "dedicated/engine")
     ]
     before, after = (numbers.value(key) for key in keys)
-    assert before is not None
-    assert after is not None
     assert variant.adapt.signed == pytest.approx(before - after)
     assert RatioKey("nerf_synthetic", "two_dts", "standard", "dedicated/engine") in numbers.ratios
     rows = {row.labels for row in gaps_table(numbers, "nerf_synthetic").rows}

@@ -72,20 +72,17 @@ def other_asset() -> dict[str, Any]:
 
 def other_setup() -> dict[str, Any]:
     setup = make_result(*HERE, "dedicated").setup
-    assert setup is not None
     return {"setup": setup.model_copy(update={"background": (1.0, 1.0, 1.0)})}
 
 
 def other_metric() -> dict[str, Any]:
     quality = make_result(*HERE, "dedicated").quality
-    assert quality is not None
     changed = ({**METRICS[0], "data_range": 255.0}, METRICS[1])
     return {"quality": quality.model_copy(update={"metrics": changed})}
 
 
 def other_images() -> dict[str, Any]:
     quality = make_result(*HERE, "dedicated").quality
-    assert quality is not None
     return {"quality": quality.model_copy(update={"images": quality.images[1:2]})}
 
 
@@ -109,7 +106,6 @@ def test_what_must_not_be_compared_is_refused(tmp_path: Path, changes: Any, why:
 
 def test_libraries_may_differ_and_methods_may_have_their_own_setup(tmp_path: Path) -> None:
     quality = make_result(*HERE, "dedicated").quality
-    assert quality is not None
     libraries = ({**METRICS[0], "libraries": {"numpy": "1"}}, METRICS[1])
     two(tmp_path, quality=quality.model_copy(update={"metrics": libraries}))
     made = make_result("capture", "desk", "diffsoup", "dedicated")
@@ -141,7 +137,6 @@ def other_settings() -> dict[str, Any]:
 
 def other_version() -> dict[str, Any]:
     renderer = make_result(*HERE, "dedicated").renderer
-    assert renderer is not None
     return {"renderer": renderer.model_copy(update={"version": "0"})}
 
 
