@@ -126,7 +126,7 @@ def test_convert_official(msb: Msb, tmp_path: Path) -> None:
         (
             ["--up=-y", asset, tmp_path / "up.glb"],
             2,
-            "USAGE: --official goes without --form, --up and --color",
+            "USAGE: --up does not go with --official",
         ),
         ([tmp_path / "ring.glb", tmp_path / "again.glb"], 4, "UNSUPPORTED_METHOD: "),
     ):
