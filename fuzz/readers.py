@@ -165,7 +165,7 @@ def settings(path: Path) -> None:
 
 
 def gate(path: Path) -> None:
-    from msb.cli.gates import parse_gate
+    from msb.api.gates import parse_gate
 
     parse_gate(path.read_bytes().decode("utf-8", "replace"))
 

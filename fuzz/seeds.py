@@ -206,7 +206,7 @@ def pyproject() -> list[bytes]:
 
 
 def gates() -> list[bytes]:
-    from msb.cli.gates import PROFILES
+    from msb.api.gates import PROFILES
 
     return [gate.encode() for gates in PROFILES.values() for gate in gates]
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from msb.api.gates import GateOptions
 from msb.base.option import Argument, Option
 from msb.cli.command import Rule, command
 from msb.cli.failures import report_error
-from msb.cli.gates import GateOptions
 from msb.cli.output import Output, echo
 from msb.errors import GateFailed
 
@@ -139,7 +139,7 @@ class _Task:
         if self.options.cross_check:
             result = self.ask_peers(result, analysis, mesh, path)
         if self.options.elements is not None:
-            from msb.cli.elements import write_elements
+            from msb.api.elements import write_elements
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.options.elements)

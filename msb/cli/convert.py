@@ -160,9 +160,9 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.api.saving import output_suffix
     from msb.base.atomic import new_file
     from msb.cli.inputs import open_asset
-    from msb.cli.mesh_files import beyond_a_mesh, note_losses, note_up
     from msb.meshes import read_mesh, write_mesh
     from msb.meshes.assets import as_held, mesh_from_asset
+    from msb.meshes.losses import beyond_a_mesh, losses, what_is_up
     from msb.meshes.transform import turned_upright, with_linear_colors
 
     suffix = output_suffix(target, "OUT")
@@ -182,8 +182,8 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         write_mesh(held, file, suffix=suffix)
     turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
     _say(target, [*_holds(held, suffix), *turned], output)
-    note_losses(mesh, held, target, suffix, left_out, output)
-    note_up(mesh, target, suffix, output, known=known)
+    for text in (*losses(mesh, held, suffix, left_out), *what_is_up(mesh, suffix, known=known)):
+        output.note(f"{target}: {text}")
 
 
 def _holds(mesh: Mesh, suffix: str) -> list[str]:

@@ -398,16 +398,6 @@ _LOG: list[IO[str]] = []
 """The log file, if there is one."""
 
 
-@contextlib.contextmanager
-def csv_text(file: IO[bytes]) -> Iterator[io.TextIOWrapper]:
-    """Yield a binary file as the text file the csv module wants; the file itself stays open."""
-    text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
-    try:
-        yield text
-    finally:
-        text.detach()
-
-
 def setting_text(value: object) -> str:
     """Return a setting's value as a person reads it: a float32 without the digits it does not have."""
     if value is None:

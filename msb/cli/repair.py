@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from msb.api.gates import GateOptions
 from msb.base.limits import Limits
 from msb.base.option import Argument, Option
 from msb.base.paths import shell_word
 from msb.cli.camera_options import Drawing, Source, Views
 from msb.cli.command import Rule, command
 from msb.cli.failures import report_error
-from msb.cli.gates import GateOptions
 from msb.cli.output import JsonOutput, Output, echo
 from msb.errors import UsageError, about, one_line
 
@@ -142,7 +142,7 @@ class _Repair:
         """Repair, write and print; return the audit of what was written."""
         from msb.base.atomic import new_file
         from msb.base.npz import write_npz
-        from msb.cli.mesh_files import why_split
+        from msb.meshes.losses import why_split
         from msb.repair.run import what_is_left
 
         with self.output.progress(f"reading {self.source.name}"):
@@ -168,8 +168,8 @@ class _Repair:
         """Repair what an asset holds, and save it, or return its standard-tier mesh and what that lacks."""
         from msb.api.saving import save
         from msb.cli.inputs import open_asset
-        from msb.cli.mesh_files import beyond_a_mesh, note_up
         from msb.meshes.assets import mesh_from_asset
+        from msb.meshes.losses import beyond_a_mesh, what_is_up
         from msb.repair.assets import repair_asset
 
         with self.output.progress(f"reading {self.source.name}"):
@@ -184,7 +184,8 @@ class _Repair:
             return None, done, ()
         made = mesh_from_asset(done.asset)
         known = asset.manifest.coordinate_frame.known_up is not None
-        note_up(made, self.target, self.suffix, self.output, known=known)
+        for text in what_is_up(made, self.suffix, known=known):
+            self.output.note(f"{self.target}: {text}")
         return made, done, beyond_a_mesh(done.asset)
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
@@ -208,9 +209,9 @@ class _Repair:
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write a mesh file, and return the audit of what it holds."""
         from msb.base.atomic import new_file
-        from msb.cli.mesh_files import note_losses
         from msb.meshes import write_mesh
         from msb.meshes.assets import as_held
+        from msb.meshes.losses import losses
         from msb.topology import audit_arrays
 
         with (
@@ -220,7 +221,8 @@ class _Repair:
         ):
             held = as_held(made, self.suffix)
             write_mesh(held, file, suffix=self.suffix)
-        note_losses(made, held, self.target, self.suffix, left_out, self.output)
+        for text in losses(made, held, self.suffix, left_out):
+            self.output.note(f"{self.target}: {text}")
         return audit_arrays(held.vertices, held.faces)[0]
 
     def document(self, done: Repaired | Outcome, written: Audit, left: list[str]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import msb as library
-from msb.cli.gates import PROFILES, parse_gate
+from msb.api.gates import PROFILES, parse_gate
 from msb.meshes import Mesh, write_mesh
 from msb.report import paper_row
 from msb.topology.verdict import MERGED

@@ -1,17 +1,15 @@
-"""Say what a mesh file that was written does not have of its source."""
+"""What a mesh file that is written does not have of its source."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.cli.output import Output
-    from msb.meshes import Mesh
+    from msb.meshes.mesh import Mesh
 
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 """Buffer of an asset that a mesh file has no place for -> what it is."""
@@ -21,14 +19,14 @@ def beyond_a_mesh(asset: Asset) -> list[str]:
     """Return what the standard-tier mesh of `asset` does not have."""
     from msb.asset.look import shown_faces, stored_threshold
 
-    manifest, found = asset.manifest, []
+    manifest, beyond = asset.manifest, []
     if manifest.sh_degree:
-        found.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
-    found += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
+        beyond.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
+    beyond += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
     shown = shown_faces(asset, stored_threshold(asset))
     if shown is not None:
-        found.append(f"{manifest.face_count - len(shown):,} faces that the STE threshold hides")
-    return found
+        beyond.append(f"{manifest.face_count - len(shown):,} faces that the STE threshold hides")
+    return beyond
 
 
 def is_split(mesh: Mesh, written: Mesh) -> bool:
@@ -52,39 +50,33 @@ def _keeping_face_colors() -> str:
     return f"{', '.join(names)} and .triasset"
 
 
-def note_losses(
-    mesh: Mesh, written: Mesh, target: Path, suffix: str, left_out: Sequence[str], output: Output
-) -> None:
-    """Print what is lost between `mesh` and `written`, and what of the source was `left_out` before."""
+def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> Iterator[str]:
+    """Yield what is lost between `mesh` and `written`, and what of the source was `left_out` before."""
     from msb.meshes.formats import FORMATS
 
-    keeps = FORMATS[suffix].keeps
+    form = FORMATS[suffix]
     if is_split(mesh, written):
-        if FORMATS[suffix].is_soup:
-            text = f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
+        if form.is_soup:
+            yield f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
         else:
-            text = (
+            yield (
                 f"{suffix} holds no colours of faces: every face gets vertices of its own, and it is a soup; "
+                f"{_keeping_face_colors()} keep them"
             )
-            text += f"{_keeping_face_colors()} keep them"
-        output.note(f"{target}: {text}")
-    no_place = not keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None)
+    no_place = not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None)
     lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]
     if lost:
-        output.note(f"{target}: left out: {', '.join(lost)}")
+        yield f"left out: {', '.join(lost)}"
 
 
-def note_up(mesh: Mesh, target: Path, suffix: str, output: Output, *, known: bool) -> None:
-    """Say what became of up: where a format fixes it but it is not `known`, where a format cannot say it."""
+def what_is_up(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
+    """Yield what became of up where a format fixes it but it is not `known`, or cannot say it."""
     from msb.meshes.formats import FORMATS
 
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
-            text = f"{mesh.up} is up in it, which {suffix} cannot say; msb convert --up={mesh.up} turns it"
-            output.note(f"{target}: {text}")
+            yield f"{mesh.up} is up in it, which {suffix} cannot say; msb convert --up={mesh.up} turns it"
     elif mesh.up is None:
-        text = "what is up is not known, so nothing is turned: msb convert --up=-y if it comes from COLMAP"
-        output.note(f"{target}: {text}")
+        yield "what is up is not known, so nothing is turned: msb convert --up=-y if it comes from COLMAP"
     elif not known:
-        text = f"what is up is not known and taken to be {mesh.up}; msb convert --up says otherwise"
-        output.note(f"{target}: {text}")
+        yield f"what is up is not known and taken to be {mesh.up}; msb convert --up says otherwise"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -10,18 +11,11 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.api.saving import checked_ending
 from msb.base.atomic import new_file
 from msb.base.npz import write_npz
-from msb.cli.output import csv_text
 
 if TYPE_CHECKING:
     from msb.topology.elements import Elements
-
-
-def check_suffix(path: Path) -> None:
-    """Refuse a name with a suffix that we do not write."""
-    checked_ending(path, "--elements", tuple(_WRITERS))
 
 
 def write_elements(elements: Elements, path: Path) -> None:
@@ -44,7 +38,9 @@ def _write_npz(elements: Elements, file: IO[bytes]) -> None:
 
 
 def _write_csv(elements: Elements, file: IO[bytes]) -> None:
-    with csv_text(file) as text:
+    # The file itself stays open.
+    text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
+    try:
         writer = csv.writer(text)
         writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
         for group in elements.groups:
@@ -54,6 +50,8 @@ def _write_csv(elements: Elements, file: IO[bytes]) -> None:
                 component = int(elements.face_component[number]) if of_faces else ""
                 place = elements.vertices[ends[0]].tolist()
                 writer.writerow([group.kind, number, component, " ".join(map(str, ends)), *map(repr, place)])
+    finally:
+        text.detach()
 
 
 def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
