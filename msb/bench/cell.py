@@ -41,17 +41,11 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "timing": measure_timing,
 }
 """Part -> the function that computes it, which returns keys of `Result` and their values."""
-_OWN: dict[Part, tuple[str, ...]] = {
+_KEYS: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
-    "audit": ("audit",),
-    "trial": ("trial",),
-    "repairs": ("repairs",),
-    "chamfer": ("chamfer",),
-    "training": ("training",),
-    "renderer_timing": ("renderer_timing",),
     "timing": ("timing", "memory", "device"),
 }
-"""Part -> the keys of `Result` it fills."""
+"""The keys of `Result` that a part fills, where they are others than its name."""
 
 
 def compute(job: Job) -> Done:
@@ -102,7 +96,8 @@ def _kept(job: Job) -> dict[str, Any]:
             continue
         if part in old.inputs:
             kept["inputs"][part] = dict(old.inputs[part])
-            kept |= {key: getattr(old, key) for key in _OWN[part] if getattr(old, key) is not None}
+            keys = _KEYS.get(part, (part,))
+            kept |= {key: getattr(old, key) for key in keys if getattr(old, key) is not None}
             kept["seconds"] = old.seconds
         elif part in old.reasons:
             kept["reasons"][part] = old.reasons[part]

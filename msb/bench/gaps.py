@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 from msb.bench.aggregate import METRICS, mean_over
 from msb.bench.intervals import interval, view_values
 from msb.bench.machine import OF_THE_MOMENT
+from msb.metrics.identity import defined
 from msb.metrics.registry import IMAGE_METRICS
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ def incomparable(
         other = first.setup and second.setup
         convention = other and first.setup.camera_convention != second.setup.camera_convention  # type: ignore[union-attr]
         return "camera_mismatch" if convention else "setup_mismatch"
-    if metric in IMAGE_METRICS and _identity(first, metric) != _identity(second, metric):
+    if metric in IMAGE_METRICS and _definition(first, metric) != _definition(second, metric):
         return "metric_mismatch"
     return None
 
@@ -284,11 +285,10 @@ def _photographs(result: Result) -> tuple[str, bool] | None:
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 
-def _identity(result: Result, metric: str) -> dict[str, object] | None:
+def _definition(result: Result, metric: str) -> dict[str, object] | None:
     assert result.quality is not None
     name = IMAGE_METRICS[metric].name
-    found = next((one for one in result.quality.metrics if one.get("name") == name), None)
-    return None if found is None else {key: value for key, value in found.items() if key != "libraries"}
+    return next((defined(one) for one in result.quality.metrics if one.get("name") == name), None)
 
 
 def _other_device(first: Result, second: Result) -> str | None:
@@ -304,12 +304,10 @@ def _other_device(first: Result, second: Result) -> str | None:
 def _device_name(result: Result) -> str:
     if result.renderer_timing is not None:
         return result.renderer_timing.device.casefold()
-    device = _device(result)
-    return str(device.get("name") if isinstance(device, dict) else device).casefold()
+    return str(_device(result).get("name")).casefold()
 
 
-def _device(result: Result) -> object:
-    device = None if result.device is None else result.device.get("device", result.device)
-    if not isinstance(device, dict):
-        return device
-    return {key: value for key, value in device.items() if key not in OF_THE_MOMENT}
+def _device(result: Result) -> dict[str, object]:
+    device = None if result.device is None else result.device.get("device")
+    facts = device.items() if isinstance(device, dict) else ()
+    return {key: value for key, value in facts if key not in OF_THE_MOMENT}

@@ -20,6 +20,7 @@ from msb.bench.photographs import Views, views_of
 from msb.bench.quality import metrics_digest
 from msb.bench.renders import find_renders
 from msb.errors import MsbError
+from msb.metrics.identity import defined
 from msb.scenes.datasets import scaled_note, trained_otherwise
 
 if TYPE_CHECKING:
@@ -192,5 +193,5 @@ def _chamfer(job: Job, known: Known) -> Inputs:
         "mesh": _asset(job) if job.mesh is None else known.hash(job.mesh),
         "scan": digest([known.hash(path) for path in data]),
         "views": digest([known.hash(path) for path in (scene.root / "cameras.npz", *masks)]),
-        "metric": digest({key: value for key, value in about.items() if key != "libraries"}),
+        "metric": digest(defined(about)),
     }

@@ -22,6 +22,7 @@ from msb.bench.photographs import checked_scene
 from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import check_size, find_renders
 from msb.errors import MetricError, UsageError
+from msb.metrics.identity import defined
 from msb.metrics.images import is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
@@ -73,8 +74,7 @@ def image_measures(weights: Path | None) -> metrics.Measures:
 
 def metrics_digest(weights: Path | None) -> str:
     """Return a hash of the metrics' definitions, which decides whether their values still hold."""
-    found = [one.to_dict() for one in image_measures(weights).identities]
-    return digest([{key: value for key, value in one.items() if key != "libraries"} for one in found])
+    return digest([defined(one.to_dict()) for one in image_measures(weights).identities])
 
 
 @dataclass

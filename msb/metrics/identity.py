@@ -43,6 +43,11 @@ class Identity:
         }
 
 
+def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what of the JSON of an identity is the definition: all but the versions of libraries."""
+    return {key: value for key, value in identity.items() if key != "libraries"}
+
+
 @dataclass(frozen=True)
 class Definition:
     """The definition of a metric, whatever it is computed from."""

@@ -234,10 +234,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
 
 
 def _device(result: Result) -> str:
-    machine = result.device or {}
-    device = machine.get("device", machine)
-    name = device.get("name") if isinstance(device, dict) else device
-    return f": {name}" if isinstance(name, str) else ""
+    device = None if result.device is None else result.device.get("device")
+    return f": {device['name']}" if isinstance(device, dict) and "name" in device else ""
 
 
 def _mean(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:

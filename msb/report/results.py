@@ -14,6 +14,7 @@ from msb.base.paths import given_path
 from msb.bench.folder import Results
 from msb.bench.records import CONDITIONS, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
+from msb.metrics.identity import defined
 
 if TYPE_CHECKING:
     from msb.bench.records import ImageQuality
@@ -153,9 +154,9 @@ def _problems(found: Iterable[Loaded]) -> Iterator[str]:
     for loaded in found:
         result = loaded.result
         for identity in () if result.quality is None else result.quality.metrics:
-            plain = {key: value for key, value in identity.items() if key != "libraries"}
-            first, other = identities.setdefault(str(identity.get("name")), (plain, loaded))
-            if first != plain:
+            definition = defined(identity)
+            first, other = identities.setdefault(str(identity.get("name")), (definition, loaded))
+            if first != definition:
                 yield f"{_name(loaded)} and {_name(other)} define {identity.get('name')} differently"
         for what, value in _must_agree(result).items():
             first, other = of_place.setdefault((loaded.place, what), (value, loaded))
