@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msb.errors import MeshError, shorten
+from msb.errors import MeshError
 
 MAX_VERTICES = 2**32 - 1
 """Most vertices of a mesh: a pair of vertex indices must fit into 64 bits."""
@@ -40,13 +40,7 @@ def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
         text = f"{name} is a masked array, and a masked row is neither kept nor dropped; decide first"
         raise MeshError("MESH_ARRAY", text)
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise MeshError("MESH_ARRAY", f"{name} is not an array: rows differ in length") from error
-    except Exception as error:  # an array of another library, on a GPU or with gradients, refuses
-        text = f"{name} cannot be made a NumPy array: {type(error).__name__}: {shorten(str(error), 200)}"
-        raise MeshError("MESH_ARRAY", text) from error
+    array = np.asarray(values)
     if array.shape in {(0,), (0, 3), (1, 0)}:  # [], no rows, and [[]]
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:

@@ -86,14 +86,6 @@ class HalfEdgeMesh:
         )
         return edge
 
-    @cached_property
-    def twin(self) -> NDArray[Any]:
-        """(3F,) the other half-edge of a two-face edge; NONE on boundary and non-manifold edges."""
-        twin = np.full(self.faces.size, NONE, self.faces.dtype)
-        one, other = self.two_face_halfedges
-        twin[one], twin[other] = other, one
-        return twin
-
     @property
     def two_face_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """The two half-edges of every two-face edge, in edge order, each (E2,)."""

@@ -143,3 +143,12 @@ def sphere(sides: int) -> Mesh:
     after = (ring + 1) % sides
     top, bottom = np.full(sides, sides), np.full(sides, sides + 1)
     return points, np.concatenate([np.stack([ring, after, top], 1), np.stack([after, ring, bottom], 1)])
+
+
+def sheet(side: int, holes: tuple[tuple[int, int], ...] = ()) -> Mesh:
+    """Return a flat grid of quads cut into triangles, without the quads in `holes`."""
+    points = np.array([[x, y, 0] for x in range(side + 1) for y in range(side + 1)], float)
+    quads = [(x, y) for x in range(side) for y in range(side) if (x, y) not in holes]
+    first, step = [x * (side + 1) + y for x, y in quads], side + 1
+    halves = [((v, v + step, v + 1), (v + 1, v + step, v + step + 1)) for v in first]
+    return points, np.array(halves).reshape(-1, 3)

@@ -13,7 +13,6 @@ import pytest
 from msb import Audit, audit
 from msb.asset import build_asset
 from msb.errors import MeshError
-from msb.topology import audit_arrays
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from tests.conftest import BOOK, TETRAHEDRON
@@ -118,7 +117,6 @@ def test_asset_is_audited_with_its_path_and_method() -> None:
         (np.array([[0, 1, 2]], object), "dtype object"),
         ([[0, 1, 2**70]], "dtype object"),
         (np.zeros((1, 3), [("x", "i4")]), "it must hold integers"),
-        ([[0, 1], [0, 1, 2]], "rows differ in length"),
         (np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]), "masked"),
     ],
 )
@@ -138,7 +136,6 @@ def test_faces_that_are_no_triangles_are_refused(faces: object, words: str) -> N
         np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4")]),
         np.ma.masked_greater(POINTS, 0.5),
         POINTS.astype(object),
-        [[0, 0, 0], [0, 0]],
     ],
     ids=repr,
 )
@@ -265,18 +262,6 @@ def test_valence_histogram_adds_up_to_vertices_and_edge_ends() -> None:
     assert report.valence_histogram == {0: 1, 2: 3, 4: 2}
     assert sum(report.valence_histogram.values()) == report.counts.vertices
     assert sum(k * n for k, n in report.valence_histogram.items()) == 2 * report.counts.edges
-
-
-def test_analysis_comes_with_the_report() -> None:
-    report, analysis = audit_arrays(*BOOK)
-    assert len(analysis.nonmanifold_vertices) == report.counts.nonmanifold_vertices
-    assert analysis.components.largest() == 0
-
-
-def test_weld_distance_is_checked_before_anything_else_is_reported() -> None:
-    with pytest.raises(MeshError) as caught:
-        audit(POINTS, FACES, weld=-1.0)
-    assert caught.value.code == "WELD_DISTANCE"
 
 
 # --- heavy elements

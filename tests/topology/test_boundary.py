@@ -8,45 +8,28 @@ import pytest
 from data_stubs.splat_like import splat_like
 from msb import audit
 from msb.topology.analysis import Analysis
-from tests.topology.meshes import CASE
+from tests.topology.meshes import CASE, Mesh, sheet
 
 
-def sheet(rows: int, columns: int, holes: tuple[tuple[int, int], ...] = ()) -> np.ndarray:
-    """Return a grid of quads cut into triangles, without the quads in `holes`."""
-    faces = []
-    for r in range(rows):
-        for c in range(columns):
-            if (r, c) not in holes:
-                a, b = r * (columns + 1) + c, (r + 1) * (columns + 1) + c
-                faces += [[a, a + 1, b + 1], [a, b + 1, b]]
-    return np.array(faces)
-
-
-def grid_points(faces: np.ndarray) -> np.ndarray:
-    random = np.random.default_rng(1)
-    return random.random((int(faces.max()) + 1, 3))
-
-
-def torn_sheets() -> list[np.ndarray]:
+def torn_sheets() -> list[Mesh]:
     """Return manifold sheets with holes that do not touch each other."""
     random = np.random.default_rng(3)
     found = []
     for _ in range(12):
         spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
         chosen = random.permutation(len(spots))[: random.integers(0, 20)]
-        found.append(sheet(13, 13, tuple(spots[i] for i in chosen)))
+        found.append(sheet(13, tuple(spots[i] for i in chosen)))
     return found
 
 
 def test_sheet_has_one_loop_and_one_more_for_each_hole() -> None:
-    faces = sheet(7, 7, holes=((1, 1), (3, 4), (5, 1)))
-    counts = audit(grid_points(faces), faces).counts
+    counts = audit(*sheet(7, holes=((1, 1), (3, 4), (5, 1)))).counts
     assert (counts.boundary_loops, counts.open_boundary_chains) == (4, 0)
     assert counts.boundary_edges == 28 + 3 * 4
 
 
 def test_loops_that_touch_in_a_vertex_stay_apart() -> None:
-    counts = audit(grid_points(sheet(4, 4)), sheet(4, 4, holes=((1, 1), (2, 2)))).counts
+    counts = audit(*sheet(4, holes=((1, 1), (2, 2)))).counts
     assert counts.nonmanifold_vertices == counts.multifan_vertices == 1
     assert (counts.boundary_loops, counts.open_boundary_chains) == (2, 0)
 
@@ -89,7 +72,7 @@ def test_chains_partition_the_boundary_edges() -> None:
 @pytest.mark.oracle
 def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
     igl = pytest.importorskip("igl", reason="extra crosscheck is not installed")
-    for faces in torn_sheets():
-        counts = audit(grid_points(faces), faces).counts
+    for points, faces in torn_sheets():
+        counts = audit(points, faces).counts
         assert counts.nonmanifold_vertices == 0
         assert counts.boundary_loops == len(igl.boundary_loop_all(faces))

@@ -1,4 +1,4 @@
-"""Real meshes of ../shared: other people's data, never committed, so skipped where it is absent."""
+"""Real meshes: other people's data, never committed, so skipped where it is absent."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 
 from data_stubs.splat_like import splat_like
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of, next_in_face
-from tests.conftest import BOOK, TETRAHEDRON
+from tests.conftest import BOOK
 from tests.topology.meshes import CASES, Case, random_mesh
 
 VALID = [c for c in CASES if c.valid]
@@ -40,14 +40,11 @@ def assert_consistent(mesh: HalfEdgeMesh) -> None:
         assert (np.diff(group) > 0).all()
         assert (mesh.edge[group] == edge).all()
     assert (mesh.edge[~proper] == NONE).all()
-    # Twins: an involution on two-face edges, and nothing elsewhere.
-    paired = np.flatnonzero(mesh.twin != NONE)
-    np.testing.assert_array_equal(mesh.twin[mesh.twin[paired]], paired)
-    np.testing.assert_array_equal(mesh.edge[mesh.twin[paired]], mesh.edge[paired])
-    assert (mesh.twin[paired] != paired).all()
-    np.testing.assert_array_equal(
-        np.sort(mesh.edge[paired]), np.repeat(np.flatnonzero(mesh.multiplicity == 2), 2)
-    )
+    # Edges of two faces, by both of their half-edges.
+    one, other = mesh.two_face_halfedges
+    np.testing.assert_array_equal(mesh.edge[one], np.flatnonzero(mesh.multiplicity == 2))
+    np.testing.assert_array_equal(mesh.edge[other], mesh.edge[one])
+    assert (one != other).all()
     # Chains run through every group of three and more, from its first member to its last.
     one, other = mesh.chained_halfedges
     np.testing.assert_array_equal(mesh.edge[one], mesh.edge[other])
@@ -73,20 +70,12 @@ def test_halfedges_of_a_triangle_run_around_it() -> None:
     assert mesh.target.tolist() == [2, 9, 5]
     assert mesh.edge_vertices.tolist() == [[2, 5], [2, 9], [5, 9]]
     assert mesh.edge.tolist() == [0, 1, 2]
-    assert mesh.twin.tolist() == [NONE] * 3
 
 
-def test_spine_of_a_book_is_one_group_of_three_without_twins() -> None:
+def test_spine_of_a_book_is_one_group_of_three() -> None:
     mesh = build(BOOK[1], 5)
     assert mesh.multiplicity.tolist() == [3, 1, 1, 1, 1, 1, 1]
     assert mesh.halfedges_of(0).tolist() == [0, 3, 6]
-    assert (mesh.twin == NONE).all()
-
-
-def test_every_halfedge_of_a_tetrahedron_has_a_twin_that_runs_back() -> None:
-    mesh = build(TETRAHEDRON[1], 4)
-    np.testing.assert_array_equal(mesh.origin[mesh.twin], mesh.target)
-    np.testing.assert_array_equal(mesh.target[mesh.twin], mesh.origin)
 
 
 def test_repeated_index_rows_have_no_edges() -> None:
@@ -112,12 +101,6 @@ def test_vertex_numbers_up_to_the_limit_stay_apart() -> None:
     ]  # fmt: skip
     assert mesh.multiplicity.tolist() == [1, 1, 2, 1, 2, 2]
     assert mesh.edge_vertices.dtype == np.int64
-
-
-def test_input_faces_are_not_modified() -> None:
-    faces = np.array([[2, 1, 0], [0, 1, 3]], np.int32)
-    faces.flags.writeable = False
-    build_half_edges(faces, 4)
 
 
 def test_structure_of_a_splat_like_mesh_is_consistent() -> None:

@@ -20,16 +20,14 @@ QUICK = settings(max_examples=60, derandomize=True)
 
 
 @st.composite
-def meshes(draw: st.DrawFn) -> Mesh:
+def meshes(draw: st.DrawFn, *, finite: bool = False) -> Mesh:
     """Draw up to 9 vertices at whole numbers (or NaN) and up to 14 faces."""
     count = draw(st.integers(1, 9))
     index = st.integers(0, count - 1)
     faces = draw(st.lists(st.tuples(index, index, index), max_size=14))
-    number = (
-        st.one_of(st.integers(-3, 3).map(float), st.just(np.nan))
-        if draw(st.booleans())
-        else st.integers(-3, 3)
-    )
+    number = st.integers(-3, 3).map(float)
+    if not finite and draw(st.booleans()):
+        number = st.one_of(number, st.just(np.nan))
     points = draw(st.lists(st.tuples(number, number, number), min_size=count, max_size=count))
     return np.array(points, float), np.array(faces, np.int64).reshape(-1, 3)
 

@@ -37,7 +37,7 @@ def test_default_has_the_structure_it_was_made_for() -> None:
     report = audit(*splat_like(36))
     c, m = report.counts, report.metrics
     assert c.repeated_index_faces == c.duplicate_faces == c.zero_area_faces == 0
-    # Table of section 4, n = 36; seeds differ by about 1 % in F and 0.005 in the ratios.
+    # Seeds differ by about 1 % in F and 0.005 in the ratios.
     assert c.faces == pytest.approx(35_231, rel=0.02)
     assert c.components == pytest.approx(5_767, rel=0.04)
     expected = {

@@ -8,6 +8,7 @@ import pytest
 from msb import audit
 from msb.topology.verdict import judge, percent
 from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology.meshes import sheet
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]], float)
 TWO_TETRAHEDRA = (
@@ -58,7 +59,7 @@ def test_a_welded_soup_says_what_it_would_be() -> None:
 
 
 def test_what_decides_is_said_before_what_hardly_matters() -> None:
-    points, faces = grid(5)
+    points, faces = sheet(5)
     faces[7] = faces[7][::-1]  # one face of 50 is turned
     pieces = [(points + 9 * k, faces + 36 * k) for k in range(12)]
     many = judge(audit(*(np.concatenate(part) for part in zip(*pieces, strict=True))))
@@ -89,18 +90,8 @@ def test_a_share_never_rounds_to_nothing_or_all(part: int, whole: int, text: str
     assert percent(part, whole) == text
 
 
-def grid(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a flat grid of 2 side^2 faces."""
-    points = np.array([[x, y, 0] for x in range(side + 1) for y in range(side + 1)], float)
-    step = side + 1
-    first = [x * step + y for x in range(side) for y in range(side)]
-    return points, np.array(
-        [row for v in first for row in ((v, v + step, v + 1), (v + 1, v + step, v + step + 1))]
-    )
-
-
 def test_what_tools_cut_by_themselves_is_unreliable_and_what_they_refuse_is_not_usable() -> None:
-    points, faces = grid(12)  # 288 faces, 456 edges
+    points, faces = sheet(12)  # 288 faces, 456 edges
     fin = np.concatenate([points, [[0.5, 0.5, 1]]]), np.concatenate([faces, [[13, 1, len(points)]]])
     assert "unreliable for subdivision, booleans, printing, collision or" in judge(audit(*fin)).sentence
     assert "not usable for subdivision, booleans or printing, unreliable for collision or UV" in str(
@@ -109,12 +100,12 @@ def test_what_tools_cut_by_themselves_is_unreliable_and_what_they_refuse_is_not_
 
 
 def test_an_open_mesh_in_small_pieces_is_not_said_to_unwrap() -> None:
-    points, faces = grid(1)
+    points, faces = sheet(1)
     many = [(points + 3 * k, faces + 4 * k) for k in range(11)]
     pieces = judge(audit(*(np.concatenate(part) for part in zip(*many, strict=True))))
     assert pieces.level == "limited"
     assert "its pieces, of 2.0 faces in the mean, are too small for subdivision and UV" in pieces.sentence
-    assert "usable for subdivision and UV unwrapping;" in judge(audit(*grid(1))).sentence
+    assert "usable for subdivision and UV unwrapping;" in judge(audit(*sheet(1))).sentence
 
 
 def test_seams_crack_under_subdivision_and_unwrap_all_the_same() -> None:

@@ -15,7 +15,7 @@ NO_FACES = np.zeros((0, 3), np.int32)
 
 def merged(points: object, weld: object) -> list[int]:
     """Return for each vertex the place of the vertex it became."""
-    points = np.asarray(points, float)
+    points = np.asarray(points, float).reshape(-1, 3)
     each = np.stack([np.arange(len(points))] * 3, axis=1)
     _, faces = weld_vertices(points, each, weld)  # type: ignore[arg-type]
     return faces[:, 0].tolist()
@@ -32,37 +32,28 @@ def test_exact_weld_merges_equal_coordinates_and_the_first_keeps_its_place() -> 
     assert faces.tolist() == [[0, 1, 0], [2, 1, 0]]
 
 
-def test_exact_weld_compares_as_float32() -> None:
-    assert merged(line(0.1, 0.1 + 1e-12, 0.1 + 1e-7), "exact") == [0, 0, 1]
+NAN, INF = np.nan, np.inf
 
 
-def test_exact_weld_takes_minus_zero_for_zero() -> None:
-    assert merged([[0.0, -0.0, 0.0], [-0.0, 0.0, 0.0], [0.0, 0.0, 1e-45]], "exact") == [0, 0, 1]
-
-
-def test_exact_weld_never_merges_nan_but_merges_infinity() -> None:
-    nan, inf = np.nan, np.inf
-    assert merged(line(nan, nan, inf, inf, -inf), "exact") == [0, 1, 2, 2, 3]
-
-
-def test_length_weld_merges_chains_and_not_what_is_farther() -> None:
-    assert merged(line(0.0, 1.0, 2.0, 3.5, 4.0, 9.0), 1.0) == [0, 0, 0, 1, 1, 2]
-
-
-def test_length_weld_is_euclidean_and_includes_the_length_itself() -> None:
-    points = [[0.0, 0, 0], [3, 4, 0], [10, 0, 0], [10, 3, 4.001]]
-    assert merged(points, 5.0) == [0, 0, 1, 2]
-
-
-def test_length_weld_leaves_non_finite_vertices_alone() -> None:
-    assert merged([[0, 0, 0], [np.nan, 0, 0], [np.nan, 0, 0], [np.inf, 0, 0], [0.1, 0, 0]], 1.0) == [
-        0,
-        1,
-        2,
-        3,
-        0,
-    ]
-    assert merged(np.full((3, 3), np.nan), 1.0) == [0, 1, 2]
+@pytest.mark.parametrize(
+    ("points", "weld", "groups"),
+    [
+        (line(0.1, 0.1 + 1e-12, 0.1 + 1e-7), "exact", [0, 0, 1]),  # as float32
+        ([[0.0, -0.0, 0.0], [-0.0, 0.0, 0.0], [0.0, 0.0, 1e-45]], "exact", [0, 0, 1]),
+        (line(NAN, NAN, INF, INF, -INF), "exact", [0, 1, 2, 2, 3]),
+        (line(0.0, 1.0, 2.0, 3.5, 4.0, 9.0), 1.0, [0, 0, 0, 1, 1, 2]),  # chains
+        ([[0.0, 0, 0], [3, 4, 0], [10, 0, 0], [10, 3, 4.001]], 5.0, [0, 0, 1, 2]),  # the length itself counts
+        ([[0, 0, 0], [NAN, 0, 0], [NAN, 0, 0], [INF, 0, 0], [0.1, 0, 0]], 1.0, [0, 1, 2, 3, 0]),
+        (np.full((3, 3), NAN), 1.0, [0, 1, 2]),
+        (line(1.0, 2.0, 1.0), 5e-324, [0, 1, 0]),
+        (line(1.0, 2.0, 3e-300), 1.7e308, [0, 0, 0]),
+        (np.zeros((20_000, 3)), 1e-3, [0] * 20_000),  # not too many pairs
+        (np.zeros((0, 3)), "exact", []),
+        (np.zeros((0, 3)), 0.5, []),
+    ],
+)
+def test_what_merges(points: object, weld: object, groups: list[int]) -> None:
+    assert merged(points, weld) == groups
 
 
 @pytest.mark.parametrize("weld", ["exact", 0.05])
@@ -73,11 +64,8 @@ def test_weld_does_not_depend_on_the_order_of_vertices(weld: object) -> None:
     order = random.permutation(200)
     shuffled = merged(points[order], weld)
     # The same pairs are together; places differ.
-    assert (
-        len(set(groups))
-        == len(set(shuffled))
-        == len({(groups[o], s) for o, s in zip(order, shuffled, strict=True)})
-    )
+    together = {(groups[o], s) for o, s in zip(order, shuffled, strict=True)}
+    assert len(set(groups)) == len(set(shuffled)) == len(together)
 
 
 def test_length_weld_agrees_with_joining_all_pairs_by_hand() -> None:
@@ -101,15 +89,6 @@ def test_coordinates_of_any_magnitude_can_be_welded(largest: float) -> None:
     points = line(0.0, largest, -largest, largest)
     assert merged(points, largest / 2) == [0, 1, 2, 1]
     assert merged(points, "exact")[1] == merged(points, "exact")[3]
-
-
-def test_any_length_is_enough_for_coincident_vertices_and_the_longest_joins_all() -> None:
-    assert merged(line(1.0, 2.0, 1.0), 5e-324) == [0, 1, 0]
-    assert merged(line(1.0, 2.0, 3e-300), 1.7e308) == [0, 0, 0]
-
-
-def test_many_coincident_vertices_are_not_too_many_pairs() -> None:
-    assert set(merged(np.zeros((20_000, 3)), 1e-3)) == {0}
 
 
 def test_length_that_would_collapse_the_mesh_is_refused() -> None:
@@ -147,12 +126,6 @@ def test_weld_keeps_dtypes_and_the_input() -> None:
     for weld in ("exact", 0.5):
         kept, rows = weld_vertices(points, faces, weld)  # type: ignore[arg-type]
         assert (kept.dtype, rows.dtype) == (np.float32, np.int32)
-
-
-@pytest.mark.parametrize("weld", ["exact", 0.5])
-def test_no_vertices_weld_to_none(weld: object) -> None:
-    points, faces = weld_vertices(np.zeros((0, 3)), NO_FACES, weld)  # type: ignore[arg-type]
-    assert (len(points), len(faces)) == (0, 0)
 
 
 def test_weld_setting_is_read_from_text() -> None:

@@ -38,7 +38,8 @@ class Row:
     """One number of ours beside a peer's.
 
     `why` says how the definitions differ on this mesh and by how much, or what was expected instead; it is
-    empty where the two agree. `call` is how the peer's number was obtained.
+    empty where the two agree. `call` is how the peer's number was obtained. A disagreement, which no
+    difference of definition explains, is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -61,11 +62,6 @@ class CrossCheck:
 
     rows: tuple[Row, ...]
     skipped: dict[str, str]
-
-    @property
-    def disagreements(self) -> tuple[Row, ...]:
-        """Rows that no difference of definition explains; each is a bug in the peer or in our audit."""
-        return tuple(row for row in self.rows if row.verdict == "disagrees")
 
     def to_rows(self) -> list[dict[str, Any]]:
         """Return the rows as JSON data (audit: `cross_check`)."""
