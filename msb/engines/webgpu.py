@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -20,16 +19,7 @@ from numpy.typing import NDArray
 from msb.base.extras import install, is_installed
 from msb.base.version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
-from msb.engines.webgpu_adapter import (
-    INSTALL,
-    all_adapters,
-    choose_adapter,
-    errors_of,
-    held_bytes,
-    nanoseconds_a_tick,
-    read_mapped,
-    release,
-)
+from msb.engines.webgpu_adapter import INSTALL, Gpu, all_adapters
 from msb.errors import DeviceError
 from msb.render.backend import Drawn
 
@@ -78,39 +68,21 @@ class WgpuRenderer(Engine):
         supersample: int = 1,
     ) -> None:
         super().__init__(asset, device=device, settings=settings, supersample=supersample)
-        import wgpu
-
         self.version = self.installed()
-        self._gpu = wgpu
-        adapter = choose_adapter(self._kind)
-        about = dict(adapter.info)
-        self.device_info = {
-            "platform": f"{about['backend_type']}, {about['description']}".rstrip(", "),
-            "name": about["device"],
-            "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
-        }
-        self._timed = "timestamp-query" in adapter.features
-        self._numbered = "primitive-index" in adapter.features
-        features = [
-            name
-            for name, there in (("timestamp-query", self._timed), ("primitive-index", self._numbered))
-            if there
-        ]
-        limit = adapter.limits["max-buffer-size"]
-        self._side = adapter.limits["max-texture-dimension-2d"]
+        self._gpu = gpu = Gpu(self._kind, ("timestamp-query", "primitive-index"))
+        self.device_info = gpu.about()
+        self._numbered = "primitive-index" in gpu.features
+        limit = gpu.adapter.limits["max-buffer-size"]
+        self._side = gpu.adapter.limits["max-texture-dimension-2d"]
         needed = max(self._mesh.positions.nbytes, self._mesh.indices.nbytes, 16 * len(self._mesh.colors))
         if needed > limit:
-            text = f"{about['device']} takes buffers of {limit} bytes, this mesh needs one of {needed}"
+            text = f"{gpu.name} takes buffers of {limit} bytes, this mesh needs one of {needed}"
             raise DeviceError("DEVICE_MEMORY", text)
-        with self._told("opening the device"):
-            self._device = adapter.request_device_sync(
-                required_features=features,
-                required_limits={"max-buffer-size": limit, "max-texture-dimension-2d": self._side},
-            )
-            self._held: dict[str, Any] = {}
+        with gpu.told("opening the device"):
+            gpu.open(("max-buffer-size", "max-texture-dimension-2d"), timed=True)
             self._make_mesh()
             self._pipelines = {ids: self._pipeline(ids) for ids in {False, self._numbered}}
-            self._make_clock()
+            gpu.make_clock(2)
         self._size: tuple[int, int] | None = None
 
     @classmethod
@@ -138,58 +110,38 @@ class WgpuRenderer(Engine):
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
-        return {use: held_bytes(thing) for use, thing in self._held.items()}
+        return self._gpu.memory()
 
     def close(self) -> None:
         """Release everything."""
-        for thing in self._held.values():
-            thing.destroy()
-        self._held.clear()
         self._pipelines.clear()
-        self._queries = None
-        if "_device" in vars(self):
-            release(vars(self).pop("_device"))
-
-    def _buffer(self, use: str, usage: int, data: NDArray[Any] | int) -> Any:
-        if isinstance(data, int):
-            made = self._device.create_buffer(size=data, usage=usage)
-        else:
-            made = self._device.create_buffer_with_data(data=np.ascontiguousarray(data), usage=usage)
-        return self._hold(use, made)
-
-    def _hold(self, use: str, thing: Any) -> Any:
-        old = self._held.pop(use, None)
-        if old is not None:
-            old.destroy()
-        self._held[use] = thing
-        return thing
+        self._gpu.close()
 
     def _make_mesh(self) -> None:
-        usage, mesh = self._gpu.BufferUsage, self._mesh
-        colors = mesh.colors
+        mesh, colors = self._mesh, self._mesh.colors
         if colors.dtype == np.uint8:
             colors = np.concatenate([colors, np.full((len(colors), 1), 255, np.uint8)], axis=1)
             self._color_layout = 4, "unorm8x4"
         else:
             self._color_layout = 12, "float32x3"
-        self._buffer("positions", usage.VERTEX, mesh.positions)
-        self._buffer("vertex colors", usage.VERTEX, colors)
-        self._buffer("indices", usage.INDEX, mesh.indices)
-        self._buffer("camera", usage.UNIFORM | usage.COPY_DST, 96)
+        self._gpu.buffer("positions", 0, "vertex", data=mesh.positions)
+        self._gpu.buffer("vertex colors", 0, "vertex", data=colors)
+        self._gpu.buffer("indices", 0, "index", data=mesh.indices)
+        self._gpu.buffer("camera", 96, "uniform", "copy_dst")
 
     def _pipeline(self, ids: bool) -> Any:
         source = _SHADER.replace("ENABLE", "enable primitive_index;" if ids else "")
         source = source.replace("IDS_FIELD", "@location(1) face: u32" if ids else "")
         source = source.replace("IDS_INPUT", ", @builtin(primitive_index) face: u32" if ids else "")
         source = source.replace("IDS_VALUE", "face" if ids else "")
-        shader = self._device.create_shader_module(code=source)
+        shader = self._gpu.device.create_shader_module(code=source)
 
         def attributes(stride: int, kind: str, location: int) -> dict[str, Any]:
             attribute = {"format": kind, "offset": 0, "shader_location": location}
             return {"array_stride": stride, "step_mode": "vertex", "attributes": [attribute]}
 
         targets = [{"format": IMAGE_FORMAT}, *([{"format": IDS_FORMAT}] if ids else [])]
-        return self._device.create_render_pipeline(
+        return self._gpu.device.create_render_pipeline(
             layout="auto",
             vertex={
                 "module": shader,
@@ -205,16 +157,6 @@ class WgpuRenderer(Engine):
             fragment={"module": shader, "entry_point": "shade", "targets": targets},
         )
 
-    def _make_clock(self) -> None:
-        usage = self._gpu.BufferUsage
-        self._tick = nanoseconds_a_tick(self._device) if self._timed else None
-        self._queries = None
-        if self._tick is not None:
-            self._queries = self._device.create_query_set(type="timestamp", count=2)
-        # Each frame ends with a copy of these; that they can be read says that the frame is done.
-        self._buffer("times", usage.QUERY_RESOLVE | usage.COPY_SRC, 16)
-        self._buffer("times, read back", usage.COPY_DST | usage.MAP_READ, 16)
-
     def _make_targets(self, width: int, height: int) -> None:
         if self._size == (width, height):
             return
@@ -223,22 +165,17 @@ class WgpuRenderer(Engine):
             text = f"{self.device_info['name']} draws at most {self._side} pixels each way, not {size}"
             raise DeviceError("DEVICE_MEMORY", text)
         self._size = None
-        usage = self._gpu.TextureUsage
         formats = {"image": IMAGE_FORMAT, "depth": DEPTH_FORMAT}
         if self._numbered:
             formats["face ids"] = IDS_FORMAT
         for use, form in formats.items():
-            texture = self._device.create_texture(
-                size=(width, height, 1), format=form, usage=usage.RENDER_ATTACHMENT | usage.COPY_SRC
-            )
-            self._hold(use, texture)
+            self._gpu.texture(use, width, height, form, "render_attachment", "copy_src")
             row = _row_bytes(width, 16 if use == "image" else 4)
-            flags = self._gpu.BufferUsage.COPY_DST | self._gpu.BufferUsage.MAP_READ
-            self._buffer(f"{use}, read back", flags, row * height)
+            self._gpu.buffer(f"{use}, read back", row * height, "copy_dst", "map_read")
         self._size = width, height
 
     def _frame(self, camera: Camera, background: Color) -> Frame:
-        with self._told("drawing"):
+        with self._gpu.told("drawing"):
             drawn = self._run(camera, background, everything=True)
             image = self._read("image", np.float32, 4)
             depth = self._read("depth", np.float32, 1)
@@ -248,45 +185,40 @@ class WgpuRenderer(Engine):
         return opaque_frame(image[..., :3], hit, depth, background, face_id, drawn.stages)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
-        with self._told("drawing"):
+        with self._gpu.told("drawing"):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> Drawn:
         """Draw and wait; with `everything` face ids too, and copies of all planes where we can read them."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
-        self._device.queue.write_buffer(self._held["camera"], 0, camera_record(camera))
-        encoder = self._device.create_command_encoder()
+        self._gpu.device.queue.write_buffer(self._gpu.held["camera"], 0, camera_record(camera))
+        encoder = self._gpu.device.create_command_encoder()
         ids = everything and self._numbered
         self._encode_pass(encoder, background, ids)
         if everything:
             for use, nbytes in (("image", 16), ("depth", 4), *([("face ids", 4)] if ids else [])):
                 layout = {
-                    "buffer": self._held[f"{use}, read back"],
+                    "buffer": self._gpu.held[f"{use}, read back"],
                     "bytes_per_row": _row_bytes(camera.width, nbytes),
                     "rows_per_image": camera.height,
                 }
                 size = camera.width, camera.height, 1
-                encoder.copy_texture_to_buffer({"texture": self._held[use]}, layout, size)
-        source, target = self._held["times"], self._held["times, read back"]
-        if self._queries is not None:
-            encoder.resolve_query_set(self._queries, 0, 2, source, 0)
-        encoder.copy_buffer_to_buffer(source, 0, target, 0, 16)
-        self._device.queue.submit([encoder.finish()])
-        began, ended = read_mapped(self._held["times, read back"]).view(np.uint64).tolist()
+                encoder.copy_texture_to_buffer({"texture": self._gpu.held[use]}, layout, size)
+        began, ended = self._gpu.run(encoder).tolist()
         waited = 1000 * (time.perf_counter() - start)
-        if self._tick is None:
+        if self._gpu.tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
-        milliseconds = max(0, ended - began) * self._tick / 1e6
+        milliseconds = max(0, ended - began) * self._gpu.tick / 1e6
         return Drawn({DRAW: milliseconds}, milliseconds)
 
     def _encode_pass(self, encoder: Any, background: Color, ids: bool) -> None:
-        held = self._held
+        held = self._gpu.held
         clears = {"image": (*background, 0.0), **({"face ids": (2.0**32 - 1, 0, 0, 0)} if ids else {})}
         options: dict[str, Any] = {}
-        if self._queries is not None:
+        if self._gpu.queries is not None:
             options["timestamp_writes"] = {
-                "query_set": self._queries,
+                "query_set": self._gpu.queries,
                 "beginning_of_pass_write_index": 0,
                 "end_of_pass_write_index": 1,
             }
@@ -312,7 +244,7 @@ class WgpuRenderer(Engine):
         drawing.set_pipeline(pipeline)
         entries = [{"binding": 0, "resource": {"buffer": held["camera"]}}]
         layout = pipeline.get_bind_group_layout(0)
-        drawing.set_bind_group(0, self._device.create_bind_group(layout=layout, entries=entries))
+        drawing.set_bind_group(0, self._gpu.device.create_bind_group(layout=layout, entries=entries))
         drawing.set_vertex_buffer(0, held["positions"])
         drawing.set_vertex_buffer(1, held["vertex colors"])
         drawing.set_index_buffer(held["indices"], "uint32")
@@ -329,15 +261,8 @@ class WgpuRenderer(Engine):
     def _read(self, use: str, dtype: Any, channels: int) -> NDArray[Any]:
         assert self._size is not None
         width, height = self._size
-        values = (
-            read_mapped(self._held[f"{use}, read back"])
-            .view(dtype)
-            .reshape(height, -1)[:, : width * channels]
-        )
+        values = self._gpu.read_back(use).view(dtype).reshape(height, -1)[:, : width * channels]
         return np.reshape(values, (height, width) if channels == 1 else (height, width, channels))
-
-    def _told(self, doing: str) -> AbstractContextManager[None]:
-        return errors_of(self.device_info["name"], doing)
 
 
 def camera_record(camera: Camera) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Which of the adapters that wgpu finds draws, how its clock ticks, and what its things hold."""
+"""The adapter and the device of wgpu-py that draw: what is held there, the clock, and what goes wrong."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import gc
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from functools import cache
 from typing import Any
 
@@ -89,37 +90,7 @@ def errors_of(device: str, doing: str) -> Iterator[None]:
         raise DeviceError("ENGINE_FAILED", f"{device}: {doing}: {text}") from error
 
 
-def release(device: Any) -> None:
-    """Destroy a device that nothing of ours refers to but the caller, and give back what it holds.
-
-    In wgpu-py a device refers to itself, so shaders and the driver's threads would stay until Python happens
-    to collect garbage: 10 to 30 MB for each device on lavapipe.
-    """
-    device.destroy()
-    del device
-    gc.collect()
-
-
-def held_bytes(thing: Any) -> int:
-    """Return the bytes of a buffer or a texture."""
-    if hasattr(thing, "map_sync"):
-        return int(thing.size)
-    width, height, _ = thing.size
-    return int(width * height * _TEXEL_BYTES[thing.format])
-
-
-def read_mapped(buffer: Any) -> NDArray[np.uint8]:
-    """Wait until a buffer can be mapped, and return a copy of its bytes."""
-    import wgpu
-
-    buffer.map_sync(wgpu.MapMode.READ)
-    try:
-        return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
-    finally:
-        buffer.unmap()
-
-
-def nanoseconds_a_tick(device: Any) -> float | None:
+def _nanoseconds_a_tick(device: Any) -> float | None:
     """Return the nanoseconds in a step of the device's timestamps, None if this wgpu-py does not say.
 
     wgpu-py hands timestamps over as they are and has no function for their unit, so the library under it is
@@ -131,3 +102,117 @@ def nanoseconds_a_tick(device: Any) -> float | None:
         return float(lib.wgpuQueueGetTimestampPeriod(device.queue._internal))
     except AttributeError:
         return None
+
+
+class Gpu:
+    """A device of wgpu-py, the buffers and textures it holds by their use, and the clock of its frames."""
+
+    def __init__(self, kind: str | None, features: Iterable[str]) -> None:
+        import wgpu
+
+        self._wgpu = wgpu
+        self.adapter = choose_adapter(kind)
+        self.features = [name for name in features if name in self.adapter.features]
+        self.name: str = self.adapter.info["device"]
+        self.kind = "cpu" if self.adapter.info["adapter_type"] == "CPU" else "gpu"
+        self.held: dict[str, Any] = {}
+        self.device: Any = None
+        self.queries: Any = None
+        self.tick: float | None = None
+
+    def about(self, *more: str | None) -> dict[str, str]:
+        """Return what draws, for reports."""
+        info = self.adapter.info
+        platform = ", ".join(filter(None, (info["backend_type"], info["description"], *more)))
+        return {"platform": platform, "name": self.name, "kind": self.kind}
+
+    def open(self, limits: Iterable[str], *, timed: bool) -> None:
+        """Open the device, with as much of `limits` as the adapter has, and a clock if `timed`."""
+        self.device = self.adapter.request_device_sync(
+            required_features=self.features,
+            required_limits={name: self.adapter.limits[name] for name in limits},
+        )
+        if timed and "timestamp-query" in self.features:
+            self.tick = _nanoseconds_a_tick(self.device)
+
+    def told(self, doing: str) -> AbstractContextManager[None]:
+        """Turn what wgpu raises in a block into an error of ours."""
+        return errors_of(self.name, doing)
+
+    def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
+        """Make a buffer in place of the one of that use, and fill it if `data` is given."""
+        usage = 0
+        for word in usages:
+            usage |= getattr(self._wgpu.BufferUsage, word.upper())
+        self._drop(use)
+        if data is None:
+            self.held[use] = self.device.create_buffer(size=size, usage=usage)
+        else:
+            array = np.ascontiguousarray(data)
+            self.held[use] = self.device.create_buffer_with_data(data=array, usage=usage)
+
+    def texture(self, use: str, width: int, height: int, form: str, *usages: str) -> None:
+        """Make a texture in place of the one of that use."""
+        usage = 0
+        for word in usages:
+            usage |= getattr(self._wgpu.TextureUsage, word.upper())
+        self._drop(use)
+        self.held[use] = self.device.create_texture(size=(width, height, 1), format=form, usage=usage)
+
+    def _drop(self, use: str) -> None:
+        if use in self.held:
+            self.held.pop(use).destroy()
+
+    def make_clock(self, count: int) -> None:
+        """Make room for the timestamps of a frame."""
+        if self.tick is not None:
+            if self.queries is not None:
+                self.queries.destroy()
+            self.queries = self.device.create_query_set(type="timestamp", count=count)
+        self.buffer("times", 8 * count, "query_resolve", "copy_src", "copy_dst")
+        self.buffer("times, read back", 8 * count, "copy_dst", "map_read")
+
+    def run(self, encoder: Any) -> NDArray[np.uint64]:
+        """Submit commands and return the timestamps; that they can be read says that all is done."""
+        times = self.held["times"]
+        if self.queries is not None:
+            encoder.resolve_query_set(self.queries, 0, times.size // 8, times, 0)
+        encoder.copy_buffer_to_buffer(times, 0, self.held["times, read back"], 0, times.size)
+        self.device.queue.submit([encoder.finish()])
+        return self.read_back("times").view(np.uint64)
+
+    def read_back(self, use: str) -> NDArray[np.uint8]:
+        """Wait until the host's copy of a buffer or texture can be mapped, and return its bytes."""
+        buffer = self.held[f"{use}, read back"]
+        buffer.map_sync(self._wgpu.MapMode.READ)
+        try:
+            return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
+        finally:
+            buffer.unmap()
+
+    def memory(self) -> Mapping[str, int]:
+        """Return use -> bytes of every buffer and texture."""
+        return {use: _held_bytes(thing) for use, thing in self.held.items()}
+
+    def close(self) -> None:
+        """Destroy the device and what it holds; a second call does nothing.
+
+        In wgpu-py a device refers to itself, so shaders and the driver's threads would stay until Python
+        happens to collect garbage: 10 to 30 MB for each device on lavapipe.
+        """
+        for thing in self.held.values():
+            thing.destroy()
+        self.held.clear()
+        self.queries = None
+        if self.device is not None:
+            self.device.destroy()
+            self.device = None
+            gc.collect()
+
+
+def _held_bytes(thing: Any) -> int:
+    """Return the bytes of a buffer or a texture."""
+    if hasattr(thing, "map_sync"):
+        return int(thing.size)
+    width, height, _ = thing.size
+    return int(width * height * _TEXEL_BYTES[thing.format])

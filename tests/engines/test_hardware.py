@@ -202,7 +202,7 @@ def test_what_does_not_fit_is_told(limits: Limits, monkeypatch: pytest.MonkeyPat
 def test_a_lost_device_and_a_closed_renderer_are_told() -> None:
     view = golden_views("triangle_splatting")[0]
     renderer = HardwareRenderer(asset_of(view), settings=view.settings)
-    renderer._device.destroy()
+    renderer._gpu.device.destroy()
     for code in ("ENGINE_FAILED", "DEVICE_CLOSED"):
         with pytest.raises(MsbError) as info:
             renderer.draw(view.camera, (0, 0, 0))

@@ -14,6 +14,7 @@ from msb.engines.hardware.plan import SLOT, Compute, Draws
 
 if TYPE_CHECKING:
     from msb.engines.hardware.plan import Binding, Plan
+    from msb.engines.webgpu_adapter import Gpu
 
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
@@ -62,15 +63,14 @@ def pixel_bytes(bands: list[Band]) -> int:
 class DevicePlan:
     """Runs a plan."""
 
-    def __init__(self, gpu: Any, device: Any, plan: Plan) -> None:
-        self._gpu, self._device, self._plan = gpu, device, plan
-        self.held: dict[str, Any] = {}
+    def __init__(self, gpu: Gpu, plan: Plan) -> None:
+        self._gpu, self._plan, device = gpu, plan, gpu.device
         self._modules = {name: device.create_shader_module(code=code) for name, code in plan.modules.items()}
         for name, (size, usages) in plan.buffers.items():
-            self.buffer(name, size, *usages)
+            gpu.buffer(name, size, *usages)
             if name in plan.data:
                 array = np.ascontiguousarray(plan.data[name])
-                device.queue.write_buffer(self.held[name], 0, array)
+                device.queue.write_buffer(gpu.held[name], 0, array)
         self._steps = (*plan.passes, *plan.band_passes)
         # Steps of one entry point and one layout share a pipeline: compiling takes long.
         made: dict[Any, tuple[Any, Any]] = {}
@@ -84,19 +84,10 @@ class DevicePlan:
             self._made.append(made[key])
         self._groups: dict[tuple[int, int], Any] = {}
 
-    def buffer(self, name: str, size: int, *usages: str) -> Any:
-        """Make a buffer in place of the one of that name."""
-        old = self.held.pop(name, None)
-        if old is not None:
-            old.destroy()
-        usage = 0
-        for word in usages:
-            usage |= getattr(self._gpu.BufferUsage, word.upper())
-        self.held[name] = self._device.create_buffer(size=size, usage=usage)
-        return self.held[name]
-
     def _layout(self, bindings: Iterable[Binding]) -> Any:
-        stages = self._gpu.ShaderStage
+        import wgpu
+
+        stages = wgpu.ShaderStage
         visible = stages.COMPUTE | stages.VERTEX | stages.FRAGMENT
         entries = [
             {
@@ -106,13 +97,13 @@ class DevicePlan:
             }
             for binding in bindings
         ]
-        return self._device.create_bind_group_layout(entries=entries)
+        return self._gpu.device.create_bind_group_layout(entries=entries)
 
     def _pipeline(self, step: Compute | Draws, layout: Any) -> Any:
         module = self._modules[step.module]
-        whole = self._device.create_pipeline_layout(bind_group_layouts=[layout])
+        whole = self._gpu.device.create_pipeline_layout(bind_group_layouts=[layout])
         if isinstance(step, Compute):
-            return self._device.create_compute_pipeline(
+            return self._gpu.device.create_compute_pipeline(
                 layout=whole, compute={"module": module, "entry_point": step.entry}
             )
         color, alpha = (
@@ -125,7 +116,7 @@ class DevicePlan:
             {"format": "float32x4", "offset": 16 * k, "shader_location": k} for k in range(step.members)
         ]
         targets = [{"format": self._plan.format, **blended} for _ in step.targets]
-        return self._device.create_render_pipeline(
+        return self._gpu.device.create_render_pipeline(
             layout=whole,
             vertex={
                 "module": module,
@@ -150,23 +141,15 @@ class DevicePlan:
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
-        self.buffer("bands", rows.nbytes, "uniform", "copy_dst")
-        self._device.queue.write_buffer(self.held["bands"], 0, rows)
-        size = pixel_bytes(bands)
-        self.buffer("pixels", size, "storage", "copy_src")
-        self.buffer("pixels, read back", size, "copy_dst", "map_read")
-        texture = self._gpu.TextureUsage
-        scale = self._plan.scale
+        gpu, scale, size = self._gpu, self._plan.scale, pixel_bytes(bands)
+        gpu.buffer("bands", rows.nbytes, "uniform", "copy_dst")
+        gpu.device.queue.write_buffer(gpu.held["bands"], 0, rows)
+        gpu.buffer("pixels", size, "storage", "copy_src")
+        gpu.buffer("pixels, read back", size, "copy_dst", "map_read")
+        width, height = scale * bands[0].width, scale * bands[0].height
         for name, form in self._targets().items():
-            more = texture.STORAGE_BINDING if form == _STORED else texture.RENDER_ATTACHMENT
-            old = self.held.pop(name, None)
-            if old is not None:
-                old.destroy()
-            self.held[name] = self._device.create_texture(
-                size=(scale * bands[0].width, scale * bands[0].height, 1),
-                format=form,
-                usage=texture.TEXTURE_BINDING | more,
-            )
+            drawn_by = "storage_binding" if form == _STORED else "render_attachment"
+            gpu.texture(name, width, height, form, "texture_binding", drawn_by)
 
     def _targets(self) -> dict[str, str]:
         """Return name -> format of what is drawn into."""
@@ -186,11 +169,11 @@ class DevicePlan:
                 for binding in step.bindings
             ]
             layout, _ = self._made[number]
-            self._groups[number, k] = self._device.create_bind_group(layout=layout, entries=entries)
+            self._groups[number, k] = self._gpu.device.create_bind_group(layout=layout, entries=entries)
         return self._groups[number, k]
 
     def _resource(self, binding: Binding, k: int) -> Any:
-        held = self.held[binding.name]
+        held = self._gpu.held[binding.name]
         if binding.kind in ("texture", "numbers", "store"):
             return held.create_view()
         offset, size = binding.offset, binding.size
@@ -245,7 +228,7 @@ class DevicePlan:
         computing.set_pipeline(self._made[number][1])
         computing.set_bind_group(0, self._group(number, step, k))
         if step.indirect is not None:
-            computing.dispatch_workgroups_indirect(self.held["arguments"], step.indirect)
+            computing.dispatch_workgroups_indirect(self._gpu.held["arguments"], step.indirect)
         elif step.groups is not None:
             computing.dispatch_workgroups(step.groups)
         else:
@@ -256,7 +239,7 @@ class DevicePlan:
         band, scale = self.bands[k], self._plan.scale
         if step.z_buffer:
             timed["depth_stencil_attachment"] = {
-                "view": self.held[Z_BUFFER].create_view(),
+                "view": self._gpu.held[Z_BUFFER].create_view(),
                 "depth_load_op": step.load,
                 "depth_store_op": "store",
                 "depth_clear_value": 1.0,
@@ -264,7 +247,7 @@ class DevicePlan:
         drawing = encoder.begin_render_pass(
             color_attachments=[
                 {
-                    "view": self.held[target].create_view(),
+                    "view": self._gpu.held[target].create_view(),
                     "load_op": step.load,
                     "store_op": "store",
                     "clear_value": (0, 0, 0, self._plan.clear),
@@ -278,19 +261,16 @@ class DevicePlan:
         drawing.set_pipeline(self._made[number][1])
         drawing.set_bind_group(0, self._group(number, step, k))
         for records, offset in step.records:
-            drawing.set_vertex_buffer(0, self.held[records])
-            drawing.draw_indirect(self.held["arguments"], offset)
+            drawing.set_vertex_buffer(0, self._gpu.held[records])
+            drawing.draw_indirect(self._gpu.held["arguments"], offset)
         drawing.end()
 
     def read(self, name: str) -> NDArray[np.uint8]:
         """Return the bytes of a buffer, by way of one that the host can map."""
-        buffer = self.held[name]
-        return np.frombuffer(self._device.queue.read_buffer(buffer), np.uint8)
+        buffer = self._gpu.held[name]
+        return np.frombuffer(self._gpu.device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Release everything that the plan has on the device."""
-        for thing in self.held.values():
-            thing.destroy()
-        for things in (self.held, self._groups, self._made, self._modules):
+        """Let go of everything that keeps the device from being released."""
+        for things in (self._groups, self._made, self._modules):
             things.clear()
-        del self._device

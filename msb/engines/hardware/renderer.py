@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -17,14 +16,7 @@ from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS, make_plan
 from msb.engines.webgpu import WgpuRenderer
-from msb.engines.webgpu_adapter import (
-    choose_adapter,
-    errors_of,
-    held_bytes,
-    nanoseconds_a_tick,
-    read_mapped,
-    release,
-)
+from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError, UsageError
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
@@ -102,44 +94,27 @@ class HardwareRenderer:
         if missing is not None:
             raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}")
         self._packed = pack(asset, settings)
-        import wgpu
-
         self.version = self.installed()
-        self._gpu = wgpu
-        adapter = choose_adapter(kind)
-        about = dict(adapter.info)
-        features = [name for name in ("timestamp-query", "float32-blendable") if name in adapter.features]
-        self._format = FLOAT if "float32-blendable" in features and not half else HALF
+        self._gpu = gpu = Gpu(kind, ("timestamp-query", "float32-blendable"))
+        self._format = FLOAT if "float32-blendable" in gpu.features and not half else HALF
         if self._packed.surface is not None:
             self._format = NUMBERS
-        self.device_info = {
-            "platform": ", ".join(
-                filter(None, (about["backend_type"], about["description"], _BLENDS.get(self._format)))
-            ),
-            "name": about["device"],
-            "kind": "cpu" if about["adapter_type"] == "CPU" else "gpu",
-        }
-        self._limits = limits = _limits_of(adapter)
-        self._plan = plan = make_plan(
+        self.device_info = gpu.about(_BLENDS.get(self._format))
+        self._limits = _limits_of(gpu.adapter)
+        self._plan = make_plan(
             self._packed,
-            limits,
-            about["device"],
+            self._limits,
+            gpu.name,
             order=order,
             sampling=sampling,
             form=self._format,
             stops=stops,
             debug=debug,
         )
-        with self._told("opening the device"):
-            self._device = adapter.request_device_sync(
-                required_features=features,
-                required_limits={name: adapter.limits[name] for name in _LIMITS},
-            )
-            self._runs = DevicePlan(wgpu, self._device, plan)
-            timed = self.device_info["kind"] == "gpu" and "timestamp-query" in features
-            self._tick = nanoseconds_a_tick(self._device) if timed else None
+        with gpu.told("opening the device"):
+            gpu.open(_LIMITS, timed=gpu.kind == "gpu")
+            self._runs = DevicePlan(gpu, self._plan)
         self._size: tuple[int, int] | None = None
-        self._queries: Any = None
 
     @classmethod
     def installed(cls) -> str:
@@ -149,9 +124,9 @@ class HardwareRenderer:
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
         self._check_open()
-        with self._told("drawing"):
+        with self._gpu.told("drawing"):
             drawn = self._run(camera, background, read=True)
-            pixels = read_mapped(self._runs.held["pixels, read back"]).view(np.float32)
+            pixels = self._gpu.read_back("pixels").view(np.float32)
             keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
         found = np.zeros((camera.height, camera.width, 5), np.float32)
         for band in self._runs.bands:
@@ -170,18 +145,18 @@ class HardwareRenderer:
     def draw(self, camera: Camera, background: Color) -> Drawn:
         """Draw and wait, reading nothing back."""
         self._check_open()
-        with self._told("drawing"):
+        with self._gpu.told("drawing"):
             return self._run(camera, background, read=False)
 
     def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
         self._make_targets(camera.width, camera.height)
         view = self._packed.view_bytes(camera, background)
-        self._device.queue.write_buffer(self._runs.held["view"], 0, view)
-        drawn = self._in_steps() if self.device_info["kind"] == "cpu" else self._at_once()
+        self._gpu.device.queue.write_buffer(self._gpu.held["view"], 0, view)
+        drawn = self._in_steps() if self._gpu.kind == "cpu" else self._at_once()
         if read:
-            encoder = self._device.create_command_encoder()
-            self._copy(encoder, "pixels")
-            self._device.queue.submit([encoder.finish()])
+            encoder, pixels = self._gpu.device.create_command_encoder(), self._gpu.held["pixels"]
+            encoder.copy_buffer_to_buffer(pixels, 0, self._gpu.held["pixels, read back"], 0, pixels.size)
+            self._gpu.device.queue.submit([encoder.finish()])
         return drawn
 
     def _in_steps(self) -> Drawn:
@@ -194,41 +169,29 @@ class HardwareRenderer:
         begun = time.perf_counter()
         for stage, steps in self._runs.stages():
             start = time.perf_counter()
-            encoder = self._device.create_command_encoder()
+            encoder = self._gpu.device.create_command_encoder()
             self._runs.encode(encoder, steps)
-            self._wait(encoder)
+            self._gpu.run(encoder)
             found[stage] = found.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
         return Drawn(found, 1000 * (time.perf_counter() - begun))
 
     def _at_once(self) -> Drawn:
         """Submit a frame as one, timed by the device itself where it can."""
         start = time.perf_counter()
-        encoder = self._device.create_command_encoder()
+        encoder = self._gpu.device.create_command_encoder()
         stages = self._runs.stages()
         for k, (_, steps) in enumerate(stages):
-            timed = (self._queries, 2 * k, 2 * k + 1) if self._queries else None
+            timed = (self._gpu.queries, 2 * k, 2 * k + 1) if self._gpu.queries else None
             self._runs.encode(encoder, steps, timed)
-        if self._queries is not None:
-            encoder.resolve_query_set(self._queries, 0, 2 * len(stages), self._runs.held["times"], 0)
-        times = self._wait(encoder).view(np.uint64).reshape(-1, 2).astype(np.float64)
+        times = self._gpu.run(encoder).reshape(-1, 2).astype(np.float64)
         waited = 1000 * (time.perf_counter() - start)
-        if self._queries is None or self._tick is None:
+        if self._gpu.tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
-        times *= self._tick / 1e6
+        times *= self._gpu.tick / 1e6
         found: dict[str, float] = {}
         for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
             found[stage] = found.get(stage, 0.0) + max(0.0, ended - began)
         return Drawn(found, max(0.0, float(times[-1, 1] - times[0, 0])))
-
-    def _wait(self, encoder: Any) -> NDArray[np.uint8]:
-        """Submit commands and return the timestamps; that they can be read says that all is done."""
-        self._copy(encoder, "times")
-        self._device.queue.submit([encoder.finish()])
-        return read_mapped(self._runs.held["times, read back"])
-
-    def _copy(self, encoder: Any, name: str) -> None:
-        held = self._runs.held
-        encoder.copy_buffer_to_buffer(held[name], 0, held[f"{name}, read back"], 0, held[name].size)
 
     def _make_targets(self, width: int, height: int) -> None:
         if self._size == (width, height):
@@ -243,13 +206,7 @@ class HardwareRenderer:
             text += f"{width} x {height} pixels need one of {size}"
             raise DeviceError("DEVICE_MEMORY", text)
         runs.set_bands(bands)
-        count = 2 * len(runs.stages())
-        if self._tick is not None:
-            if self._queries is not None:
-                self._queries.destroy()
-            self._queries = self._device.create_query_set(type="timestamp", count=count)
-        runs.buffer("times", 8 * count, "query_resolve", "copy_src", "copy_dst")
-        runs.buffer("times, read back", 8 * count, "copy_dst", "map_read")
+        self._gpu.make_clock(2 * len(runs.stages()))
         self._size = width, height
 
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
@@ -264,18 +221,16 @@ class HardwareRenderer:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
-        return {name: held_bytes(thing) for name, thing in self._runs.held.items()}
+        return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
         """Return use -> group."""
-        return {name: _GROUPS[word] for name in self._runs.held if (word := name.split()[0]) in _GROUPS}
+        return {name: _GROUPS[word] for name in self._gpu.held if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:
         """Release everything."""
-        if self._runs.held:
-            self._runs.close()
-            self._queries = None
-            release(vars(self).pop("_device"))
+        self._runs.close()
+        self._gpu.close()
 
     def __enter__(self) -> Self:
         return self
@@ -284,11 +239,8 @@ class HardwareRenderer:
         self.close()
 
     def _check_open(self) -> None:
-        if not self._runs.held:
+        if self._gpu.device is None:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device_info['name']})")
-
-    def _told(self, doing: str) -> AbstractContextManager[None]:
-        return errors_of(self.device_info["name"], doing)
 
 
 def _limits_of(adapter: Any) -> Limits:
