@@ -192,13 +192,13 @@ def _find(cameras: list[Camera], name: str) -> Camera:
     """Return the camera called `name`, or if there is none the camera with that number."""
     named = [(camera, normal_form(camera.name)) for camera in cameras if camera.name]
     wanted = normal_form(name)
-    found = [camera for camera, known in named if known == wanted]
-    found = found or [camera for camera, known in named if _stem(known) == wanted]
-    if len(found) > 1:
-        names = ", ".join(str(camera.name) for camera in found[:4])
+    matches = [camera for camera, known in named if known == wanted]
+    matches = matches or [camera for camera, known in named if _stem(known) == wanted]
+    if len(matches) > 1:
+        names = ", ".join(str(camera.name) for camera in matches[:4])
         raise UsageError("NAME_UNKNOWN", f'"{shorten(name, 40)}" is several cameras: {names}')
-    if found:
-        return found[0]
+    if matches:
+        return matches[0]
     if re.fullmatch(r"\d{1,9}", name) and int(name) < len(cameras):
         return cameras[int(name)]
     names = ", ".join(shorten(str(camera.name), 30) for camera in cameras[:4])
@@ -241,12 +241,12 @@ def parse_background(text: str | None, asset: Asset | None) -> tuple[float, floa
     official = "official, which only an asset has"
     if asset is not None:
         official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
-    found = parse_color(text, official)
-    if found is None:
+    color = parse_color(text, official)
+    if color is None:
         shown = shorten(official if text.strip().lower() == "official" else text, 40)
         text = f'--background is "{shown}"; it must be black, white, #rrggbb, r,g,b in 0..1, or official'
         raise UsageError("USAGE", text)
-    return found
+    return color
 
 
 def chosen_modes(order: str | None, sampling: str | None) -> dict[str, str]:

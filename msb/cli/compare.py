@@ -172,8 +172,8 @@ def _with_photographs(
     if images is not None:
         images = beside / images if (beside / images).is_dir() else images
     elif not any(camera.image_path and camera.image_path.is_file() for camera in cameras):
-        found = photographs_beside(place, cameras)
-        images = None if found is None else found[0]
+        beside_them = photographs_beside(place, cameras)
+        images = None if beside_them is None else beside_them[0]
     return dataset_views(cameras, images, scale, beside=beside)
 
 

@@ -30,11 +30,11 @@ def show(
     from msb.cli.app import app
 
     commands = defaults.single_commands(get_command(app))
-    found = defaults.read_defaults(commands)
+    set_values = defaults.read_defaults(commands)
     rows: list[dict[str, Any]] = []
     for name, each in commands.items():
         for key, option in defaults.options(each):
-            default = found[name].get(option.name)
+            default = set_values[name].get(option.name)
             if default is not None:
                 rows.append({"key": f"{name}.{key}", "value": default.value, "from": default.source})
             elif all and defaults.in_files(each, option):

@@ -70,16 +70,16 @@ def convert(
     An asset becomes its standard-tier mesh: opaque, unlit, with static colours. With --official it becomes
     what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
     """
+    from msb.api.inputs import expand
     from msb.cli.failures import report_error
-    from msb.cli.inputs import expand
 
-    found = expand(source)
-    if found == [source]:
+    inputs = expand(source)
+    if inputs == [source]:
         if "to" in typed:
             raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
         _convert(source, target, options, output)
         return
-    places = _places(source, found, target, options.to or "glb")
+    places = _places(source, inputs, target, options.to or "glb")
     status = EXIT_OK
     for path, place in places.items():
         try:
@@ -91,18 +91,18 @@ def convert(
         raise typer.Exit(status)
 
 
-def _places(source: Path, found: list[Path], target: Path, to: str) -> dict[Path, Path]:
+def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
     """Return input -> output, which lies below `target` as the input lies below the folder `source`."""
     from msb.api.saving import output_suffix
     from msb.asset import is_asset
 
     suffix = output_suffix(Path(f"--to.{to.removeprefix('.')}"), "--to")
     if target.suffix and not target.is_dir():
-        text = f"{source} holds {len(found)} inputs; OUT must be a folder, and --to says what is written"
+        text = f"{source} holds {len(inputs)} inputs; OUT must be a folder, and --to says what is written"
         raise UsageError("USAGE", text, file=target)
     root = source if source.is_dir() else None
     places = {}
-    for path in found:
+    for path in inputs:
         below = path.relative_to(root) if root else Path(path.name)
         name = below.stem if path.is_file() or is_asset(path) else below.name
         places[path] = target / below.with_name(name + suffix)

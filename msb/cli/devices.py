@@ -136,9 +136,9 @@ def _missing(tried: list[Tried]) -> list[str]:
     """Return what could be added to this machine, one sentence for each."""
     from msb.cl.loader import how_to_get_pocl
 
-    found = []
+    hints = []
     if not any(record.selector.startswith("pocl:") for record, _, _ in tried):
-        found.append(f"No PoCL, the platform results are compared on: {how_to_get_pocl()}.")
+        hints.append(f"No PoCL, the platform results are compared on: {how_to_get_pocl()}.")
     if not any(record.kind == "gpu" for record, _, _ in tried):
-        found.append("No GPU: one appears when its driver brings OpenCL (an .icd file).")
-    return found
+        hints.append("No GPU: one appears when its driver brings OpenCL (an .icd file).")
+    return hints

@@ -294,8 +294,8 @@ def check_apart(named: Sequence[tuple[str, Path, bool]]) -> None:
         if is_stdout(path) or is_stream(path):
             continue
         try:
-            found = path.stat()
-            key: object = found.st_dev, found.st_ino
+            status = path.stat()
+            key: object = status.st_dev, status.st_ino
         except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
             key = os.path.realpath(path) if "\0" not in str(path) else str(path)
         if written and key in seen:

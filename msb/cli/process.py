@@ -64,7 +64,7 @@ def _run(app: typer.Typer, name: str) -> int:
 
             completion_init()
         defaults = _defaults(command, name)
-        values = {each: {k: v.value for k, v in found.items()} for each, found in defaults.items()}
+        values = {each: {k: v.value for k, v in own.items()} for each, own in defaults.items()}
         own = values if hasattr(command, "commands") else values.get(name, {})
         status = command(prog_name=name, standalone_mode=False, default_map=own)
         sys.stdout.flush()
@@ -143,8 +143,8 @@ def _defaults(command: Any, name: str) -> Defaults:
 
     from msb.cli.app import app
 
-    found = defaults.read_defaults(defaults.single_commands(get_command(app)))
-    return {name: found[name.removeprefix("msb-")]}
+    every = defaults.read_defaults(defaults.single_commands(get_command(app)))
+    return {name: every[name.removeprefix("msb-")]}
 
 
 def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError | None:

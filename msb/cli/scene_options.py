@@ -43,9 +43,9 @@ def note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> Non
 
     said = {warning.message for warning in asset.warnings}
     manifest = asset.manifest
-    for found in trained_otherwise(manifest.training, stated_background(manifest), scene):
-        if found.message not in said:
-            output.note(found.to_line(path))
+    for finding in trained_otherwise(manifest.training, stated_background(manifest), scene):
+        if finding.message not in said:
+            output.note(finding.to_line(path))
 
 
 def views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -60,9 +60,9 @@ def scenes(
     from msb.scenes.datasets import describe_scene, find_scenes
 
     status = 0
-    found: list[SceneReport] = []
+    reports: list[SceneReport] = []
     for path in paths:
-        if output.fail_fast and (status or any(item.error for item in found)):
+        if output.fail_fast and (status or any(report.error for report in reports)):
             break
         try:
             places = find_scenes(path)
@@ -71,106 +71,65 @@ def scenes(
             continue
         with output.counted(f"reading {path.name}", len(places)) as step:
             for place in places:
-                found.append(describe_scene(place, **vars(options)))
+                reports.append(describe_scene(place, **vars(options)))
                 step()
-                if output.fail_fast and found[-1].error is not None:
+                if output.fail_fast and reports[-1].error is not None:
                     break
-    output.write_json({"schema": SCHEMA, "scenes": [as_data(item) for item in found]})
-    if output.prints_text and found:
-        _print(found, output)
-    for item in found:
-        if item.error is not None:
-            status = max(status, report_error(item.error))
+    output.write_json({"schema": SCHEMA, "scenes": [report.to_dict() for report in reports]})
+    if output.prints_text and reports:
+        _print(reports, output)
+    for report in reports:
+        if report.error is not None:
+            status = max(status, report_error(report.error))
     raise typer.Exit(status)
 
 
-def as_data(item: SceneReport) -> dict[str, Any]:
-    """Return a report as JSON data."""
-    scene = item.scene
-    return {
-        "path": str(item.path),
-        "dataset": item.dataset,
-        "scene": item.name,
-        "layout": item.layout,
-        "error": None if item.error is None else {"code": item.error.code, "message": item.error.message},
-        "evaluated": None if scene is None else _evaluated(scene),
-        "points": item.points,
-        "image_folders": [
-            {
-                "name": f.name,
-                "images": f.count,
-                "used": f.used,
-                "size": None if f.size is None else list(f.size),
-            }
-            for f in item.image_folders
-        ],
-        "warnings": [{"code": w.code, "file": w.file, "message": w.message} for w in item.findings],
-        "unused": list(item.unused),
-        "deviations": {name: list(texts) for name, texts in item.deviations.items()},
-    }
-
-
-def _evaluated(scene: Scene) -> dict[str, Any]:
-    first = scene.test[0]
-    return {
-        "rules": scene.rules,
-        "image_folder": scene.image_folder,
-        "resolution": scene.resolution,
-        "width": first.width,
-        "height": first.height,
-        "gt_resized": scene.gt_resized,
-        "train": [camera.name for camera in scene.train],
-        "test": [camera.name for camera in scene.test],
-        "background": list(scene.background),
-        "camera_convention": scene.camera_convention,
-        "mask_source": scene.mask_source,
-        "compositing": scene.compositing,
-    }
-
-
-def _print(found: list[SceneReport], output: Output) -> None:
-    if len(found) == 1 or output.verbose:
-        for number, item in enumerate(found):
+def _print(reports: list[SceneReport], output: Output) -> None:
+    if len(reports) == 1 or output.verbose:
+        for number, report in enumerate(reports):
             if number:
                 echo()
-            _print_one(item, output)
+            _print_one(report, output)
         return
     from msb.scenes.datasets import scaled_note
 
     rows = []
-    for item in found:
-        scene = item.scene
-        cells = ("--", "--", "--", item.error.code if item.error else "")
+    for report in reports:
+        scene = report.scene
+        cells = ("--", "--", "--", report.error.code if report.error else "")
         if scene is not None:
             used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
         # The dataset's name stands in its own column: what is above it is said once, in the notes.
-        rows.append((shorten(item.name, 40), shorten(item.dataset, 20), *cells))
+        rows.append((shorten(report.name, 40), shorten(report.dataset, 20), *cells))
     output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
-    for item in found:
-        for warning in item.findings:
-            output.note(warning.to_line(warning.file or item.path))
-    if (note := scaled_note(item.scene for item in found if item.scene is not None)) is not None:
+    for report in reports:
+        for warning in report.findings:
+            output.note(warning.to_line(warning.file or report.path))
+    if (note := scaled_note(report.scene for report in reports if report.scene is not None)) is not None:
         output.note(note)
 
 
-def _print_one(item: SceneReport, output: Output) -> None:
+def _print_one(report: SceneReport, output: Output) -> None:
     from msb.scenes.datasets import scaled_note
 
-    rows = [("scene", str(item.path)), ("dataset", f"{item.dataset}, {item.name}, {_LAYOUTS[item.layout]}")]
-    if item.scene is not None:
-        rows += _described(item.scene)
+    rows = [
+        ("scene", str(report.path)),
+        ("dataset", f"{report.dataset}, {report.name}, {_LAYOUTS[report.layout]}"),
+    ]
+    if report.scene is not None:
+        rows += _described(report.scene)
     else:
-        rows += [("images", f"{f.name}: {f.count}") for f in item.image_folders]
-    if item.points is not None:
-        rows.append(("SfM points", f"{item.points:,}"))
-    rows += [("not used", text) for text in item.unused]
+        rows += [("images", f"{f.name}: {f.count}") for f in report.image_folders]
+    if report.points is not None:
+        rows.append(("SfM points", f"{report.points:,}"))
+    rows += [("not used", text) for text in report.unused]
     if not output.quiet:
-        rows += [("warning", f"{w.code}: {w.message}") for w in item.findings]
-        note = None if item.scene is None else scaled_note([item.scene])
+        rows += [("warning", f"{w.code}: {w.message}") for w in report.findings]
+        note = None if report.scene is None else scaled_note([report.scene])
         rows += [] if note is None else [("note", note)]
-        rows += _deviating(item)
+        rows += _deviating(report)
     output.table((), ((label, shorten(text, 300)) for label, text in rows))
 
 
@@ -217,10 +176,10 @@ def _described(scene: Scene) -> list[tuple[str, str]]:
     ]
 
 
-def _deviating(item: SceneReport) -> list[tuple[str, str]]:
+def _deviating(report: SceneReport) -> list[tuple[str, str]]:
     """Return what methods do otherwise, those that do the same in one row."""
     grouped: dict[tuple[str, ...], list[str]] = {}
-    for name, texts in item.deviations.items():
+    for name, texts in report.deviations.items():
         if texts:
             grouped.setdefault(texts, []).append(name)
     return [("official", f"{', '.join(names)}: {'; '.join(texts)}") for texts, names in grouped.items()]

@@ -69,16 +69,16 @@ def validate(
     raise typer.Exit(for_each(paths, SCHEMA, output, document)[0])
 
 
-def _print(found: Validation, output: Output) -> None:
+def _print(validation: Validation, output: Output) -> None:
     from rich.markup import escape
 
     from msb.asset.validation import SHOWN
 
     console = output.console()
-    path, _, said = found.title.rpartition(": ")
+    path, _, said = validation.title.rpartition(": ")
     word, _, counts = said.partition(",")
     console.print(f"{escape(path)}: [bold]{word}[/bold],{counts}", soft_wrap=True)
-    if not found.findings or output.quiet:
+    if not validation.findings or output.quiet:
         return
     styles = {"error": "red", "warning": "yellow", "info": "dim"}
     rows = [
@@ -87,10 +87,10 @@ def _print(found: Validation, output: Output) -> None:
             each.code,
             each.message + (f" (at {each.pointer})" if each.pointer else ""),
         )
-        for each in found.findings[:SHOWN]
+        for each in validation.findings[:SHOWN]
     ]
     output.table(("Severity", "Code", "Finding"), rows)
-    if (more := len(found.findings) - SHOWN) > 0:
+    if (more := len(validation.findings) - SHOWN) > 0:
         console.print(f"... and {more:,} more; --json lists up to {MAX_FINDINGS:,}")
 
 

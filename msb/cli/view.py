@@ -161,15 +161,15 @@ def _read_repaired(path: Path, repaired: Path, output: Output) -> ViewModel:
 
 
 def _read_mesh(path: Path, output: Output) -> ViewedMesh:
-    from msb.cli.inputs import expand
+    from msb.api.inputs import expand
     from msb_viewers.viewed_mesh import read_viewed_mesh
 
-    found = expand(path)
-    if len(found) > 1:
-        names = ", ".join(one.name for one in found[:4])
-        raise UsageError("USAGE", f"one mesh at a time; this folder holds {len(found)}: {names}", file=path)
-    with output.progress(f"reading {found[0].name}"):
-        return read_viewed_mesh(found[0])
+    inputs = expand(path)
+    if len(inputs) > 1:
+        names = ", ".join(each.name for each in inputs[:4])
+        raise UsageError("USAGE", f"one mesh at a time; this folder holds {len(inputs)}: {names}", file=path)
+    with output.progress(f"reading {inputs[0].name}"):
+        return read_viewed_mesh(inputs[0])
 
 
 def model_of(mesh: ViewedMesh, output: Output) -> ViewModel:

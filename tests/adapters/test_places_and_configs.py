@@ -11,7 +11,7 @@ import pytest
 
 import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
-from msb.cli.inputs import expand
+from msb.api.inputs import expand
 from msb.errors import CheckpointError, InputError
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models

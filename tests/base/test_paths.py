@@ -18,7 +18,7 @@ from msb.asset import validate
 from msb.base.files import file_sha256
 from msb.base.paths import SpelledFiles
 from msb.bench.renders import find_renders
-from msb.cli.camera_options import choose_cameras
+from msb.cli.camera_options import Views
 from msb.errors import InputError, MetricError, SceneError
 from msb.metrics.dtu_data import read_dtu_scan
 from msb.report.results import read_results
@@ -114,7 +114,7 @@ def test_cameras_find_photographs_that_are_spelled_otherwise(tmp_path: Path) -> 
         (camera,) = (one for one in cameras if COMPOSED in str(one.name))
         assert camera.image_path is not None
         assert camera.image_path.is_file()
-    assert choose_cameras(list(cameras), [f"r_{DECOMPOSED}_0"], None, None) == [camera]
+    assert Views(camera=(f"r_{DECOMPOSED}_0",)).of(list(cameras)) == [camera]
     (view,) = dataset_views([camera], scene)
     assert view.photograph == camera.image_path
 

@@ -56,6 +56,51 @@ class SceneReport:
     unused: tuple[str, ...]
     deviations: dict[str, tuple[str, ...]]
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON data."""
+        error = self.error
+        return {
+            "path": str(self.path),
+            "dataset": self.dataset,
+            "scene": self.name,
+            "layout": self.layout,
+            "error": None if error is None else {"code": error.code, "message": error.message},
+            "evaluated": None if self.scene is None else _evaluated(self.scene),
+            "points": self.points,
+            "image_folders": [
+                {
+                    "name": each.name,
+                    "images": each.count,
+                    "used": each.used,
+                    "size": None if each.size is None else list(each.size),
+                }
+                for each in self.image_folders
+            ],
+            "warnings": [
+                {"code": each.code, "file": each.file, "message": each.message} for each in self.findings
+            ],
+            "unused": list(self.unused),
+            "deviations": {name: list(texts) for name, texts in self.deviations.items()},
+        }
+
+
+def _evaluated(scene: Scene) -> dict[str, Any]:
+    first = scene.test[0]
+    return {
+        "rules": scene.rules,
+        "image_folder": scene.image_folder,
+        "resolution": scene.resolution,
+        "width": first.width,
+        "height": first.height,
+        "gt_resized": scene.gt_resized,
+        "train": [camera.name for camera in scene.train],
+        "test": [camera.name for camera in scene.test],
+        "background": list(scene.background),
+        "camera_convention": scene.camera_convention,
+        "mask_source": scene.mask_source,
+        "compositing": scene.compositing,
+    }
+
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
     """Return the report on the scene at `path`, a folder that `find_layout` knows; options of `read_scene`.

@@ -1,0 +1,67 @@
+"""The inputs that a user names: assets, mesh files, checkpoints, folders of these, and patterns."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from msb.adapters.locate import bare_models, is_checkpoint, locate
+from msb.asset import ASSET_SUFFIX, is_asset
+from msb.base.files import open_error
+from msb.errors import InputError
+from msb.meshes import MESH_SUFFIXES
+
+
+def expand(path: Path) -> list[Path]:
+    """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted.
+
+    If nothing has the typed name, it is read as a pattern (``*``, ``?``, ``[...]``, ``**``), which some
+    shells pass on unchanged; everything that matches it is taken as if it were typed.
+    """
+    try:
+        is_folder = path.is_dir()
+    except OSError as error:
+        raise open_error(error, path) from error
+    if is_folder and not is_asset(path) and not is_checkpoint(path):
+        inputs = sorted(_below(path))
+        if not inputs and bare_models(path):
+            locate(path)  # which refuses several
+            return [path]
+        if not inputs:
+            wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
+            text = f"the folder holds no checkpoint and none of {wanted}"
+            raise InputError("FILE_NOT_RECOGNISED", text, file=path)
+        return inputs
+    if not os.path.lexists(path):
+        if matches := _matches(path):
+            return matches
+        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
+    return [path]
+
+
+def _matches(pattern: Path) -> list[Path]:
+    text = str(pattern)
+    if not glob.has_magic(text):
+        return []
+    # Not Path.glob: that takes no absolute pattern.
+    names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207
+    return [path for name in names for path in expand(Path(name))]
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    for root, folders, files in os.walk(folder):
+        here = Path(root)
+        assets = [name for name in folders if _is_input(here / name)]
+        folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
+        yield from (here / name for name in assets)
+        wanted = (ASSET_SUFFIX, *MESH_SUFFIXES)
+        yield from (here / name for name in files if name.lower().endswith(wanted))
+
+
+def _is_input(folder: Path) -> bool:
+    try:
+        return is_asset(folder) or is_checkpoint(folder)
+    except InputError:
+        return True  # that it cannot be read is said of it, not of all
