@@ -78,7 +78,7 @@ class WgpuRenderer(Engine):
         if needed > limit:
             text = f"{gpu.name} takes buffers of {limit} bytes, this mesh needs one of {needed}"
             raise DeviceError("DEVICE_MEMORY", text)
-        with gpu.told("opening the device"):
+        with gpu.reporting("opening the device"):
             gpu.open(("max-buffer-size", "max-texture-dimension-2d"), timed=True)
             self._make_mesh()
             self._pipelines = {ids: self._pipeline(ids) for ids in {False, self._numbered}}
@@ -175,7 +175,7 @@ class WgpuRenderer(Engine):
         self._size = width, height
 
     def _frame(self, camera: Camera, background: Color) -> Frame:
-        with self._gpu.told("drawing"):
+        with self._gpu.reporting("drawing"):
             drawn = self._run(camera, background, everything=True)
             image = self._read("image", np.float32, 4)
             depth = self._read("depth", np.float32, 1)
@@ -185,7 +185,7 @@ class WgpuRenderer(Engine):
         return opaque_frame(image[..., :3], hit, depth, background, face_id, drawn.stages)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
-        with self._gpu.told("drawing"):
+        with self._gpu.reporting("drawing"):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> Drawn:

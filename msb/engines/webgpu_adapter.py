@@ -8,7 +8,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager
 from functools import cache
 from typing import Any
 
@@ -35,8 +34,8 @@ def all_adapters() -> list[Any]:
     import wgpu
 
     with _runtime_folder():
-        found = wgpu.gpu.enumerate_adapters_sync()
-    return [adapter for adapter in found if adapter.info["backend_type"] in _BACKENDS]
+        adapters = wgpu.gpu.enumerate_adapters_sync()
+    return [adapter for adapter in adapters if adapter.info["backend_type"] in _BACKENDS]
 
 
 def choose_adapter(kind: str | None) -> Any:
@@ -73,21 +72,6 @@ def _runtime_folder() -> Iterator[None]:
         yield
     finally:
         del os.environ["XDG_RUNTIME_DIR"]
-
-
-@contextlib.contextmanager
-def errors_of(device: str, doing: str) -> Iterator[None]:
-    """Turn what wgpu raises in a block into an error of ours, which names the device and says what it did."""
-    import wgpu
-
-    try:
-        yield
-    except wgpu.GPUOutOfMemoryError as error:
-        raise DeviceError("DEVICE_MEMORY", f"{device}: out of memory, {doing}") from error
-    except (wgpu.GPUError, RuntimeError) as error:
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        text = shorten(lines[-1] if lines else type(error).__name__, 200)
-        raise DeviceError("ENGINE_FAILED", f"{device}: {doing}: {text}") from error
 
 
 def _nanoseconds_a_tick(device: Any) -> float | None:
@@ -135,9 +119,18 @@ class Gpu:
         if timed and "timestamp-query" in self.features:
             self.tick = _nanoseconds_a_tick(self.device)
 
-    def told(self, doing: str) -> AbstractContextManager[None]:
-        """Turn what wgpu raises in a block into an error of ours."""
-        return errors_of(self.name, doing)
+    @contextlib.contextmanager
+    def reporting(self, doing: str) -> Iterator[None]:
+        """Turn what wgpu raises in a block into an error of ours, which names the device and `doing`."""
+        wgpu = self._wgpu
+        try:
+            yield
+        except wgpu.GPUOutOfMemoryError as error:
+            raise DeviceError("DEVICE_MEMORY", f"{self.name}: out of memory, {doing}") from error
+        except (wgpu.GPUError, RuntimeError) as error:
+            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+            text = shorten(lines[-1] if lines else type(error).__name__, 200)
+            raise DeviceError("ENGINE_FAILED", f"{self.name}: {doing}: {text}") from error
 
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
         """Make a buffer in place of the one of that use, and fill it if `data` is given."""

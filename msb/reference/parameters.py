@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 def number(asset: Asset, section: str, key: str) -> float:
     """Return a number among the manifest's parameters."""
-    found = getattr(asset.manifest, section).get(key)
-    if isinstance(found, bool) or not isinstance(found, int | float):
-        text = f"{section}.{key} is {found!r:.40}; it must be a number"
+    value = getattr(asset.manifest, section).get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        text = f"{section}.{key} is {value!r:.40}; it must be a number"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer=f"/{section}/{key}")
-    return found
+    return value
 
 
 def opacities(asset: Asset, rows: int, dtype: type[Any]) -> Reals:

@@ -128,12 +128,12 @@ class Renderer:
         """
         checked = self._checked(camera, background)
         with blaming(self._by):
-            found = self._backend.render(*checked)
-            if not isinstance(found, Frame):
+            drawn = self._backend.render(*checked)
+            if not isinstance(drawn, Frame):
                 # A renderer that may not import us (the reference, a third party's) returns the same fields.
                 names = (item.name for item in fields(Frame))
-                found = Frame(**{name: getattr(found, name) for name in names if hasattr(found, name)})
-            return camera.in_world(found)
+                drawn = Frame(**{name: getattr(drawn, name) for name in names if hasattr(drawn, name)})
+            return camera.in_world(drawn)
 
     def draw(self, camera: Camera, background: Background | None = None) -> Drawn:
         """Draw what `camera` sees and wait for it, but read nothing back; return how long the device took.

@@ -187,13 +187,13 @@ def make_page(
 
 def _plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
     """Return (order, sampling) -> the plan of a frame, the official one first; equal ones are left out."""
-    found = {}
+    plans = {}
     for order, sampling in MODES:
         if packed.surface is None or order == "tile":  # a z-buffer has no order
-            found[order, sampling] = make_plan(
+            plans[order, sampling] = make_plan(
                 packed, limits, name, order=order, sampling=sampling, stops=STOPS, depth=False
             )
-    return found
+    return plans
 
 
 def _camera_record(packed: Packed) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Sur
 
     Each has its `name`, its `value` and `options`: a value, and the record's members with it.
     """
-    found = []
+    live = []
     values = effective_settings(asset.manifest, settings)
     for name, setting in lookup(asset.manifest.method).settings.items():
         choices = {"bool": (False, True), "choice": setting.choices}.get(setting.kind, ())
@@ -241,8 +241,8 @@ def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Sur
                 break
             options.append({"value": choice, "own": {key: value.item() for key, value in other.own.items()}})
         if len(options) == len(choices) > 1:
-            found.append({"name": name, "value": values[name], "options": options})
-    return found
+            live.append({"name": name, "value": values[name], "options": options})
+    return live
 
 
 def _alike(model: Model | Surface, other: Model | Surface) -> bool:
@@ -358,8 +358,8 @@ def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]
     """Return the bytes of a page, its scene, and the images of its test views, (H, W, 3)."""
     data = read_file(path)
     try:
-        found = _SCENE.search(data)
-        text = found[1] if found else b""
+        element = _SCENE.search(data)
+        text = element[1] if element else b""
         scene = parse_strict_json(text, file=path, name="the scene", max_bytes=len(text))
         images = _test_images(data, scene["dedicated"])
     except Exception as error:

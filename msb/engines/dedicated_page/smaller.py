@@ -60,10 +60,8 @@ def _rounded(values: NDArray[np.float32]) -> NDArray[np.float32]:
     if not len(finite):
         return values
     low, high = float(finite.min()), float(finite.max())
-    if len(values) <= _FEW or low == high:
-        found = np.unique(values)
-        if len(found) <= LEVELS:
-            return values
+    if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
+        return values
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     grown = np.concatenate([[0], np.cumsum(np.cbrt(count))])

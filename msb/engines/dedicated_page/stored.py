@@ -52,12 +52,12 @@ class Stored:
 def store(array: NDArray[Any]) -> Stored:
     """Return `array`, float32, uint32 or uint8 with one or two axes, in a small form that fits."""
     table = np.ascontiguousarray(array).reshape(len(array), -1)
-    found = None
+    packed = None
     if table.dtype == np.float32 and table.size:
-        found = _as_rows(table) or _as_palette(table) or _as_grid(table)
-    if found is None:
-        found = _as_plain(table)
-    extra, parts = found
+        packed = _as_rows(table) or _as_palette(table) or _as_grid(table)
+    if packed is None:
+        packed = _as_plain(table)
+    extra, parts = packed
     raw = b"".join(parts)
     head = {"type": array.dtype.name, "shape": list(array.shape), **extra, "bytes": len(raw)}
     return Stored(head, zlib.compress(raw, 6))
@@ -126,10 +126,10 @@ def _as_palette(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]
     codes = np.zeros(table.shape, np.uint8)
     values = np.zeros((table.shape[1], LEVELS), np.uint32)
     for column in range(table.shape[1]):
-        found, code = np.unique(bits[:, column], return_inverse=True)
-        if len(found) > LEVELS:
+        distinct, code = np.unique(bits[:, column], return_inverse=True)
+        if len(distinct) > LEVELS:
             return None
-        values[column, : len(found)] = found
+        values[column, : len(distinct)] = distinct
         codes[:, column] = code
     return {"how": "palette"}, [_split(codes), values.tobytes()]
 
@@ -141,11 +141,11 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
     most = min(_MOST_ROWS, len(rows) // 4)
     if len(np.unique(rows[: 2 * most])) > most:
         return None
-    found, code = np.unique(rows, return_inverse=True)
-    if len(found) > most:
+    distinct, code = np.unique(rows, return_inverse=True)
+    if len(distinct) > most:
         return None
-    dtype = np.dtype(np.uint8 if len(found) <= LEVELS else np.uint16)
-    return {"how": "rows", "codes": dtype.name}, [_split(code[:, None].astype(dtype)), found.tobytes()]
+    dtype = np.dtype(np.uint8 if len(distinct) <= LEVELS else np.uint16)
+    return {"how": "rows", "codes": dtype.name}, [_split(code[:, None].astype(dtype)), distinct.tobytes()]
 
 
 def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:

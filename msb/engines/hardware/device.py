@@ -153,13 +153,13 @@ class DevicePlan:
 
     def _targets(self) -> dict[str, str]:
         """Return name -> format of what is drawn into."""
-        found: dict[str, str] = {}
+        formats: dict[str, str] = {}
         for step in self._plan.band_passes:
             if isinstance(step, Draws):
-                found |= dict.fromkeys(step.targets, self._plan.format)
-                found |= {Z_BUFFER: _DEPTH} if step.z_buffer else {}
-            found |= {binding.name: _STORED for binding in step.bindings if binding.kind == "store"}
-        return found
+                formats |= dict.fromkeys(step.targets, self._plan.format)
+                formats |= {Z_BUFFER: _DEPTH} if step.z_buffer else {}
+            formats |= {binding.name: _STORED for binding in step.bindings if binding.kind == "store"}
+        return formats
 
     def _group(self, number: int, step: Compute | Draws, k: int) -> Any:
         """Return the bind group of a step for band `k`."""
@@ -211,13 +211,13 @@ class DevicePlan:
                 stamps["beginning_of_pass_write_index"] = timed[1]
             if timed is not None and k == len(passes) - 1:
                 stamps["end_of_pass_write_index"] = timed[2]
-            told = {"timestamp_writes": {"query_set": timed[0], **stamps}} if timed and stamps else {}
+            options = {"timestamp_writes": {"query_set": timed[0], **stamps}} if timed and stamps else {}
             number, band = part[0]
             drawn = self._steps[number]
             if isinstance(drawn, Draws):
-                self._draw(encoder, number, drawn, band, told)
+                self._draw(encoder, number, drawn, band, options)
                 continue
-            computing = encoder.begin_compute_pass(**told)
+            computing = encoder.begin_compute_pass(**options)
             for number, band in part:
                 step = self._steps[number]
                 assert isinstance(step, Compute)

@@ -187,12 +187,12 @@ def _blended(
     held = (_BAND, Binding(2, "texture", "image"), Binding(3, "store", "covered"))
     bound = (VIEW_BINDING, _BAND, Binding(2, "texture", "covered"))
     parts = len(records) // chunks
-    found: list[Draws | Compute] = []
+    steps: list[Draws | Compute] = []
     for k in range(chunks):
         here = records[k * parts : (k + 1) * parts]
-        found.append(Compute("blend", "hold", "hold" if k else "begin", held))
-        found.append(Draws("blend", "draw", bound, targets, here, members, "load" if k else "clear"))
-    return *found, resolve
+        steps.append(Compute("blend", "hold", "hold" if k else "begin", held))
+        steps.append(Draws("blend", "draw", bound, targets, here, members, "load" if k else "clear"))
+    return *steps, resolve
 
 
 def _z_buffered(
@@ -204,11 +204,11 @@ def _z_buffered(
     once for each part, which takes its own faces.
     """
     planner.upload("decoder", surface.decoder, "uniform")
-    found: list[Draws | Compute] = []
+    steps: list[Draws | Compute] = []
     for number, (name, rows) in enumerate(_parts(planner, "opacity", surface.opacity)):
         bound = (VIEW_BINDING, _BAND, Binding(2, "read", name), replace(rows, number=3))
         first = "load" if number else "clear"
-        found.append(Draws("raster", "draw", bound, ("nearest",), records, members, first, z_buffer=True))
+        steps.append(Draws("raster", "draw", bound, ("nearest",), records, members, first, z_buffer=True))
     for name, rows in _parts(planner, "features", surface.features):
         bindings = (
             *planner.model(),
@@ -220,8 +220,8 @@ def _z_buffered(
             replace(_PIXELS, number=9),
             Binding(10, "write", "keys"),
         )
-        found.append(Compute("decode", "decode", "surface", bindings))
-    return tuple(found)
+        steps.append(Compute("decode", "decode", "surface", bindings))
+    return tuple(steps)
 
 
 def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
@@ -260,12 +260,12 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
         planner.buffer("colors", 12 * colored, "storage")
     if debug:
         planner.buffer("rectangles", 16 * packed.faces, "storage", "copy_src")
-    found: list[Compute] = []
+    dispatches: list[Compute] = []
     keys = [Binding(7, "write", "keys"), *([Binding(9, "write", "rectangles")] if debug else [])]
     room = planner.limits.binding // max(4 * packed.rest_stride, 1)
     parts = _ranges(colored if colors else 0, min(room, _GROUP * _MOST_GROUPS))
     for first, count in parts:
-        name = "f_rest" if len(parts) == 1 else f"f_rest {len(found)}"
+        name = "f_rest" if len(parts) == 1 else f"f_rest {len(dispatches)}"
         rest = packed.arrays["f_rest"]
         planner.upload(name, rest[first : first + count] if packed.rest_stride else rest)
         bindings = [
@@ -277,12 +277,12 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
             *(keys if packed.soup else []),
         ]
         module, entry = ("project", "project") if packed.soup else ("shade", "shade_vertices")
-        found.append(Compute("project", module, entry, tuple(bindings), -(-count // _GROUP)))
+        dispatches.append(Compute("project", module, entry, tuple(bindings), -(-count // _GROUP)))
     if not packed.soup:
         for first, count in _ranges(packed.faces, _GROUP * _MOST_GROUPS):
             bindings = [*planner.model(), planner.part(first, count), *keys]
-            found.append(Compute("project", "project", "project", tuple(bindings), -(-count // _GROUP)))
-    return found
+            dispatches.append(Compute("project", "project", "project", tuple(bindings), -(-count // _GROUP)))
+    return dispatches
 
 
 def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[Compute]:
@@ -297,23 +297,23 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
     shifts = [0] if order == "none" else list(range(0, _KEY_BITS, _DIGIT_BITS))
     steps = [(shift, mask, faces, blocks, chunks, parts, 0, 0) for shift in shifts]
     planner.upload("steps", _slots(np.array(steps, np.uint32)), "uniform")
-    found = []
+    dispatches = []
     for k in range(len(shifts)):
         source, target = ("b", "a") if k % 2 == 0 else ("a", "b")
         step = Binding(0, "uniform", "steps", SLOT * k, 32)
         keys = Binding(1, "read", f"keys {source}" if k else "keys")
-        sums, told = Binding(5, "write", "sums"), Binding(6, "read" if k else "write", "arguments")
+        sums, counts = Binding(5, "write", "sums"), Binding(6, "read" if k else "write", "arguments")
         moved = [Binding(3, "write", f"keys {target}"), Binding(4, "write", f"faces {target}")]
         if k:
             moved.append(Binding(2, "read", f"faces {source}"))
         module = "sort" if k else "sort first"
         size: dict[str, Any] = {"indirect": 4} if k else {"groups": blocks}
-        found += [
-            Compute("sort", module, "count", (step, keys, sums, told), **size),
-            Compute("sort", module, "scan", (step, sums, told), groups=1),
-            Compute("sort", module, "place", (step, keys, sums, told, *moved), **size),
+        dispatches += [
+            Compute("sort", module, "count", (step, keys, sums, counts), **size),
+            Compute("sort", module, "scan", (step, sums, counts), groups=1),
+            Compute("sort", module, "place", (step, keys, sums, counts, *moved), **size),
         ]
-    return found
+    return dispatches
 
 
 def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
@@ -330,7 +330,7 @@ def _ranges(count: int, most: int) -> list[tuple[int, int]]:
 
 def _slots(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Return rows of a uniform buffer, each in a slot of its own."""
-    found = np.zeros((max(len(rows), 1), SLOT // 4), np.uint32)
+    slots = np.zeros((max(len(rows), 1), SLOT // 4), np.uint32)
     if len(rows):
-        found[:, : rows.shape[1]] = rows
-    return found
+        slots[:, : rows.shape[1]] = rows
+    return slots

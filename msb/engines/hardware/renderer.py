@@ -111,7 +111,7 @@ class HardwareRenderer:
             stops=stops,
             debug=debug,
         )
-        with gpu.told("opening the device"):
+        with gpu.reporting("opening the device"):
             gpu.open(_LIMITS, timed=gpu.kind == "gpu")
             self._runs = DevicePlan(gpu, self._plan)
         self._size: tuple[int, int] | None = None
@@ -124,20 +124,20 @@ class HardwareRenderer:
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
         self._check_open()
-        with self._gpu.told("drawing"):
+        with self._gpu.reporting("drawing"):
             drawn = self._run(camera, background, read=True)
             pixels = self._gpu.read_back("pixels").view(np.float32)
             keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
-        found = np.zeros((camera.height, camera.width, 5), np.float32)
+        planes = np.zeros((camera.height, camera.width, 5), np.float32)
         for band in self._runs.bands:
             first = band.offset // 4
             here = pixels[first : first + 5 * band.width * band.height]
-            place = found[band.y : band.y + band.height, band.x : band.x + band.width]
+            place = planes[band.y : band.y + band.height, band.x : band.x + band.width]
             place[:] = here.reshape(band.height, band.width, 5)
         return Frame(
-            image=np.ascontiguousarray(found[..., :3]),
-            alpha=np.ascontiguousarray(found[..., 3]),
-            depth=np.ascontiguousarray(found[..., 4]),
+            image=np.ascontiguousarray(planes[..., :3]),
+            alpha=np.ascontiguousarray(planes[..., 3]),
+            depth=np.ascontiguousarray(planes[..., 4]),
             visible=keys != np.uint32(0xFFFFFFFF),
             timings=drawn.stages,
         )
@@ -145,7 +145,7 @@ class HardwareRenderer:
     def draw(self, camera: Camera, background: Color) -> Drawn:
         """Draw and wait, reading nothing back."""
         self._check_open()
-        with self._gpu.told("drawing"):
+        with self._gpu.reporting("drawing"):
             return self._run(camera, background, read=False)
 
     def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
@@ -165,15 +165,15 @@ class HardwareRenderer:
         A software adapter computes where we wait, so this costs nothing; lavapipe's timestamps do not say
         how long a compute pass took, because they are written when the next draw is.
         """
-        found: dict[str, float] = {}
+        spent: dict[str, float] = {}
         begun = time.perf_counter()
         for stage, steps in self._runs.stages():
             start = time.perf_counter()
             encoder = self._gpu.device.create_command_encoder()
             self._runs.encode(encoder, steps)
             self._gpu.run(encoder)
-            found[stage] = found.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
-        return Drawn(found, 1000 * (time.perf_counter() - begun))
+            spent[stage] = spent.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
+        return Drawn(spent, 1000 * (time.perf_counter() - begun))
 
     def _at_once(self) -> Drawn:
         """Submit a frame as one, timed by the device itself where it can."""
@@ -188,10 +188,10 @@ class HardwareRenderer:
         if self._gpu.tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
         times *= self._gpu.tick / 1e6
-        found: dict[str, float] = {}
+        spent: dict[str, float] = {}
         for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
-            found[stage] = found.get(stage, 0.0) + max(0.0, ended - began)
-        return Drawn(found, max(0.0, float(times[-1, 1] - times[0, 0])))
+            spent[stage] = spent.get(stage, 0.0) + max(0.0, ended - began)
+        return Drawn(spent, max(0.0, float(times[-1, 1] - times[0, 0])))
 
     def _make_targets(self, width: int, height: int) -> None:
         if self._size == (width, height):

@@ -37,7 +37,7 @@ def _resolved(file: str, package: str, defined: set[str], seen: set[str]) -> lis
     seen.add(file)
     places = [resources.files(place) / file for place in (package, _OWN)]
     text = next(place for place in places if place.is_file()).read_text("utf-8")
-    found: list[str] = []
+    lines: list[str] = []
     kept = [True]
     for line in text.splitlines():
         condition, include = _CONDITION.fullmatch(line), _INCLUDE.fullmatch(line)
@@ -48,16 +48,16 @@ def _resolved(file: str, package: str, defined: set[str], seen: set[str]) -> lis
         elif line == "#endif":
             kept.pop()
         elif kept[-1]:
-            found += _resolved(include[1], package, defined, seen) if include else [line]
-    return found
+            lines += _resolved(include[1], package, defined, seen) if include else [line]
+    return lines
 
 
 def face_members(text: str) -> list[str]:
     """Return the names of the members of `struct Face`, all of them vec4<f32>, in an assembled text."""
-    found = _FACE.search(text)
-    if found is None:
+    match = _FACE.search(text)
+    if match is None:
         raise ValueError("a method's WGSL defines no struct Face")
-    return re.findall(r"^ *(\w+): vec4<f32>,", found[1], re.MULTILINE)
+    return re.findall(r"^ *(\w+): vec4<f32>,", match[1], re.MULTILINE)
 
 
 def as_attributes(text: str, members: list[str]) -> str:
