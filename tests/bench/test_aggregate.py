@@ -6,7 +6,6 @@ import json
 from collections import defaultdict
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from msb.bench.aggregate import (
@@ -58,14 +57,6 @@ def test_nine_scenes_are_not_two_groups() -> None:
     values |= dict.fromkeys(scene_groups("mipnerf360")["outdoor_mean"], 9.0)
     assert mean_over(values, SCENES["mipnerf360"]).value == 5
     assert {len(names) for names in SCENES.values()} == {9, 2, 8, 15}
-
-
-def test_percentiles_are_averaged_never_pooled() -> None:
-    scenes = {"a": [1, 1, 1, 9], "b": [2, 2, 2, 2]}
-    each = {name: float(np.percentile(times, 95)) for name, times in scenes.items()}
-    assert each == {"a": pytest.approx(7.8), "b": 2}
-    assert mean_over(each, scenes).value == pytest.approx(4.9)
-    assert np.percentile(np.concatenate(list(scenes.values())), 95) == pytest.approx(6.55)
 
 
 def test_missing_values_make_a_mean_partial_and_never_zero() -> None:

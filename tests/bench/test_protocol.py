@@ -107,6 +107,7 @@ WRONG = {
     MINIMAL + "[timing]\nframes = 1.5\n": "/timing/frames",
     MINIMAL + "[timing]\nseconds = nan\n": "it holds what it may not",
     MINIMAL + "[chamfer]\n": "/chamfer/data: field required",
+    MINIMAL + '[trial]\ntasks = ["uvs"]\n': '/trial/tasks: there is no task "uvs"',
     MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
     'engines = ["standard"]\n' + MINIMAL: 'there is no engine "standard"',
     MINIMAL.replace('model = "out/{method}/{scene}"', ""): "it has no model",

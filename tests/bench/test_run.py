@@ -196,7 +196,7 @@ def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path)
 @pytest.mark.slow
 def test_two_models_of_one_method_on_one_scene_are_refused(again: ProtocolFile) -> None:
     twice = again.protocol.model_copy(update={"methods": (again.protocol.methods[0],) * 2})
-    with pytest.raises(MsbError, match=r"PROTOCOL_INVALID.*two models of two_dts"):
+    with pytest.raises(MsbError, match=r'PROTOCOL_INVALID: .*two models of two_dts on pebble.*"ours"'):
         run_protocol(replace(again, protocol=twice))
 
 

@@ -9,7 +9,6 @@ import pytest
 from msb.bench.folder import Results
 from msb.bench.records import read_result
 from msb.bench.run import run_protocol
-from msb.errors import InputError
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
@@ -46,9 +45,3 @@ def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) 
     assert "What happened when it was tried" in pages[0]
     assert "data:image/png;base64," in pages[0].partition("What happened")[2]
     assert "What each way to repair the mesh keeps and costs." in pages[0].partition("usable, and what")[2]
-
-
-def test_a_task_that_is_none_is_refused_with_its_place(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r'/trial/tasks: there is no task "uvs"') as caught:
-        protocol(tmp_path, tail='[trial]\ntasks = ["uvs"]')
-    assert (caught.value.code, caught.value.pointer) == ("PROTOCOL_INVALID", "/trial/tasks")

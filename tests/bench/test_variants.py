@@ -15,7 +15,6 @@ from msb import metrics
 from msb.bench.protocol import parse_protocol
 from msb.bench.records import read_result
 from msb.bench.run import run_protocol
-from msb.errors import MsbError
 from msb.render.images import to_bytes
 from msb.report.collect import REFERENCE, collect
 from msb.report.findings import find
@@ -23,7 +22,7 @@ from msb.report.numbers import MEAN, GapKey, Key, RatioKey, condition_title
 from msb.report.results import read_results
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.scenes.datasets import read_scene
-from tests.bench.protocols import PEBBLE, STUBS, planned, protocol, records
+from tests.bench.protocols import PEBBLE, STUBS, planned, protocol
 
 if TYPE_CHECKING:
     from msb.bench.protocol import ProtocolFile
@@ -97,15 +96,12 @@ def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: Protocol
     assert [row.planned.cell.names[2:] for row in one.rows] == [("ours", "engine")]
 
 
-def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile, tmp_path: Path) -> None:
+def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile) -> None:
     first, second = (read_result(record(varied, f"{name}/dedicated")) for name in ("two_dts", "ours"))
     assert second.cell.method == "two_dts"
     assert first.quality.values["psnr"] != second.quality.values["psnr"]
     numbers = collect(read_results(varied.results))
     assert numbers.methods("nerf_synthetic") == ["two_dts", "diffsoup", "ours"]
-    twice = protocol(tmp_path, ("two_dts", "two_dts"))
-    with pytest.raises(MsbError, match=r'PROTOCOL_INVALID: .*two models of two_dts on pebble.*"ours"'):
-        run_protocol(twice)
 
 
 def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> None:
@@ -140,11 +136,3 @@ def test_findings_say_that_non_engine_is_our_own_reference_and_are_ten_at_most(v
     assert any("Dedicated, engine" in sentence for sentence in gaps)
     assert all("Non-Engine is drawn by our own reference renderer here" in sentence for sentence in gaps)
     assert not any("-0.00" in one.sentence for one in found)
-
-
-def test_processes_do_not_show_in_variants(varied: ProtocolFile, tmp_path: Path) -> None:
-    alone = replace(varied, path=tmp_path / "protocol.toml")
-    assert run_protocol(alone, jobs=1, only=["engine"]).exit_status == 0
-    found, wanted = records(alone.results), records(varied.results)
-    assert list(found) == [name for name in wanted if "/engine/" in name]
-    assert found == {name: wanted[name] for name in found}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -171,11 +172,17 @@ def test_runs_and_reports_have_it(site: Path, msb: Msb, tmp_path: Path) -> None:
     for quality in records.values():
         values = [image["edges"] for image in quality["images"]]
         assert quality["edges"] == pytest.approx(math.fsum(values) / len(values))
-    assert msb("report", "-o", tmp_path / "report", file.results, **where).status == 0
-    (gaps,) = (tmp_path / "report").rglob("gaps-nerf_synthetic.csv")
+    # A record of before the metric is read beside them.
+    write(file.results, make_result("mipnerf360", "garden", "two_dts", "standard"))
+    report = tmp_path / "report"
+    assert msb("report", "--allow-mixed", "-o", report, file.results, **where).status == 0
+    tables = {path.stem: path.read_text() for path in report.rglob("*.csv")}
     loss = records["standard"]["edges"] - records["dedicated"]["edges"]
-    (row,) = (line for line in gaps.read_text().splitlines() if line.startswith("Edges ↓,2DTS"))
+    (row,) = (line for line in tables["gaps-nerf_synthetic"].splitlines() if line.startswith("Edges ↓,2DTS"))
     assert f"{loss:.4f}," in row
+    assert "Edges ↓" in tables["renderer_comparison-nerf_synthetic"]
+    assert ">Edges" in (report / "verdict-nerf_synthetic-pebble-two_dts.html").read_text()
+    shutil.rmtree(file.results / "cells" / "mipnerf360")
     # Without the package the records are read, and a note says what is left out.
     without = msb("report", "-o", tmp_path / "without", file.results)
     assert without.status == 0, without.err
