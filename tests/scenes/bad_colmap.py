@@ -13,19 +13,19 @@ LENSES, SHOTS = many(lens_bin()), many(shot_bin())
 TEXT = {"cameras.txt": b"1 PINHOLE 40 30 50 49 20 15\n", "images.txt": b"5 1 0 0 0 0 0 0 1 a.png\n1 2 -1\n"}
 
 
-def colmap(code: str, message: str, cameras: bytes = LENSES, images: bytes = SHOTS) -> Bad:
+def colmap(message: str, cameras: bytes = LENSES, images: bytes = SHOTS, code: str = "COLMAP_INVALID") -> Bad:
     return {"cameras.bin": cameras, "images.bin": images}, "", code, message
 
 
-def with_lens(code: str, message: str, *values: Any, **more: Any) -> Bad:
-    return colmap(code, message, many(lens_bin(*values, **more)))
+def with_lens(message: str, *values: Any, code: str = "COLMAP_INVALID", **more: Any) -> Bad:
+    return colmap(message, many(lens_bin(*values, **more)), code=code)
 
 
-def with_shot(code: str, message: str, *values: Any, **more: Any) -> Bad:
-    return colmap(code, message, images=many(shot_bin(*values, **more)))
+def with_shot(message: str, *values: Any, code: str = "COLMAP_INVALID", **more: Any) -> Bad:
+    return colmap(message, images=many(shot_bin(*values, **more)), code=code)
 
 
-def text(code: str, message: str, **change: bytes) -> Bad:
+def text(message: str, code: str = "COLMAP_INVALID", **change: bytes) -> Bad:
     return {**TEXT, **{f"{key}.txt": value for key, value in change.items()}}, "", code, message
 
 
@@ -34,48 +34,42 @@ def lens_line(parameters: bytes, head: bytes = b"1 PINHOLE 40 30 ") -> bytes:
 
 
 BAD_COLMAP: dict[str, Bad] = {
-    "empty cameras": colmap("COLMAP_INVALID", "byte 0: the file ends within the number", b""),
-    "empty images": colmap("COLMAP_INVALID", "the number of records, 8 bytes too early", images=b""),
+    "empty cameras": colmap("byte 0: the file ends within the number", b""),
+    "empty images": colmap("the number of records, 8 bytes too early", images=b""),
     "huge count of cameras": colmap(
-        "COLMAP_INVALID", "18446744073709551615 cameras of at least 24 bytes", many(count=2**64 - 1)
+        "18446744073709551615 cameras of at least 24 bytes", many(count=2**64 - 1)
     ),
-    "one camera more declared": colmap(
-        "COLMAP_INVALID", "byte 64: the file ends within camera 1", many(lens_bin(), count=2)
-    ),
-    "camera trailing": colmap("COLMAP_INVALID", "byte 64: 4 bytes follow", LENSES + b"more"),
-    "image cut in the pose": colmap(
-        "COLMAP_INVALID", "image 1", images=many(shot_bin(points=9), shot_bin()[:40], count=2)
-    ),
+    "one camera more declared": colmap("byte 64: the file ends within camera 1", many(lens_bin(), count=2)),
+    "camera trailing": colmap("byte 64: 4 bytes follow", LENSES + b"more"),
+    "image cut in the pose": colmap("image 1", images=many(shot_bin(points=9), shot_bin()[:40], count=2)),
     "image name without end": colmap(
-        "COLMAP_INVALID", "the name of image 0 does not end", images=many(shot_bin()[:64] + b"a.png" * 5)
+        "the name of image 0 does not end", images=many(shot_bin()[:64] + b"a.png" * 5)
     ),
-    "image cut in the points": colmap(
-        "COLMAP_INVALID", "the 2D points of image 0", images=many(shot_bin(points=3))[:-1]
-    ),
-    "huge count of 2d points": with_shot("COLMAP_INVALID", "the 2D points of image 0", count=2**64 - 1),
-    "model unknown": with_lens("CAMERA_DISTORTED", "byte 8: camera id 1: the camera model is 11", 1, 11),
-    "camera id twice": colmap("COLMAP_INVALID", "byte 64: camera id 1", many(lens_bin(), lens_bin())),
+    "image cut in the points": colmap("the 2D points of image 0", images=many(shot_bin(points=3))[:-1]),
+    "huge count of 2d points": with_shot("the 2D points of image 0", count=2**64 - 1),
+    "model unknown": with_lens("byte 8: camera id 1: the camera model is 11", 1, 11, code="CAMERA_DISTORTED"),
+    "camera id twice": colmap("byte 64: camera id 1", many(lens_bin(), lens_bin())),
     "image name twice": colmap(
-        "CAMERA_FILE", "cameras 0 and 1 are both called 'a.png'", images=many(shot_bin(), shot_bin(2))
+        "cameras 0 and 1 are both called 'a.png'", images=many(shot_bin(), shot_bin(2)), code="CAMERA_FILE"
     ),
-    "no image": colmap("CAMERA_NONE", "there is no camera in it", images=many()),
-    "camera id unknown": with_shot("COLMAP_INVALID", "names camera id 2, which cameras.bin", lens=2),
-    "quaternion zero": with_shot(
-        "COLMAP_INVALID", "image id 1 (a.png) has the quaternion 0 0 0 0", q=(0, 0, 0, 0)
-    ),
-    "quaternion nan": with_shot("COLMAP_INVALID", "nan 0 0 0", q=(math.nan, 0, 0, 0)),
-    "translation huge": with_shot("CAMERA_INVALID", "translates by 1e+300", t=(0, 1e300, 0)),
+    "no image": colmap("there is no camera in it", images=many(), code="CAMERA_NONE"),
+    "camera id unknown": with_shot("names camera id 2, which cameras.bin", lens=2),
+    "quaternion zero": with_shot("image id 1 (a.png) has the quaternion 0 0 0 0", q=(0, 0, 0, 0)),
+    "quaternion nan": with_shot("nan 0 0 0", q=(math.nan, 0, 0, 0)),
+    "translation huge": with_shot("translates by 1e+300", t=(0, 1e300, 0), code="CAMERA_INVALID"),
     "focal zero": with_lens(
-        "CAMERA_INVALID", "byte 8: camera id 1: the focal length is 0.0", parameters=(0, 1, 2, 3)
+        "byte 8: camera id 1: the focal length is 0.0", parameters=(0, 1, 2, 3), code="CAMERA_INVALID"
     ),
-    "principal nan": with_lens("CAMERA_INVALID", "is nan", parameters=(50, 49, 2, math.nan)),
-    "width zero": with_lens("CAMERA_INVALID", "width is 0", width=0),
-    "width absurd": with_lens("CAMERA_INVALID", "18446744073709551615", width=2**64 - 1),
-    "pixels absurd": with_lens("CAMERA_INVALID", "4294836225 pixels", width=65535, height=65535),
-    "name up": with_shot("CAMERA_INVALID", "byte 8: image id 1 (../a.png): the name", name=b"../a.png\0"),
-    "name empty": with_shot("CAMERA_INVALID", "1 to 1024 characters", name=b"\0"),
-    "name with a line end": with_shot("CAMERA_INVALID", "control character", name=b"a\nb\0"),
-    "name not utf-8": with_shot("CAMERA_INVALID", "is not UTF-8", name=b"\xff\xfe\0"),
+    "principal nan": with_lens("is nan", parameters=(50, 49, 2, math.nan), code="CAMERA_INVALID"),
+    "width zero": with_lens("width is 0", width=0, code="CAMERA_INVALID"),
+    "width absurd": with_lens("18446744073709551615", width=2**64 - 1, code="CAMERA_INVALID"),
+    "pixels absurd": with_lens("4294836225 pixels", width=65535, height=65535, code="CAMERA_INVALID"),
+    "name up": with_shot(
+        "byte 8: image id 1 (../a.png): the name", name=b"../a.png\0", code="CAMERA_INVALID"
+    ),
+    "name empty": with_shot("1 to 1024 characters", name=b"\0", code="CAMERA_INVALID"),
+    "name with a line end": with_shot("control character", name=b"a\nb\0", code="CAMERA_INVALID"),
+    "name not utf-8": with_shot("is not UTF-8", name=b"\xff\xfe\0", code="CAMERA_INVALID"),
     "images missing": (
         {"cameras.bin": LENSES},
         "",
@@ -91,82 +85,65 @@ BAD_COLMAP: dict[str, Bad] = {
     "a file of the model": ({"images.bin": SHOTS}, "images.bin", "CAMERA_SOURCE", "give the folder"),
     **{
         f"{name} distorted": with_lens(
-            "CAMERA_DISTORTED",
             f"camera id 1: the camera model is {name}",
             1,
             model.number,
             parameters=lens_parameters(name, 0 if model.fisheye else 0.01),
+            code="CAMERA_DISTORTED",
         )
         for name, model in MODELS.items()
         if model.distortions
     },
     "distortion nan": with_lens(
-        "CAMERA_DISTORTED", "distortion nan", 1, 2, parameters=lens_parameters("SIMPLE_RADIAL", math.nan)
+        "distortion nan", 1, 2, parameters=lens_parameters("SIMPLE_RADIAL", math.nan), code="CAMERA_DISTORTED"
     ),
 }
 
 BAD_TEXT: dict[str, Bad] = {
-    "empty": text("CAMERA_NONE", "there is no camera", images=b""),
-    "short camera": text(
-        "COLMAP_INVALID", "line 2: a camera is ID MODEL", cameras=lens_line(b"", b"1 PINHOLE 40")
+    "empty": text("there is no camera", images=b"", code="CAMERA_NONE"),
+    "short camera": text("line 2: a camera is ID MODEL", cameras=lens_line(b"", b"1 PINHOLE 40")),
+    "few parameters": text("PINHOLE has 4 parameters; this has 3", cameras=lens_line(b"50 49 20")),
+    "model unknown": text(
+        "is CAHVOR", cameras=lens_line(b"1 2 3", b"1 CAHVOR 40 30 "), code="CAMERA_DISTORTED"
     ),
-    "few parameters": text(
-        "COLMAP_INVALID", "PINHOLE has 4 parameters; this has 3", cameras=lens_line(b"50 49 20")
-    ),
-    "model unknown": text("CAMERA_DISTORTED", "is CAHVOR", cameras=lens_line(b"1 2 3", b"1 CAHVOR 40 30 ")),
-    "width long": text(
-        "COLMAP_INVALID", "18 digits", cameras=lens_line(b"5 4 2 1", b"1 PINHOLE " + b"9" * 5000 + b" 30 ")
-    ),
-    "focal word": text(
-        "COLMAP_INVALID", "line 2: '50,5' is not a number", cameras=lens_line(b"50,5 49 20 15")
-    ),
-    "focal underscore": text("COLMAP_INVALID", "'5_0' is not a number", cameras=lens_line(b"5_0 49 20 15")),
-    "camera id twice": text("COLMAP_INVALID", "line 2", cameras=TEXT["cameras.txt"] * 2),
-    "short image": text("COLMAP_INVALID", "line 1: an image is ID QW", images=b"5 1 0 0 0 0 0 0 1\n\n"),
-    "camera id unknown": text("COLMAP_INVALID", "which cameras.txt", images=b"5 1 0 0 0 0 0 0 9 a\n\n"),
+    "width long": text("18 digits", cameras=lens_line(b"5 4 2 1", b"1 PINHOLE " + b"9" * 5000 + b" 30 ")),
+    "focal word": text("line 2: '50,5' is not a number", cameras=lens_line(b"50,5 49 20 15")),
+    "focal underscore": text("'5_0' is not a number", cameras=lens_line(b"5_0 49 20 15")),
+    "camera id twice": text("line 2", cameras=TEXT["cameras.txt"] * 2),
+    "short image": text("line 1: an image is ID QW", images=b"5 1 0 0 0 0 0 0 1\n\n"),
+    "camera id unknown": text("which cameras.txt", images=b"5 1 0 0 0 0 0 0 9 a\n\n"),
     "empty line lost": text(
-        "COLMAP_INVALID",
         "line 2: 10 words stand where the 2D points of the image above are",
         images=b"5 1 0 0 0 0 0 0 1 a\n6 1 0 0 0 0 0 0 1 b\n7 1 0 0 0 0 0 0 1 c\n",
     ),
-    "name up": text("CAMERA_INVALID", "'..'", images=b"5 1 0 0 0 0 0 0 1 a/../../b\n\n"),
+    "name up": text("'..'", images=b"5 1 0 0 0 0 0 0 1 a/../../b\n\n", code="CAMERA_INVALID"),
     "huge line": text(
-        "COLMAP_INVALID",
-        "line 3: the line has more than the 16777216",
-        images=b"#\n\n" + b"5" * (18 << 20) + b"\n",
+        "line 3: the line has more than the 16777216", images=b"#\n\n" + b"5" * (18 << 20) + b"\n"
     ),
 }
 
 BAD_POINTS: dict[str, Bad] = {
-    f"{suffix}: {name}": ({f"points3D.{suffix}": content}, f"points3D.{suffix}", code, message)
+    f"{suffix}: {name}": ({f"points3D.{suffix}": content}, f"points3D.{suffix}", "COLMAP_INVALID", message)
     for suffix, table in {
         "bin": {
-            "empty": (b"", "COLMAP_INVALID", "the number of records"),
-            "huge count": (many(count=2**63), "COLMAP_INVALID", "points of at least 51 bytes each"),
-            "one more declared": (
-                many(point_bin(track=9), count=2),
-                "COLMAP_INVALID",
-                "within point 1 of 2",
-            ),
-            "cut in a track": (many(point_bin(track=3))[:-1], "COLMAP_INVALID", "within point 0 of 1"),
-            "huge track": (many(point_bin(declared=2**64 - 1)), "COLMAP_INVALID", "within point 0 of 1"),
-            "trailing": (many(point_bin()) + b"\0", "COLMAP_INVALID", "1 bytes follow"),
-            "nan": (
-                many(point_bin(), point_bin(xyz=(1, math.nan, 2))),
-                "COLMAP_INVALID",
-                "byte 59: point 1 is at 1.0 nan",
-            ),
+            "empty": (b"", "the number of records"),
+            "huge count": (many(count=2**63), "points of at least 51 bytes each"),
+            "one more declared": (many(point_bin(track=9), count=2), "within point 1 of 2"),
+            "cut in a track": (many(point_bin(track=3))[:-1], "within point 0 of 1"),
+            "huge track": (many(point_bin(declared=2**64 - 1)), "within point 0 of 1"),
+            "trailing": (many(point_bin()) + b"\0", "1 bytes follow"),
+            "nan": (many(point_bin(), point_bin(xyz=(1, math.nan, 2))), "byte 59: point 1 is at 1.0 nan"),
         },
         "txt": {
-            "short": (b"1 2 3 4 5 6 7\n", "COLMAP_INVALID", "line 1: a point is ID X Y Z R G B ERROR TRACK"),
-            "word": (b"# x\n1 2 3 four 5 6 7 8\n", "COLMAP_INVALID", "line 2: '2 3 four 5 6 7' is not a row"),
-            "underscore": (b"1 2 3_0 4 5 6 7 8\n", "COLMAP_INVALID", "3_0"),
-            "nan": (b"1 nan 3 4 5 6 7 8\n", "COLMAP_INVALID", "the point is nan 3 4"),
-            "color large": (b"1 2 3 4 5 256 7 8\n", "COLMAP_INVALID", "three colours 0 to 255"),
-            "color nan": (b"1 2 3 4 5 nan 7 8\n", "COLMAP_INVALID", "three colours"),
+            "short": (b"1 2 3 4 5 6 7\n", "line 1: a point is ID X Y Z R G B ERROR TRACK"),
+            "word": (b"# x\n1 2 3 four 5 6 7 8\n", "line 2: '2 3 four 5 6 7' is not a row"),
+            "underscore": (b"1 2 3_0 4 5 6 7 8\n", "3_0"),
+            "nan": (b"1 nan 3 4 5 6 7 8\n", "the point is nan 3 4"),
+            "color large": (b"1 2 3 4 5 256 7 8\n", "three colours 0 to 255"),
+            "color nan": (b"1 2 3 4 5 nan 7 8\n", "three colours"),
         },
     }.items()
-    for name, (content, code, message) in table.items()
+    for name, (content, message) in table.items()
 } | {
     "no points": (
         {"images.bin": SHOTS, "cameras.bin": LENSES},

@@ -157,46 +157,42 @@ def scaled_rotation() -> list[list[float]]:
 
 
 BAD = {
-    "zero width": ({"width": 0}, "CAMERA_INVALID", "width is 0; it must be a whole number of pixels from 1"),
-    "float width": ({"width": 5.0}, "CAMERA_INVALID", "width is 5.0"),
-    "many pixels": (
-        {"width": 40000, "height": 40000},
-        "CAMERA_INVALID",
-        "40000 x 40000 are 1600000000 pixels",
-    ),
-    "zero focal": ({"fx": 0}, "CAMERA_INVALID", "fx is 0; it must be a number of pixels from 1e-09"),
-    "nan focal": ({"fx": math.nan}, "CAMERA_INVALID", "fx is nan"),
-    "tiny focal": ({"fx": 1e-300}, "CAMERA_INVALID", "fx is 1e-300"),
-    "far center": ({"cy": -1e12}, "CAMERA_INVALID", "cy is -1000000000000.0"),
-    "3 x 4": ({"world_to_camera": np.eye(4)[:3]}, "CAMERA_INVALID", "of shape (3, 4); it must be 4 x 4"),
-    "complex": ({"world_to_camera": np.eye(4) * 1j}, "CAMERA_INVALID", "complex128"),
-    "nan pose": ({"world_to_camera": np.eye(4) * math.nan}, "CAMERA_INVALID", "world_to_camera[0, 0] is nan"),
-    "transposed": ({"world_to_camera": pose(1).T}, "CAMERA_INVALID", "the last row"),
-    "far": ({"world_to_camera": np.eye(4) + np.eye(4, k=3) * 1e19}, "CAMERA_INVALID", "translates by 1e+19"),
-    "scaled": ({"world_to_camera": scaled_rotation()}, "CAMERA_INVALID", "not orthonormal: R R^T differs"),
-    "singular": ({"world_to_camera": np.diag([1.0, 1, 0, 1])}, "CAMERA_INVALID", "by 1; 0.0001 is allowed"),
-    "mirrored": ({"world_to_camera": np.diag([1.0, -1, 1, 1])}, "CAMERA_INVALID", "determinant -1"),
-    "empty name": ({"name": ""}, "CAMERA_INVALID", "text of 1 to 1024 characters"),
-    "drive": ({"name": "C:x.png"}, "CAMERA_INVALID", "absolute"),
-    "backslash": ({"name": "..\\x.png"}, "CAMERA_INVALID", "backslash"),
-    "up": ({"name": "a/../b.png"}, "CAMERA_INVALID", "'..'"),
-    "trailing slash": ({"name": "a/"}, "CAMERA_INVALID", "empty part"),
-    "line end": ({"name": "a\nb"}, "CAMERA_INVALID", "control character"),
-    "surrogate": ({"name": "a\ud800"}, "CAMERA_INVALID", "surrogate"),
-    "bad source size": ({"source_size": (5, 0)}, "CAMERA_INVALID", "height is 0"),
-    "split": ({"split": "Test"}, "CAMERA_INVALID", "it must be train, val, test or None"),
+    "zero width": ({"width": 0}, "width is 0; it must be a whole number of pixels from 1"),
+    "float width": ({"width": 5.0}, "width is 5.0"),
+    "many pixels": ({"width": 40000, "height": 40000}, "40000 x 40000 are 1600000000 pixels"),
+    "zero focal": ({"fx": 0}, "fx is 0; it must be a number of pixels from 1e-09"),
+    "nan focal": ({"fx": math.nan}, "fx is nan"),
+    "tiny focal": ({"fx": 1e-300}, "fx is 1e-300"),
+    "far center": ({"cy": -1e12}, "cy is -1000000000000.0"),
+    "3 x 4": ({"world_to_camera": np.eye(4)[:3]}, "of shape (3, 4); it must be 4 x 4"),
+    "complex": ({"world_to_camera": np.eye(4) * 1j}, "complex128"),
+    "nan pose": ({"world_to_camera": np.eye(4) * math.nan}, "world_to_camera[0, 0] is nan"),
+    "transposed": ({"world_to_camera": pose(1).T}, "the last row"),
+    "far": ({"world_to_camera": np.eye(4) + np.eye(4, k=3) * 1e19}, "translates by 1e+19"),
+    "scaled": ({"world_to_camera": scaled_rotation()}, "not orthonormal: R R^T differs"),
+    "singular": ({"world_to_camera": np.diag([1.0, 1, 0, 1])}, "by 1; 0.0001 is allowed"),
+    "mirrored": ({"world_to_camera": np.diag([1.0, -1, 1, 1])}, "determinant -1"),
+    "empty name": ({"name": ""}, "text of 1 to 1024 characters"),
+    "drive": ({"name": "C:x.png"}, "absolute"),
+    "backslash": ({"name": "..\\x.png"}, "backslash"),
+    "up": ({"name": "a/../b.png"}, "'..'"),
+    "trailing slash": ({"name": "a/"}, "empty part"),
+    "line end": ({"name": "a\nb"}, "control character"),
+    "surrogate": ({"name": "a\ud800"}, "surrogate"),
+    "bad source size": ({"source_size": (5, 0)}, "height is 0"),
+    "split": ({"split": "Test"}, "it must be train, val, test or None"),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_camera_that_cannot_be_is_refused(name: str) -> None:
-    change, code, message = BAD[name]
+    change, message = BAD[name]
     good = {
         key: getattr(FRONT, key) for key in ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")
     }
     with pytest.raises(SceneError) as caught:
         Camera(**(good | change))
-    assert caught.value.code == code
+    assert caught.value.code == "CAMERA_INVALID"
     assert message in caught.value.message
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 300
