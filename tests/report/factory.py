@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image, ImageFilter
@@ -33,9 +33,15 @@ from msb.bench.records import (
     Training,
 )
 from msb.registry import METHODS
-from msb.report.numbers import MEAN, Key
+from msb.report.build import build_report
+from msb.report.collect import collect
+from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.paper import paper_numbers
+from msb.report.results import read_results
 from tests.report.documents import AUDIT, chamfer
+
+if TYPE_CHECKING:
+    from msb.report.verdict import Statement
 
 METHODS_OF_PAPER = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 CONDITIONS = ("non_engine", "dedicated", "standard", "exported_mesh")
@@ -80,6 +86,36 @@ def note_hashes(path: Path) -> None:
     for image in data["quality"]["images"] if data["quality"] else ():
         image["sha256"] = file_sha256(path.parent / image["file"])
     path.write_text(json.dumps(data))
+
+
+def measure(
+    root: Path, condition: str, psnr: float | None = None, ssim: float = 0.5, /, **changes: Any
+) -> Result:
+    """Write a record of 2DTS on the scene desk, or of what `changes` names, and return it.
+
+    `changes` are the dataset, scene and method, and parts of the record: a mapping replaces keys of a part.
+    """
+    where = {"dataset": "capture", "scene": "desk", "method": "two_dts"}
+    dataset, scene, method = (changes.pop(name, default) for name, default in where.items())
+    made = make_result(dataset, scene, method, condition)
+    if psnr is not None:
+        changes["quality"] = quality(made.cell, psnr, ssim, None)
+    for part, value in changes.items():
+        changes[part] = getattr(made, part).model_copy(update=value) if isinstance(value, dict) else value
+    made = made.model_copy(update=changes)
+    write(root, made)
+    return made
+
+
+def numbers_of(root: Path, **options: Any) -> Numbers:
+    """Return the numbers of a results folder."""
+    return collect(read_results(root, **options))
+
+
+def verdict_of(root: Path) -> dict[str, Statement]:
+    """Return the statements on the one asset of a results folder, by their use."""
+    (verdict,) = build_report(read_results(root), pictures=False).verdicts
+    return {one.use: one for one in verdict.statements}
 
 
 def make_result(dataset: str, scene: str, method: str, condition: str, **changes: Any) -> Result:

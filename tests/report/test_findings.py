@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from msb.bench.documents import ChamferDocument
-from msb.bench.records import Training
-from msb.report.collect import collect
 from msb.report.findings import find
-from msb.report.results import read_results
 from tests.report.documents import chamfer
-from tests.report.factory import make_result, quality, write
+from tests.report.factory import measure, numbers_of
 
 
 def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:
@@ -22,14 +18,11 @@ def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:
         ("mesh_splatting", 29.0, 0.8, 0.5, 40),
     ):
         for scene in ("desk", "chair"):
-            made = make_result("capture", scene, method, "non_engine")
-            changes: dict[str, Any] = {
-                "quality": quality(made.cell, psnr, ssim, None),
-                "chamfer": ChamferDocument.of(chamfer(overall)),
-                "training": Training(seconds=minutes * 60.0, peak_memory_bytes=None, source="x"),
-            }
-            write(tmp_path, made.model_copy(update=changes))
-    found = {one.kind: one.sentence for one in find(collect(read_results(tmp_path)))}
+            distance = ChamferDocument.of(chamfer(overall))
+            training = {"seconds": minutes * 60.0}
+            named = {"method": method, "scene": scene}
+            measure(tmp_path, "non_engine", psnr, ssim, **named, chamfer=distance, training=training)
+    found = {one.kind: one.sentence for one in find(numbers_of(tmp_path))}
     assert found["leaders"] == (
         "No method leads by every metric: on capture (Non-Engine) 2DTS by PSNR 31.00 dB and SSIM 0.900, "
         "MeshSplatting by CD 0.50 mm."
@@ -42,6 +35,5 @@ def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:
 @pytest.mark.parametrize("apart", [0.0, 0.004])
 def test_nobody_leads_by_less_than_a_table_shows(tmp_path: Path, apart: float) -> None:
     for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.0 + apart, 0.9)):
-        made = make_result("capture", "desk", method, "non_engine")
-        write(tmp_path, made.model_copy(update={"quality": quality(made.cell, psnr, ssim, None)}))
-    assert "leaders" not in {one.kind for one in find(collect(read_results(tmp_path)))}
+        measure(tmp_path, "non_engine", psnr, ssim, method=method)
+    assert "leaders" not in {one.kind for one in find(numbers_of(tmp_path))}

@@ -8,14 +8,12 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from msb.report.collect import collect
 from msb.report.figures import deployment_gap
 from msb.report.findings import find
 from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, Key, Numbers
-from msb.report.results import read_results
 from msb.report.tables.gaps import gaps_table
-from tests.report.factory import make_result, quality, write
+from tests.report.factory import make_result, measure, numbers_of, quality, write
 
 
 @pytest.fixture
@@ -29,7 +27,7 @@ def gap_with_a_scene_missing(tmp_path: Path) -> Numbers:
                 shifts = (-0.5, 0.0, 0.5) if condition == "dedicated" else (-0.4, 0.0, 0.4)
                 parts = {"quality": quality(made.cell, psnr, 0.5, None, shifts)}
             write(tmp_path, made.model_copy(update=parts))
-    return collect(read_results(tmp_path))
+    return numbers_of(tmp_path)
 
 
 def test_the_means_beside_a_gap_are_of_its_own_scenes(gap_with_a_scene_missing: Numbers) -> None:
@@ -57,9 +55,8 @@ def test_the_chart_of_gaps_joins_means_of_the_same_scenes(
 
 def test_what_rounds_to_nothing_has_no_sign_and_is_monotone(tmp_path: Path) -> None:
     for condition, psnr in (("non_engine", 30.0), ("dedicated", 30.004), ("standard", 20.0)):
-        made = make_result("capture", "desk", "two_dts", condition)
-        write(tmp_path, made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, None)}))
-    numbers = collect(read_results(tmp_path))
+        measure(tmp_path, condition, psnr)
+    numbers = numbers_of(tmp_path)
     cells = gaps_table(numbers, "capture").rows[0].cells
     assert [cell.text for cell in cells[:8]] == [
         "0.00", "10.00", "10.00", "0.00", "+10.00", "+10.00", "yes", "0.00",

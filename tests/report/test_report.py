@@ -24,7 +24,13 @@ from msb.report.pages import report_files
 from msb.report.paper import paper_numbers
 from msb.report.results import Loaded, Place, read_results, result_set
 from tests.report.documents import AUDIT
-from tests.report.factory import make_result, quality, write, write_results
+from tests.report.factory import (
+    make_result,
+    measure,
+    numbers_of,
+    write,
+    write_results,
+)
 from tests.report.test_writers import HOSTILE
 
 if TYPE_CHECKING:
@@ -88,12 +94,9 @@ def test_findings_point_at_tables_that_exist(report: Report) -> None:
 
 
 def test_not_monotone_cases_are_found(tmp_path: Path) -> None:
-    from msb.report.collect import collect
-
     for condition, psnr in (("non_engine", 20.0), ("dedicated", 22.0), ("standard", 15.0)):
-        made = make_result("capture", "desk", "two_dts", condition)
-        write(tmp_path, made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, None)}))
-    said = sentences(collect(read_results(tmp_path)))
+        measure(tmp_path, condition, psnr)
+    said = sentences(numbers_of(tmp_path))
     assert said["not_monotone"] == [
         "2DTS on capture is not monotone in PSNR: Dedicated is better than Non-Engine (losses: adapt -2.00, "
         "port +7.00, deploy +5.00), so adapt + port exceeds deploy by 4.00."

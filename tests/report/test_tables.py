@@ -13,17 +13,24 @@ from msb.bench.records import Cell as Place
 from msb.bench.records import Reason, RendererInfo, Result
 from msb.metrics.vgg import weights_source
 from msb.report import tables
-from msb.report.collect import NOT_RUN, REFERENCE, collect
+from msb.report.collect import NOT_RUN, REFERENCE
 from msb.report.layout import mark_best
 from msb.report.metric_format import text
 from msb.report.numbers import MEAN, GapKey, Key, Number, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import Place as ResultPlace
-from msb.report.results import read_results
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.asset import asset_tables
 from msb.report.tables.runtime import DRIVER_NOTE
-from tests.report.factory import make_result, quality, write, write_results
+from tests.report.factory import (
+    METRICS,
+    make_result,
+    measure,
+    numbers_of,
+    quality,
+    write,
+    write_results,
+)
 
 
 def row_of(table: Table, *labels: str) -> Row:
@@ -99,14 +106,10 @@ def partial(root: Path) -> Numbers:
     """Return numbers of which one scene is missing, one failed, and one condition is not supported."""
     write_results(root, datasets=["mipnerf360"], methods=["two_dts", "diffsoup"])
     (root / "cells/mipnerf360/garden/two_dts/standard/result.json").unlink()
-    failed = Result(
-        cell=Place(dataset="mipnerf360", scene="room", method="two_dts", condition="standard"),
-        status="failed",
-        reason=Reason(code="OPENCL_BUILD", message="no device"),
-        seconds=1.0,
-    )
-    write(root, failed)
-    return collect(read_results(root))
+    cell = Place(dataset="mipnerf360", scene="room", method="two_dts", condition="standard")
+    reason = Reason(code="OPENCL_BUILD", message="no device")
+    write(root, Result(cell=cell, status="failed", reason=reason, seconds=1.0))
+    return numbers_of(root)
 
 
 def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
@@ -172,7 +175,7 @@ def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
             tmp_path,
             made.model_copy(update={"cell": cell, "renderer": own, "quality": quality(cell, 11, 0.3, 0.6)}),
         )
-    numbers = collect(read_results(tmp_path))
+    numbers = numbers_of(tmp_path)
     table = tables.renderer_comparison(numbers, "tanksandtemples")
     assert row_of(table, "Standard, blender_cycles", "PSNR ↑").cells[0].text == "11.00"
     gaps = tables.gaps_table(numbers, "tanksandtemples")
@@ -181,9 +184,8 @@ def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
 
 def test_not_monotone_gaps_are_flagged_with_their_excess(tmp_path: Path) -> None:
     for condition, psnr in (("non_engine", 20.0), ("dedicated", 22.0), ("standard", 15.0)):
-        made = make_result("capture", "desk", "two_dts", condition)
-        write(tmp_path, made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, 0.5)}))
-    numbers = collect(read_results(tmp_path))
+        measure(tmp_path, condition, psnr)
+    numbers = numbers_of(tmp_path)
     gaps = numbers.gaps[GapKey("capture", MEAN, "two_dts", "psnr")]
     assert (gaps.monotone, gaps.triangle_excess) == (False, 4.0)
     row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
@@ -192,14 +194,9 @@ def test_not_monotone_gaps_are_flagged_with_their_excess(tmp_path: Path) -> None
 
 
 def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
-    for condition in ("non_engine", "dedicated"):
-        made = make_result("capture", "desk", "two_dts", condition)
-        setup = made.setup
-        if condition == "dedicated":
-            assert setup is not None
-            setup = setup.model_copy(update={"background": (1.0, 1.0, 1.0)})
-        write(tmp_path, made.model_copy(update={"setup": setup}))
-    numbers = collect(read_results(tmp_path, allow_mixed=True))
+    measure(tmp_path, "non_engine")
+    measure(tmp_path, "dedicated", setup={"background": (1.0, 1.0, 1.0)})
+    numbers = numbers_of(tmp_path, allow_mixed=True)
     row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
     assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
     assert row.cells[0].reason == "the two have another background or ground truth"
@@ -209,47 +206,34 @@ def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
 def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
     # Scenes of [1, 1, 1, 9] and [2, 2, 2, 2] ms: P95 7.8 and 2; of all frames it would be 6.55.
     for scene, p95 in (("train", 7.8), ("truck", 2.0)):
-        made = make_result("tanksandtemples", scene, "two_dts", "dedicated")
-        assert made.timing is not None
-        write(tmp_path, made.model_copy(update={"timing": made.timing.model_copy(update={"p95_ms": p95})}))
-    table = tables.latency(collect(read_results(tmp_path)), "tanksandtemples")
+        measure(tmp_path, "dedicated", dataset="tanksandtemples", scene=scene, timing={"p95_ms": p95})
+    table = tables.latency(numbers_of(tmp_path), "tanksandtemples")
     assert row_of(table, "Mean").cells[1].text == "4.9"
 
 
 def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
-    made = make_result("tanksandtemples", "train", "two_dts", "dedicated")
-    assert made.timing is not None
-    timing = made.timing.model_copy(update={"device_kind": "cpu"})
-    write(tmp_path, made.model_copy(update={"timing": timing}))
-    table = tables.latency(collect(read_results(tmp_path)), "tanksandtemples")
-    assert "measured on a CPU device: Made-up GPU" in table.notes
-    assert not any(
-        "CPU" in note for note in tables.memory(collect(read_results(tmp_path)), "tanksandtemples").notes
-    )
+    measure(tmp_path, "dedicated", timing={"device_kind": "cpu"})
+    numbers = numbers_of(tmp_path)
+    assert "measured on a CPU device: Made-up GPU" in tables.latency(numbers, "capture").notes
+    assert not any("CPU" in note for note in tables.memory(numbers, "capture").notes)
 
 
 @pytest.mark.parametrize("kind", ["gpu", "cpu"])
 def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind: str) -> None:
     for method in ("two_dts", "mesh_splatting"):
-        made = make_result("capture", "desk", method, "dedicated")
-        assert made.timing is not None
-        timing = made.timing.model_copy(update={"device_kind": kind, "fps": float(100 + len(method))})
-        write(tmp_path, made.model_copy(update={"timing": timing}))
-    row = tables.per_scene(collect(read_results(tmp_path)), "capture", "dedicated").rows[0]
+        timing = {"device_kind": kind, "fps": float(100 + len(method))}
+        measure(tmp_path, "dedicated", method=method, timing=timing)
+    row = tables.per_scene(numbers_of(tmp_path), "capture", "dedicated").rows[0]
     bold = {cell.metric for cell in row.cells if cell.bold}
     assert ("fps" in bold, "psnr" in bold) == (kind == "gpu", True)
 
 
 def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
-    made = make_result("tanksandtemples", "train", "two_dts", "non_engine")
-    assert made.quality is not None
-    weights = {
-        "vgg": {"file": "v.npz", "sha256": "ab" * 32, "known": None},
-        "heads": {"known": "lpips 0.1.4"},
-    }
-    used = (*made.quality.metrics, {"name": "lpips_vgg", "weights": weights})
-    write(tmp_path, made.model_copy(update={"quality": made.quality.model_copy(update={"metrics": used})}))
-    table = tables.native_summary(collect(read_results(tmp_path)))
+    vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
+    weights = {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}
+    metrics = (*METRICS, {"name": "lpips_vgg", "weights": weights})
+    measure(tmp_path, "non_engine", dataset="tanksandtemples", scene="train", quality={"metrics": metrics})
+    table = tables.native_summary(numbers_of(tmp_path))
     assert f"LPIPS: {weights_source(weights)}" in table.notes
 
 
@@ -258,66 +242,56 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     tmp_path: Path, told: int | None
 ) -> None:
     driver = {"driver_bytes": told, "driver_reason": None if told else "what draws is no GPU"}
-    made = make_result("tanksandtemples", "train", "two_dts", "dedicated")
-    assert made.memory is not None
-    made = made.model_copy(update={"memory": made.memory.model_copy(update=driver)})
-    write(tmp_path, made)
-    numbers = collect(read_results(tmp_path))
-    per_scene = tables.memory(numbers, "tanksandtemples")
-    of_asset = asset_tables(ResultPlace("tanksandtemples", "train", "two_dts"), {"dedicated": made}, numbers)[
-        "memory"
-    ]
+    made = measure(tmp_path, "dedicated", memory=driver)
+    numbers = numbers_of(tmp_path)
+    per_scene = tables.memory(numbers, "capture")
+    place = ResultPlace("capture", "desk", "two_dts")
+    of_asset = asset_tables(place, {"dedicated": made}, numbers)["memory"]
     assert (per_scene.rows[0].cells[-1].text == "5120") is bool(told)
     assert (of_asset.rows[0].cells[-1].text == "5120") is bool(told)
     assert (DRIVER_NOTE in per_scene.notes, DRIVER_NOTE in of_asset.notes) == (bool(told),) * 2
     if told is None:
-        key = Key("tanksandtemples", "train", "two_dts", "dedicated", "driver_memory")
+        key = Key(*place, "dedicated", "driver_memory")
         assert numbers.number(key).reason == "by the driver: what draws is no GPU"
 
 
 def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:
-    made = make_result("tanksandtemples", "train", "two_dts", "non_engine")
     own = RendererInfo(name="reference", version="1", kind="msb_reference")
-    write(tmp_path, made.model_copy(update={"renderer": own}))
-    write(tmp_path, make_result("tanksandtemples", "train", "diffsoup", "non_engine"))
-    first, second = tables.native_summary(collect(read_results(tmp_path))).rows
+    measure(tmp_path, "non_engine", renderer=own)
+    measure(tmp_path, "non_engine", method="diffsoup")
+    first, second = tables.native_summary(numbers_of(tmp_path)).rows
     assert first.cells[0].notes == (REFERENCE,)
     assert second.cells[0].notes == ()
 
 
 def test_another_image_folder_is_noted(tmp_path: Path) -> None:
     for method in ("two_dts", "triangle_splatting", "diffsoup"):
-        made = make_result("mipnerf360", "room", method, "non_engine")
-        assert made.setup is not None
         folder = "images_4" if method == "diffsoup" else "images_2"
-        write(
-            tmp_path,
-            made.model_copy(update={"setup": made.setup.model_copy(update={"image_folder": folder})}),
-        )
-    numbers = collect(read_results(tmp_path))
+        measure(tmp_path, "non_engine", method=method, setup={"image_folder": folder})
+    numbers = numbers_of(tmp_path)
     note = "images of images_4, where the other methods have images_2"
-    assert note in numbers.number(Key("mipnerf360", "room", "diffsoup", "non_engine", "psnr")).notes
-    assert note not in numbers.number(Key("mipnerf360", "room", "two_dts", "non_engine", "psnr")).notes
+    key = Key("capture", "desk", "diffsoup", "non_engine", "psnr")
+    assert note in numbers.number(key).notes
+    assert note not in numbers.number(key._replace(method="two_dts")).notes
 
 
 def test_what_a_training_did_otherwise_stands_under_every_quality_table(tmp_path: Path) -> None:
     text = "it was trained on the test views (eval=False): its numbers on them are not comparable"
     for method in ("two_dts", "triangle_splatting"):
         for condition in ("non_engine", "dedicated", "standard"):
-            made = make_result("tanksandtemples", "train", method, condition)
             trained = (text,) if method == "two_dts" else ()
-            write(tmp_path, made.model_copy(update={"trained": trained}))
-    numbers = collect(read_results(tmp_path))
+            measure(tmp_path, condition, method=method, trained=trained)
+    numbers = numbers_of(tmp_path)
     shown = [
         tables.native_summary(numbers),
-        tables.renderer_comparison(numbers, "tanksandtemples"),
-        tables.scene_comparison(numbers, "tanksandtemples"),
-        *(tables.per_scene(numbers, "tanksandtemples", one) for one in ("non_engine", "standard")),
+        tables.renderer_comparison(numbers, "capture"),
+        tables.scene_comparison(numbers, "capture"),
+        *(tables.per_scene(numbers, "capture", one) for one in ("non_engine", "standard")),
     ]
     for table in shown:
         said = [note for note in (*table.notes, *table.footnotes()) if text in note]
         assert len(said) == 1, table.label
-    key = Key("tanksandtemples", "train", "triangle_splatting", "standard", "psnr")
+    key = Key("capture", "desk", "triangle_splatting", "standard", "psnr")
     assert not any(text in note for note in numbers.number(key).notes)
 
 
@@ -337,12 +311,8 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
 
 
 def test_components_are_in_millions_unless_that_says_nothing() -> None:
-    assert [text("components", value) for value in (715_000, 100_000, 99_999, 3)] == [
-        "0.71 M",
-        "0.10 M",
-        "99,999",
-        "3",
-    ]
+    shown = [text("components", value) for value in (715_000, 100_000, 99_999, 3)]
+    assert shown == ["0.71 M", "0.10 M", "99,999", "3"]
 
 
 def test_notes_of_all_cells_move_to_the_table() -> None:

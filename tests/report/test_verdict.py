@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from msb.bench.records import RendererInfo
 from msb.report.build import build_report
 from msb.report.results import Place, read_results
-from tests.report.factory import VIEWS, make_result, note_hashes, quality, write
+from tests.report.factory import (
+    VIEWS,
+    make_result,
+    measure,
+    note_hashes,
+    quality,
+    verdict_of,
+    write,
+)
 
 if TYPE_CHECKING:
     from msb.report.report import Report
@@ -41,10 +48,8 @@ def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
 
 
 def test_a_training_on_the_test_views_is_noted(tmp_path: Path) -> None:
-    made = make_result("capture", "desk", "mesh_splatting", "dedicated")
-    write(tmp_path, made.model_copy(update={"trained": ("it was trained on the test views",)}))
-    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
-    (noted,) = [one for one in verdict.statements if one.use == "Training"]
+    measure(tmp_path, "dedicated", trained=("it was trained on the test views",))
+    noted = verdict_of(tmp_path)["Training"]
     assert (noted.mark, noted.why) == ("NOTE", "It was trained on the test views.")
 
 
@@ -52,14 +57,9 @@ def test_a_training_on_the_test_views_is_noted(tmp_path: Path) -> None:
 def test_looks_follow_the_loss_and_say_what_they_are_held_against(
     tmp_path: Path, loss: float, mark: str
 ) -> None:
-    for condition, psnr in (("non_engine", 20.0), ("dedicated", 20.0 - loss)):
-        made = make_result("capture", "desk", "two_dts", condition)
-        changes: dict[str, Any] = {"quality": quality(made.cell, psnr, 0.5, None)}
-        if condition == "non_engine":
-            changes["renderer"] = RendererInfo(name="reference", version="1", kind="msb_reference")
-        write(tmp_path, made.model_copy(update=changes))
-    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
-    said = {one.use: one for one in verdict.statements}
+    measure(tmp_path, "non_engine", 20.0, renderer={"kind": "msb_reference"})
+    measure(tmp_path, "dedicated", 20.0 - loss)
+    said = verdict_of(tmp_path)
     dedicated = said["A model with its own shaders (Dedicated)"]
     assert dedicated.mark == mark
     assert "our reference of its own renderer" in dedicated.why
@@ -132,11 +132,7 @@ def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: P
     ],
 )
 def test_real_time_follows_the_p95(tmp_path: Path, p95: float, kind: str, mark: str) -> None:
-    made = make_result("capture", "desk", "two_dts", "dedicated")
-    assert made.timing is not None
-    timing = made.timing.model_copy(update={"p95_ms": p95, "device_kind": kind})
-    write(tmp_path, made.model_copy(update={"timing": timing}))
-    (verdict,) = build_report(read_results(tmp_path)).verdicts
-    (said,) = [one for one in verdict.statements if one.use == "Real time, Dedicated"]
+    measure(tmp_path, "dedicated", timing={"p95_ms": p95, "device_kind": kind})
+    said = verdict_of(tmp_path)["Real time, Dedicated"]
     assert said.mark == mark
     assert f"{p95:.1f} ms" in said.why
