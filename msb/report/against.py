@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from msb.bench.aggregate import expected_scenes
 from msb.bench.gaps import gap_between
 from msb.errors import UsageError, shorten
-from msb.report.finding import Finding
+from msb.report.findings import Finding
 from msb.report.layout import difference_cell
 from msb.report.metric_format import SHOWN, digits, title
 from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title

@@ -109,7 +109,7 @@ def paper_report(*, pictures: bool = True) -> Report:
     """Return the paper's own tables, made of its numbers by the builders that make ours."""
     numbers = paper_numbers()
     own = [
-        build(paper_numbers(label), *filter(None, [dataset]), label=label)
+        replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
         for label, (build, dataset) in _PAPER.items()
     ]
     derived = [tables.gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]

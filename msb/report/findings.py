@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from msb.bench.aggregate import METRICS
-from msb.bench.intervals import interval
-from msb.report.collect import SOUP
-from msb.report.finding import Case, Finding, sure
-from msb.report.gap_findings import gap_findings, monotone_findings
-from msb.report.metric_format import SHOWN, text
-from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title
+from msb.bench.gaps import PAIRS, GapName, Gaps
+from msb.bench.intervals import excludes_zero, interval
+from msb.report.collect import REFERENCE, SOUP
+from msb.report.metric_format import SHOWN, digits, text
+from msb.report.numbers import MEAN, QUALITY, GapKey, Key, condition_title, dataset_title, method_title
 from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
 
@@ -24,14 +24,70 @@ _MOST = 10
 """Findings; more are not read."""
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 """Kinds of what is as one expects, or is no finding on deployment."""
+_NOTHING = 0.005
+"""A difference of less than this many dB is printed as 0.00."""
+_GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sentence. `table` labels the table of its numbers; `kind` says what it is about."""
+
+    kind: str
+    sentence: str
+    table: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON data."""
+        return asdict(self)
+
+
+class _Case(NamedTuple):
+    """A number of a method on a dataset, and how it is told; cases are in the order of their numbers."""
+
+    value: float
+    dataset: str
+    method: str
+    detail: str
+
+    @property
+    def name(self) -> str:
+        """The method and the dataset, as titles."""
+        return _name(self.dataset, self.method)
+
+
+def _name(dataset: str, method: str) -> str:
+    return f"{method_title(method)} on {dataset_title(dataset)}"
+
+
+def _mean_cases(
+    numbers: Numbers, metric: str, detail: Callable[[float], str], without: str = ""
+) -> list[_Case]:
+    """Return all of our means of a metric with their `detail`, but those with the note `without`."""
+    return [
+        _Case(number.value, key.dataset, key.method, detail(number.value))
+        for key, number in numbers.values.items()
+        if (key.scene, key.metric, key.source) == (MEAN, metric, "")
+        and number.value is not None
+        and without not in number.notes
+    ]
+
+
+def _sure(found: Interval | None) -> str:
+    """Return what is said of a difference's significance, or why nothing is; nothing of bare numbers."""
+    if found is None:
+        return ""
+    if found.p is None:
+        return f", not tested: {found.reason}"
+    return f", {'' if excludes_zero(found) else 'not '}significant at 95 % (t interval over {found.over})"
 
 
 def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
     """Return at most ten findings, those in `first` and then the most important. No numbers, no findings."""
     found = [
         *first,
-        *gap_findings(numbers),
-        *monotone_findings(numbers),
+        *_gap_findings(numbers),
+        *_monotone_findings(numbers),
         *_ranking_findings(numbers),
         *_leader_findings(numbers),
         *_training_findings(numbers),
@@ -41,6 +97,114 @@ def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
     ]
     # What did not change, and what there is not, comes last; else the order is that above.
     return sorted(found, key=lambda one: one.kind in _MINOR)[:_MOST]
+
+
+def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield the largest and the smallest of each gap in PSNR, and of the first one to each variant."""
+    variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
+    for dedicated in ("dedicated", *variants):
+        for name, word in _GAPS.items():
+            if dedicated != "dedicated" and name != "adapt":
+                continue  # the rest of the way has to do with the standard tier, not with the variant
+            cases = list(_gap_cases(numbers, name, dedicated))
+            if cases:
+                ends = (dedicated if end == "dedicated" else end for end in PAIRS[name])
+                sentence = _gap_sentence(cases, word, *map(condition_title, ends))
+                own = "" if name == "port" else _own_reference(numbers, cases)
+                yield Finding(f"{name}_gap", f"{sentence}{own}.", f"gaps-{slug(max(cases).dataset)}")
+
+
+def _gap_sentence(cases: list[_Case], word: str, start: str, end: str) -> str:
+    first, last = max(cases), min(cases)
+    if max(abs(case.value) for case in cases) < _NOTHING:
+        who = first.name if len(cases) == 1 else f"any of the {len(cases)} cases"
+        return f"{start} to {end} changes the PSNR of {who} by less than {_NOTHING} dB"
+    if first.value >= _NOTHING:
+        sentence = f"{start} to {end} costs {first.name} {first.detail}"
+    else:
+        sentence = f"{start} to {end} loses nothing: {first.name} {first.detail}"
+    if len(cases) > 1:
+        sentence += f", the largest {word} gap of {len(cases)}"
+        if first.value - last.value >= _NOTHING:
+            sentence += f"; the smallest is {last.detail}, of {last.name}"
+    return sentence
+
+
+def _own_reference(numbers: Numbers, cases: list[_Case]) -> str:
+    """Return what is to be said where Non-Engine is no official rendering."""
+    notes = [
+        numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
+    ]
+    if not any(REFERENCE in own for own in notes):
+        return ""
+    where = "Non-Engine" if all(REFERENCE in own for own in notes) else "some of Non-Engine"
+    return f"; {where} is drawn by our own reference renderer here, not by the method's own code"
+
+
+def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Case]:
+    for key, gaps in numbers.gaps.items():
+        gap = gaps[name]
+        if (key.scene, key.metric, key.standard, key.dedicated) != (MEAN, "psnr", "standard", dedicated):
+            continue
+        if gap.signed is None or gap.ends is None:
+            continue
+        values = " to ".join(f"{value:.2f}" for value in gap.ends)
+        partial = f", over {gap.scenes} of {gap.expected} scenes" if gap.partial else ""
+        gain = "a gain, " if gap.signed <= -_NOTHING else ""
+        detail = f"{digits(gap.signed, 2)} dB ({gain}{values}{partial}){_sure(gap.interval)}"
+        yield _Case(gap.signed, key.dataset, key.method, detail)
+
+
+def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield the cases in which Dedicated, or a variant of it, does not lie between the other two."""
+    known = [
+        (key, gaps)
+        for key, gaps in numbers.gaps.items()
+        if (key.scene, key.standard) == (MEAN, "standard") and gaps.monotone is not None
+    ]
+    broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
+    for key, gaps in known:
+        if gaps.monotone is False:
+            broken.setdefault((key.dataset, key.method, key.dedicated), []).append((key, gaps))
+    if not known:
+        return
+    if not broken:
+        sentence = (
+            f"In all {len(known)} cases in which the three conditions can be compared, Dedicated lies "
+            "between Non-Engine and Standard: the adaptation and portability gaps add up to the deployment "
+            "gap."
+        )
+        yield Finding("monotone", sentence, f"gaps-{slug(known[0][0].dataset)}")
+    for dedicated in dict.fromkeys(place[2] for place in broken):
+        own = {place: cases for place, cases in broken.items() if place[2] == dedicated}
+        yield _not_monotone(own, len({key[:3] for key, _ in known if key.dedicated == dedicated}))
+
+
+def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], known: int) -> Finding:
+    """Return the finding on the largest excess through one tier or variant, and the names of the others."""
+
+    def excess(place: tuple[str, str, str]) -> float:
+        return broken[place][0][1].triangle_excess or 0.0
+
+    first, *others = sorted(broken, key=excess, reverse=True)
+    (dataset, method, dedicated), cases = first, broken[first]
+    title, (key, gaps) = condition_title(dedicated), cases[0]
+    gains = (gaps.adapt.signed or 0) < 0
+    better = f"{title} is better than Non-Engine" if gains else f"Standard beats {title}"
+    losses = "losses" if len(cases) == 1 else f"losses in {SHOWN[key.metric].title}"
+    metrics = " and ".join(SHOWN[one.metric].title for one, _ in cases)
+    signs = ", ".join(
+        f"{name} {digits(gaps[name].signed or 0, SHOWN[key.metric].decimals, sign=True)}" for name in _GAPS
+    )
+    sentence = (
+        f"{_name(dataset, method)} is not monotone in {metrics}: {better} "
+        f"({losses}: {signs}), so adapt + port exceeds deploy by "
+        f"{text(key.metric, gaps.triangle_excess or 0.0)}"
+    )
+    if others:
+        names = ", ".join(_name(*place[:2]) for place in others)
+        sentence += f". {len(broken)} of {known} comparisons are not monotone; the others are {names}"
+    return Finding("not_monotone", f"{sentence}.", f"gaps-{slug(dataset)}")
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -54,16 +218,14 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
                 continue  # a variant is held against Non-Engine alone
-            before, after = (
-                _ranking(numbers, dataset, first, second),
-                _ranking(numbers, dataset, second, first),
-            )
+            before = _ranking(numbers, dataset, first, second)
+            after = _ranking(numbers, dataset, second, first)
             if len(before) < 2:
                 continue
             compared += 1
             if swapped := _swapped(before, after):
                 certain = min((_swap(numbers, dataset, pair, (first, second)) for pair in swapped), key=_p)
-                names = f"{condition_title(first)} and {condition_title(second)}{sure(certain)}"
+                names = f"{condition_title(first)} and {condition_title(second)}{_sure(certain)}"
                 changes.setdefault(f"{_order(before)} becomes {_order(after)}", []).append(names)
         if changes:
             every = "; ".join(f"{', '.join(names)} ({order})" for order, names in changes.items())
@@ -124,11 +286,7 @@ def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tupl
 
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield how long the trainings took, the quickest and the longest of all means."""
-    cases = [
-        Case(number.value, key.dataset, key.method, f"{text('train_seconds', number.value)} min")
-        for key, number in numbers.values.items()
-        if (key.scene, key.metric, key.source) == (MEAN, "train_seconds", "") and number.value is not None
-    ]
+    cases = _mean_cases(numbers, "train_seconds", lambda value: f"{text('train_seconds', value)} min")
     if not cases:
         return
     first, last = min(cases), max(cases)
@@ -181,41 +339,30 @@ def _order(ranking: list[tuple[str, float]]) -> str:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    for above, below, kind, what in (
-        ("standard", "dedicated", "slowdown", "Standard is {low} to {high} times as fast as Dedicated"),
-        (
-            "dedicated",
-            "non_engine",
+    sentences = {
+        ("standard", "dedicated"): ("slowdown", "Standard is {} times as fast as Dedicated"),
+        ("dedicated", "non_engine"): (
             "against_native",
-            "Dedicated runs at {low} to {high} times the frame rate of Non-Engine",
+            "Dedicated runs at {} times the frame rate of Non-Engine",
         ),
-    ):
+    }
+    for pair, (kind, sentence) in sentences.items():
         cases = [
-            Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
+            _Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
             for key, ratio in numbers.ratios.items()
-            if (key.numerator, key.denominator) == (above, below) and ratio.value is not None
+            if (key.numerator, key.denominator) == pair and ratio.value is not None
         ]
         if not cases:
             continue
         low, high = min(cases), max(cases)
-        if len(cases) == 1:
-            one = what.replace("{low} to {high}", low.detail)
-            yield Finding(kind, f"{one} ({low.name}, by frame rate).", "slowdown")
-        else:
-            range_ = what.format(low=low.detail, high=high.detail)
-            yield Finding(
-                kind, f"{range_} (least {low.name}, most {high.name}; by mean frame rates).", "slowdown"
-            )
+        range_ = low.detail if len(cases) == 1 else f"{low.detail} to {high.detail}"
+        of = f"least {low.name}, most {high.name}; by mean frame rates"
+        of = f"{low.name}, by frame rate" if len(cases) == 1 else of
+        yield Finding(kind, f"{sentence.format(range_)} ({of}).", "slowdown")
 
 
 def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
-    cases = [
-        Case(number.value, key.dataset, key.method, f"{100 * number.value:.0f} %")
-        for key, number in numbers.values.items()
-        if (key.scene, key.metric) == (MEAN, "nonmanifold_vertex_ratio")
-        and number.value is not None
-        and SOUP not in number.notes
-    ]
+    cases = _mean_cases(numbers, "nonmanifold_vertex_ratio", lambda share: f"{100 * share:.0f} %", SOUP)
     if not cases:
         return
     low, high = min(cases), max(cases)
@@ -239,11 +386,8 @@ def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
     names: dict[str, dict[str, None]] = {}
     first = ""
     for key, number in numbers.values.items():
-        if (
-            (key.scene, key.metric) == (MEAN, "psnr")
-            and number.value is None
-            and number.absent == NOT_SUPPORTED
-        ):
+        absent = number.value is None and number.absent == NOT_SUPPORTED
+        if absent and (key.scene, key.metric) == (MEAN, "psnr"):
             names.setdefault(method_title(key.method), {})[condition_title(key.condition)] = None
             first = first or key.dataset
     if names:

@@ -12,7 +12,7 @@ from msb.report.verdict import judge
 
 if TYPE_CHECKING:
     from msb.report.figures import Figure
-    from msb.report.finding import Finding
+    from msb.report.findings import Finding
     from msb.report.numbers import Numbers
     from msb.report.pictures import View
     from msb.report.results import ResultSet

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from msb import metrics
+from msb.errors import MsbError
+from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY
 from msb.report.collect import REFERENCE
-from msb.report.likeness import likeness
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
 from msb.report.trials import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
-    from msb.bench.records import Result
+    from msb.bench.records import ImageQuality, Result
     from msb.report.numbers import Numbers
     from msb.report.results import Loaded, Place
 
@@ -32,6 +36,8 @@ SMALL_LOSS, LARGE_LOSS = 1.0, 3.0
 """Losses of PSNR in dB: a smaller one than the first is hard to see, one of the second is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
 """The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second."""
+_MOST = 8
+"""Views of which two renderings are compared, evenly spread: a whole benchmark is not to take minutes."""
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
 
@@ -219,3 +225,40 @@ def _notes(place: Place, numbers: Numbers) -> Iterator[Statement]:
 
 def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
+
+
+class Likeness(NamedTuple):
+    """The mean PSNR between two sets of renderings in dB, and of how many views of how many it is."""
+
+    psnr: float
+    views: int
+    of: int
+
+
+def likeness(first: Loaded, second: Loaded) -> Likeness | None:
+    """Return how alike the renderings of two records are; None unless their files are there and unchanged.
+
+    The PSNR of a pair is capped at 100 dB, which equal images have.
+    """
+    others = {image.name: image for image in second.images}
+    pairs = [(image, others[image.name]) for image in first.images if image.name in others]
+    count = min(_MOST, len(pairs))
+    chosen = [pairs[number * len(pairs) // count] for number in range(count)]
+    with ThreadPoolExecutor() as pool:
+        values = list(pool.map(lambda pair: _between(first, second, *pair), chosen))
+    known = [value for value in values if value is not None]
+    if not known or len(known) < count:
+        return None
+    return Likeness(math.fsum(known) / count, count, len(pairs))
+
+
+def _between(first: Loaded, second: Loaded, one: ImageQuality, other: ImageQuality) -> float | None:
+    if one.sha256 == other.sha256:
+        return PSNR_CAP
+    files = first.file(one.file), second.file(other.file)
+    if files[0] is None or files[1] is None or first.changed(one) or second.changed(other):
+        return None
+    try:
+        return min(PSNR_CAP, metrics.psnr(metrics.read_image(files[0]), metrics.read_image(files[1])))
+    except MsbError:
+        return None

@@ -20,11 +20,11 @@ _SHOWN: dict[Tier, tuple[str, ...]] = {
 TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
 
 
-def native_features(*, label: str = "method_attributes") -> Table:
+def native_features() -> Table:
     """Return what each method's own representation has."""
     names = [field.name for field in fields(Native)]
     return Table(
-        label,
+        "method_attributes",
         "What the representation and its own renderer have.",
         ("Method",),
         tuple(Column(_title(name)) for name in names),
@@ -36,7 +36,7 @@ def native_features(*, label: str = "method_attributes") -> Table:
     )
 
 
-def deployment_features(*, label: str = "feature_mapping") -> Table:
+def deployment_features() -> Table:
     """Return what each tier supports and keeps of each method of the paper."""
     rows = [
         Row((method.title,), tuple(_kept(method, tier, name) for tier in _SHOWN for name in _SHOWN[tier]))
@@ -44,7 +44,7 @@ def deployment_features(*, label: str = "feature_mapping") -> Table:
         if method.paper_name or method.retained
     ]
     return Table(
-        label,
+        "feature_mapping",
         "What each tier keeps. Fallback: opaque, static colours. Method-aware: the functions listed.",
         ("Method",),
         tuple(Column(_title(name), (TIER_TITLES[tier],)) for tier in _SHOWN for name in _SHOWN[tier]),

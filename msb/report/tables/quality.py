@@ -40,12 +40,12 @@ def deployment_lines(numbers: Numbers, dataset: str) -> list[Line]:
     ]
 
 
-def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str = "native_summary") -> Table:
+def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
     """Return what the methods reach with their own renderers; the best method of a dataset is bold."""
     return make_table(
         numbers,
         paper,
-        label,
+        "native_summary",
         "Non-Engine results: each method with its own renderer, means over the scenes of a dataset.",
         ("Dataset", "Method"),
         metric_columns((*QUALITY, *_NATIVE)),
@@ -55,15 +55,13 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None, *, label: str
     )
 
 
-def renderer_comparison(
-    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
-) -> Table:
+def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return a row per condition and metric, a column per method; each method's best condition is bold."""
     conditions = numbers.conditions(dataset)
     return make_table(
         numbers,
         paper,
-        label or f"renderer_comparison-{slug(dataset)}",
+        f"renderer_comparison-{slug(dataset)}",
         f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
         "scenes. Bold: a method's best condition.",
         ("Condition", "Metric"),
@@ -81,9 +79,7 @@ def renderer_comparison(
     )
 
 
-def scene_comparison(
-    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
-) -> Table:
+def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return deployed condition x method of a dataset of few scenes, a block per scene.
 
     In each scene the best of a method's deployments is bold.
@@ -92,7 +88,7 @@ def scene_comparison(
     return make_table(
         numbers,
         paper,
-        label or f"scene_comparison-{slug(dataset)}",
+        f"scene_comparison-{slug(dataset)}",
         f"{dataset_title(dataset)}: Dedicated and Standard deployment per scene. Bold: the better of a "
         "method's deployments.",
         ("Condition", "Method"),

@@ -39,9 +39,7 @@ class Pair(NamedTuple):
         return self.ours - self.published
 
 
-def reproducibility(
-    numbers: Numbers, paper: Numbers | None = None, *, label: str = "reproducibility"
-) -> Table:
+def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
     """Return a row per dataset and method, a block per source; in it a dataset's best is bold."""
     published = {} if paper is None else {key: number for key, number in paper.values.items() if key.source}
     both = numbers if paper is None else Numbers({**numbers.values, **published})
@@ -50,7 +48,7 @@ def reproducibility(
     return make_table(
         both,
         None,
-        label,
+        "reproducibility",
         "Reproducibility: published results, and ours with the methods' own renderers.",
         ("Dataset", "Method"),
         [

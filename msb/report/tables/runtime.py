@@ -31,9 +31,7 @@ _TIMES = ("p50_ms", "p95_ms")
 _PARTS = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 
 
-def latency(
-    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
-) -> Table:
+def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return P50 and P95 per scene of every deployment."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     columns = [
@@ -48,7 +46,7 @@ def latency(
     return make_table(
         numbers,
         paper,
-        label or f"latency-{slug(dataset)}",
+        f"latency-{slug(dataset)}",
         f"{dataset_title(dataset)}: device time of a frame per scene, ms; lower is better.",
         ("Scene",),
         columns,
@@ -81,9 +79,7 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
     )
 
 
-def memory(
-    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
-) -> Table:
+def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return device memory per scene of every deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
     columns = []
@@ -98,7 +94,7 @@ def memory(
     return make_table(
         numbers,
         paper,
-        label or f"memory-{slug(dataset)}",
+        f"memory-{slug(dataset)}",
         f"{dataset_title(dataset)}: device memory per scene, MiB; lower is better.",
         ("Scene",),
         columns,
@@ -109,9 +105,7 @@ def memory(
     )
 
 
-def runtime_resources(
-    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
-) -> Table:
+def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return device time, memory and asset size of a dataset of few scenes, side by side."""
     blocks = {
         "Device time of a frame (ms ↓)": {metric: SHOWN[metric].title for metric in _TIMES},
@@ -126,7 +120,7 @@ def runtime_resources(
     return make_table(
         numbers,
         paper,
-        label or f"runtime_resources-{slug(dataset)}",
+        f"runtime_resources-{slug(dataset)}",
         f"{dataset_title(dataset)}: device time (ms), memory while drawing and size of the asset (MiB).",
         ("Condition", "Method"),
         columns,

@@ -33,9 +33,7 @@ def connectivity_columns() -> list[Column]:
     return [column for block, metrics in CONNECTIVITY.items() for column in metric_columns(metrics, block)]
 
 
-def mesh_connectivity(
-    numbers: Numbers, dataset: str, paper: Numbers | None = None, *, label: str | None = None
-) -> Table:
+def mesh_connectivity(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the audit of every exported mesh of a dataset, soups last. The mean is bold."""
 
     def is_soup(method: str) -> bool:
@@ -47,7 +45,7 @@ def mesh_connectivity(
     return make_table(
         numbers,
         paper,
-        label or f"mesh_connectivity-{slug(dataset)}",
+        f"mesh_connectivity-{slug(dataset)}",
         f"{dataset_title(dataset)}: the structure of the exported meshes{who}, as stored.",
         ("Scene",),
         connectivity_columns(),
